@@ -31,9 +31,9 @@ sys.path.insert(0, str(TOP / "src" / "vb_laser_detect" / "test"))
 from board_scene import render_board  # noqa: E402
 from vb_core.camera_model import CameraModel  # noqa: E402
 from vb_core.errors import CodedError  # noqa: E402
-from vb_laser_detect.calibration.pose import CalibrationParams, Observations, estimate_pose  # noqa: E402
+from vb_laser_detect.calibration.pose import Correspondences, PoseEstimationParams, estimate_pose  # noqa: E402
 from vb_laser_detect.calibration.board import BoardParams, corners_on_map, find_board, merge_views  # noqa: E402
-from vb_laser_detect.calibration.session import HeldSpot  # noqa: E402
+from vb_laser_detect.calibration.calibration_session import HeldSpot  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
 from vb_laser_detect.detection.image_format import to_grey  # noqa: E402
 from vb_laser_detect.detection.projection import floor_points, pixels_of  # noqa: E402
@@ -119,7 +119,7 @@ class Lab:
 
 
 # ------------------------------------------------------------------ what a person does
-Measured = Tuple[Observations, np.ndarray]  # and where the same points truly are in the image, (N, 2) [px]
+Measured = Tuple[Correspondences, np.ndarray]  # and where the same points truly are in the image, (N, 2) [px]
 
 
 def measured_spots(lab: Lab, rng: np.random.Generator, count: int, care: Care, images: bool) -> Measured:
@@ -134,7 +134,7 @@ def measured_spots(lab: Lab, rng: np.random.Generator, count: int, care: Care, i
     slips = rng.uniform(size=count) < care.slip
     believed += 0.3 * slips[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     seen = ~np.isnan(pixels).any(axis=1)
-    return Observations.single(pixels[seen], believed[seen]), true[seen]
+    return Correspondences.single(pixels[seen], believed[seen]), true[seen]
 
 
 def measured_boards(lab: Lab, rng: np.random.Generator, count: int, care: Care, images: bool) -> Measured:
@@ -166,7 +166,7 @@ def measured_boards(lab: Lab, rng: np.random.Generator, count: int, care: Care, 
             pixels = true[-1] + rng.normal(0.0, CORNER_PX, true[-1].shape)
         wrong = ends(p1 + rng.normal(0.0, care.board_m, 2), yaw + math.radians(rng.normal(0.0, care.board_deg)))
         placed.append((pixels, corners_on_map(board, corners, *wrong)))
-    return Observations.placed(placed), np.concatenate(true)
+    return Correspondences.placed(placed), np.concatenate(true)
 
 
 def _choose(
@@ -191,7 +191,7 @@ def _held(lab: Lab, places: np.ndarray) -> np.ndarray:
         for k in range(30):
             lit = None if place is None or k < 5 else (float(place[0]), float(place[1]))
             spots = detector.detect(lab.view.frame(Snapshot(stamp, laser=lit)), stamp)
-            held.see(stamp, [(spot.u, spot.v) for spot in spots] if lit else [])
+            held.add(stamp, [(spot.u, spot.v) for spot in spots] if lit else [])
             stamp += 0.04
         if place is not None:
             try:
@@ -209,16 +209,16 @@ class Way:
     measure: Callable[[Lab, np.random.Generator, int, Care, bool], Measured]
     count: int
     care: Care
-    params: CalibrationParams
+    params: PoseEstimationParams
 
 
 def _spots(count: int, care: Care) -> Way:
     # what the command is told with --point_sigma: the click's default, or that of a tape measure
-    return Way(measured_spots, count, care, CalibrationParams(point_sigma=0.015 if care.place_m >= 0.01 else 0.005))
+    return Way(measured_spots, count, care, PoseEstimationParams(point_sigma=0.015 if care.place_m >= 0.01 else 0.005))
 
 
 def _boards(count: int, care: Care = CLICKED) -> Way:
-    return Way(measured_boards, count, care, CalibrationParams())
+    return Way(measured_boards, count, care, PoseEstimationParams())
 
 
 WAYS: Dict[str, Way] = {

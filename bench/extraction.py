@@ -41,7 +41,7 @@ from vb_core import geometry  # noqa: E402
 from vb_core.errors import CodedError  # noqa: E402
 from vb_evaluation.statistics import proportion  # noqa: E402
 from vb_fusion import extraction  # noqa: E402
-from vb_fusion.stroke.observations import check  # noqa: E402
+from vb_fusion.stroke.observations import make_observations  # noqa: E402
 
 BAD_M, BAD_JACCARD = 0.25, 0.8
 USUAL = Setting()
@@ -264,7 +264,7 @@ def live(before) -> List[Dict[str, object]]:
         rate = count / (6.5 / USUAL.speed * USUAL.cameras * (1 - USUAL.dropped))
         dense = draw("rectangle", USUAL.replace(rate=rate, shuffled=False), np.random.default_rng(0))
         for name, stroke in (("rectangle", dense), ("meander", meander(count))):
-            spots = check(stroke.points, stroke.stamps, stroke.cameras)
+            spots = make_observations(stroke.points, stroke.stamps, stroke.cameras)
             ends = np.searchsorted(spots.stamps, spots.stamps[-1] - 2.0 + 0.1 * np.arange(21))
             drawing = extraction.GrowingBorder(extraction.ExtractionParams.robust())
             drawing.add(spots.select(slice(ends[0])))

@@ -166,9 +166,9 @@ def listen_many(port, count, seconds):
 
 def drawing_state():
     """The real manager goes to the state border: lines are shown in it."""
-    from vb_core.ros.commands import order, send
+    from vb_core.ros.commands import make_request, send
 
-    send(order("define_border", "bench", 10.0))
+    send(make_request("define_border", "bench", 10.0))
 
 
 def links(port, counts):
@@ -392,7 +392,7 @@ def pictures(folder):
     from geometry_msgs.msg import Point
     from phone import PHONE, WALL, Browser
     from vb_core import names, sentences
-    from vb_core.ros.commands import order, send
+    from vb_core.ros.commands import make_request, send
     from vb_msgs.msg import VirtualBorder
     from vb_msgs.srv import AddBorder
 
@@ -428,17 +428,17 @@ def pictures(folder):
                     page.resize(size, True)
                     take("dark")
                     page.resize(size)
-                    send(order("define_border", "bench", 10.0))
+                    send(make_request("define_border", "bench", 10.0))
                     page.wait_text("body", sentences.say("no_spot_seen", {}, language))
                     take("unseen")
-                    send(order("save", "voice", 10.0))
+                    send(make_request("save", "voice", 10.0))
                     page.wait_text("#laser", sentences.say("missing_spots", {}, language))
                     take("missing")
-                    send(order("stop", "bench", 10.0))
+                    send(make_request("stop", "bench", 10.0))
                     page.wait("document.getElementById('stop').dataset.command == 'resume'")
                     take("stopped")
-                    send(order("resume", "bench", 10.0))
-                    send(order("cancel", "bench", 10.0))
+                    send(make_request("resume", "bench", 10.0))
+                    send(make_request("cancel", "bench", 10.0))
                 finally:
                     page.close()
     return [f"{len(list(target.glob('*.png')))} screenshots"]

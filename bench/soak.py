@@ -272,7 +272,7 @@ class Soak:
 
     def settle(self) -> None:
         """Waits until every node is there and knows the time and the map."""
-        for name in (names.COMMAND, names.CANDIDATE, names.ADD_BORDER, names.LIST_BORDERS):
+        for name in (names.COMMAND, names.GET_DRAWN_BORDER, names.ADD_BORDER, names.LIST_BORDERS):
             self.wait(lambda: self._answers(name), f"service {name}", ticking=True, limit=90.0)
         self.wait(lambda: self.spots.get_num_connections() > 0 and self.statuses.get_num_connections() > 0,
                   "listeners", ticking=True)
@@ -373,7 +373,7 @@ class Soak:
         answer = self.command("save")
         for _ in range(3):
             # what the console tells a person to do then
-            if answer.code not in ("no_answer", "no_service"):
+            if answer.code not in ("no_response", "no_service"):
                 break
             answer = self.command("save")
         if not answer.success:

@@ -40,7 +40,7 @@ sys.path.insert(0, str(TOP / "bench"))
 from spot_versions import append_rows, other_detector  # noqa: E402
 from vb_evaluation.statistics import proportion  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
-from vb_laser_detect.detection.training import fit_without, kept_examples  # noqa: E402
+from vb_laser_detect.detection.training import fit_without, load_examples  # noqa: E402
 
 REACH_PX, FRINGE = 10.0, 2
 COUNTED = ("frames", "labels", "found", "shots", "shots_found", "false", "false_off_fringe", "false_on_unlabelled")
@@ -243,7 +243,7 @@ def main() -> int:
     given = parser.parse_args()
     cv2.setNumThreads(1)
     videos = sorted(json.loads((given.folder / "labels.json").read_text())["videos"].items())
-    judges = fit_without(kept_examples(sorted(given.left_out.glob("*.npz"))), [name for name, _ in videos], 4) if given.left_out else {}
+    judges = fit_without(load_examples(sorted(given.left_out.glob("*.npz"))), [name for name, _ in videos], 4) if given.left_out else {}
     videos = [(name, video) for name, video in videos if any(word in name for word in given.clips)]
     for variant in VARIANTS if "all" in given.variants else given.variants:
         for role in given.roles:

@@ -109,14 +109,14 @@ def measure_scenes(
             them, a fifth of all at once.
     """
     from spot_scenes import Camera, CameraModels, Rooms, ceiling_scenes, lab, mobile_scenes, play
-    from vb_laser_detect.detection.training import fit_without, kept_examples
+    from vb_laser_detect.detection.training import fit_without, load_examples
 
     result: Dict[str, Any] = {}
     room, rooms = lab(), Rooms(CameraModels(), seed)
     print(f"{'scene':52s} recall  false/h  error on the floor [mm]: median, 95 % (and with pose errors)")
     scenes = ceiling_scenes(room) + mobile_scenes(room)
     groups = [("robot: " if scene.mobile else "ceiling: ") + scene.name for scene in scenes]
-    judges = fit_without(kept_examples(sorted(left_out.glob("*.npz"))), groups, 5) if left_out else {}
+    judges = fit_without(load_examples(sorted(left_out.glob("*.npz"))), groups, 5) if left_out else {}
     for scene, group in zip(scenes, groups):
         name = ("robot's camera: " if scene.mobile else "") + scene.name
         if words and not any(word in name for word in words) or any(word in name for word in without):

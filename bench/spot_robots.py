@@ -36,8 +36,8 @@ from spot_versions import append_rows  # noqa: E402
 from vb_core.robot_profile import RobotProfile  # noqa: E402
 from vb_evaluation.statistics import proportion  # noqa: E402
 from vb_laser_detect.detection.bodies import Body  # noqa: E402
-from vb_laser_detect.detection.image_geometry import Frame, search  # noqa: E402
-from vb_laser_detect.detection.projection import FloorProjector  # noqa: E402
+from vb_laser_detect.detection.image_geometry import ImageGeometry, search  # noqa: E402
+from vb_laser_detect.detection.projection import FloorProjection  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
 from vb_sim.cameras.ceiling_view import CeilingView  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
@@ -127,14 +127,14 @@ def time_ratio(rounds: int) -> Tuple[float, float]:
     view = CeilingView(world.cameras[1], {"robot": PROFILE.radius}, render_floor(world, 1), world_mesh(world), CameraModels(), 1)
     x, y = view.pose[:2, 3]
     detectors = {hides: SpotDetector(DetectorParams.stationary()) for hides in (False, True)}
-    projector, times = FloorProjector(), {False: [], True: []}
+    projector, times = FloorProjection(), {False: [], True: []}
     for step in range(50 + 50 * rounds):
         robot = (x - 0.5, y + 0.3 * math.sin(0.05 * step), 0.0)
         laser = (x + 0.3 * math.cos(0.05 * step), y + 0.3) if step >= 25 else None
         image = view.frame(Snapshot(0.04 * step, {"robot": robot}, laser))
         for hides in ((False, True), (True, False))[step % 2]:
             body = Body(*robot[:2], PROFILE.radius + MARGINS[0], PROFILE.shape.height)
-            frame = Frame(view.model, lambda: view.pose, projector, bodies=lambda: [body] if hides else [])
+            frame = ImageGeometry(view.model, lambda: view.pose, projector, bodies=lambda: [body] if hides else [])
             began = time.thread_time()
             search(detectors[hides], image, 0.04 * step, frame, view.encoding)
             times[hides].append(1e3 * (time.thread_time() - began))

@@ -22,8 +22,8 @@ from spot_versions import other_detector  # noqa: E402
 from vb_core import geometry  # noqa: E402
 from vb_laser_detect.detection import projection  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector  # noqa: E402
-from vb_laser_detect.detection.image_geometry import Frame, search  # noqa: E402
-from vb_laser_detect.detection.projection import FloorProjector, ProjectionParams  # noqa: E402
+from vb_laser_detect.detection.image_geometry import ImageGeometry, search  # noqa: E402
+from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams  # noqa: E402
 from vb_sim.cameras.camera_calibration import calibrated_pose  # noqa: E402
 from vb_sim.cameras.ceiling_view import CeilingView  # noqa: E402
 from vb_sim.room.disturbances import Bystander, Glint, SceneConditions  # noqa: E402
@@ -138,8 +138,10 @@ def _same_floor(a: World, b: World) -> bool:
     return all(getattr(a, part) == getattr(b, part) for part in ("room", "floor", "walls", "furniture", "patches", "lights"))
 
 
-class SeenFrame(Frame):
+class SeenFrame(ImageGeometry):
     """An image's geometry, and the truth."""
+
+    refusal_at = ImageGeometry.rejection_at  # what older versions of the detector call
 
     def __init__(self, snapshot: Snapshot, *geometry_of_it: Any) -> None:
         super().__init__(*geometry_of_it)
@@ -163,7 +165,7 @@ class Camera:
         self.detector = kind[1](kind[0].from_mapping(settings.get("detector") or {}), *([judge] if judge else []))
         self.detector.encoding = "bgr8" if scene.mobile else scene.worlds[0].camera(scene.camera).encoding
         floor = physical_map(scene.worlds[0])
-        self._projector = FloorProjector(ProjectionParams.from_mapping(config["projection"]), floor)
+        self._projector = FloorProjection(ProjectionParams.from_mapping(config["projection"]), floor)
         self._model: Any = None
         self._views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
         self._poses = _pose_errors(scene, rooms.models, rooms.seed)
@@ -230,7 +232,7 @@ class Camera:
 
     def _why(self, spot: Any) -> str:
         near = [c for c in self.detector.candidates if math.hypot(c.u - spot.center[0], c.v - spot.center[1]) < 25]
-        return near[0].refusal or "another_spot" if near else "no_candidate"
+        return near[0].rejection or "another_spot" if near else "no_candidate"
 
 
 def _pose_errors(scene: Scene, models: CameraModels, seed: int) -> Callable[[np.ndarray], Iterator[np.ndarray]]:

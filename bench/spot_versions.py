@@ -32,12 +32,14 @@ def other_detector(source: Path) -> Tuple[Tuple[Any, Any], Callable]:
     sys.path[:0] = [str(source / package / "src") for package in ("vb_core", "vb_laser_detect")]
     try:
         detector = importlib.import_module("vb_laser_detect.detector")
-        # up to 3655b17 things had other names
+        # older versions had other names
         homes = ("detection.image_geometry", "image_geometry", "frame")
         folder = Path(detector.__file__).parent
         geometry = next(home for home in homes if (folder / home.replace(".", "/")).with_suffix(".py").exists())
         if geometry == "frame":
             detector.SpotDetector.backfilled = property(lambda self: self.recalled)
+        if not hasattr(detector.Spot, "rejection"):
+            detector.Spot.rejection = property(lambda self: self.refusal)
         return (detector.DetectorParams, detector.SpotDetector), importlib.import_module(f"vb_laser_detect.{geometry}").search
     finally:
         del sys.path[:2]

@@ -120,7 +120,7 @@ class CheckLab(unittest.TestCase):
         with self.changed:
             self.assertTrue(self.changed.wait_for(arrived, 240.0), (self.told, self.diagnosed))
 
-    def test_a_camera_that_should_be_there_is_told_to_people(self):
+    def test_a_camera_that_should_be_there_is_reported_to_people(self):
         self.wait(lambda: ("detector_missing", "south") in self.told)
 
     def test_what_another_node_tells_people_is_in_the_result_and_in_the_terminal(self):
@@ -138,7 +138,7 @@ class CheckLab(unittest.TestCase):
         finally:
             notices.close()
 
-    def test_cameras_that_disagree_are_told_until_one_of_them_has_another_pose(self):
+    def test_cameras_that_disagree_are_reported_until_one_of_them_has_another_pose(self):
         spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)
         states = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=10)
         poses = rospy.Publisher("/tf_static", TFMessage, queue_size=1)

@@ -5,27 +5,28 @@ import numpy as np
 import pytest
 
 from vb_bringup.lab import (
-    CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk,
-    check_map, check_navigation, check_nodes, check_robot, notices, standing, without_returned, worst,
+    CameraInfoObservation, CameraObservation, CheckLine, CheckState, MapObservation, NavigationObservation, RobotObservation,
+    check_cameras, check_disk, check_map, check_navigation, check_nodes, check_robot, drop_recovered, lines_from_notices,
+    notices_from_lines, worst_state,
 )
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
 
-GOOD = CameraSeen(
+GOOD = CameraObservation(
     name="north", topic="/north/image_raw", publishers=["/north/usb_cam"], rate=15.0, age=0.03, width=640, height=480,
-    encoding="rgb8", frame="north_optical_frame", info=CameraInfoSeen(640, 480, 500.0), detector="/spot_detector_north",
+    encoding="rgb8", frame="north_optical_frame", info=CameraInfoObservation(640, 480, 500.0), detector="/spot_detector_north",
     has_pose=True, file="/lab/north.yaml", file_frame="north_optical_frame",
 )
 
 
 def codes(lines):
-    return [line.code for line in lines if line.state is not State.OK]
+    return [line.code for line in lines if line.state is not CheckState.OK]
 
 
 def test_a_good_camera_is_one_line():
     lines = check_cameras([GOOD])
-    assert len(lines) == 1 and lines[0].state is State.OK
+    assert len(lines) == 1 and lines[0].state is CheckState.OK
 
 
 @pytest.mark.parametrize("changes, code", [
@@ -39,8 +40,8 @@ def test_a_good_camera_is_one_line():
     (dict(age=-4.0), "lab_camera_clock"),
     (dict(bright=0.3), "lab_camera_too_bright"),
     (dict(info=None), "lab_camera_no_info"),
-    (dict(info=CameraInfoSeen(640, 480, 0.0)), "lab_camera_not_calibrated"),
-    (dict(info=CameraInfoSeen(1280, 720, 500.0)), "lab_camera_info_size"),
+    (dict(info=CameraInfoObservation(640, 480, 0.0)), "lab_camera_not_calibrated"),
+    (dict(info=CameraInfoObservation(1280, 720, 500.0)), "lab_camera_info_size"),
     (dict(frame=""), "lab_camera_no_frame"),
     (dict(file_error="there is no '/lab/north.yaml'.", file_missing=True, has_pose=False), "lab_camera_no_calibration"),
     (dict(file_error="there is no '/lab/north.yaml'.", file_missing=True), "lab_camera_file_broken"),
@@ -59,7 +60,7 @@ def test_two_cameras_with_the_drivers_default_frame_are_both_named():
     both = [dataclasses.replace(shared, name=name) for name in "ab"]
     lines = check_cameras(both)
     # not also that the pose is not known: it will get another frame first
-    assert codes(lines) == ["lab_camera_frame_shared"] * 2 and len(notices(lines)) == 2
+    assert codes(lines) == ["lab_camera_frame_shared"] * 2 and len(notices_from_lines(lines)) == 2
     assert "b" in lines[0].values["others"] and "a_optical_frame" in lines[0].sentence()
     # one that was calibrated under its own frame gets that one back
     known = check_cameras([both[0], dataclasses.replace(both[1], file_error="", file_frame="b_frame")])[1]
@@ -78,15 +79,15 @@ def test_every_notice_about_a_camera_or_robot_names_it():
 
 
 def test_no_camera_at_all_is_a_warning():
-    assert check_cameras([])[0].state is State.WARNING
+    assert check_cameras([])[0].state is CheckState.WARNING
 
 
 @pytest.mark.parametrize("seen, code", [
-    (RobotSeen("", None, scan_deg=270.0), "lab_robot_no_pose"),
-    (RobotSeen("", 8.0, scan_deg=270.0), "lab_robot_old_pose"),
-    (RobotSeen("", 0.1), "lab_robot_no_scan"),
-    (RobotSeen("", 0.1, scan_deg=30.0), "lab_robot_narrow_scan"),
-    (RobotSeen("", 0.1, scan_deg=270.0, color_frame="rgb", depth_frame="ir"), "lab_robot_depth_not_registered"),
+    (RobotObservation("", None, scan_deg=270.0), "lab_robot_no_pose"),
+    (RobotObservation("", 8.0, scan_deg=270.0), "lab_robot_old_pose"),
+    (RobotObservation("", 0.1), "lab_robot_no_scan"),
+    (RobotObservation("", 0.1, scan_deg=30.0), "lab_robot_narrow_scan"),
+    (RobotObservation("", 0.1, scan_deg=270.0, color_frame="rgb", depth_frame="ir"), "lab_robot_depth_not_registered"),
 ])
 def test_each_mistake_with_a_robot_is_named(seen, code):
     assert codes(check_robot(seen)) == [code]
@@ -101,27 +102,29 @@ def test_each_mistake_with_a_robot_is_named(seen, code):
     (dict(borders=3, acting=2), "lab_borders_not_acting"),
 ])
 def test_each_mistake_with_the_map_is_named(changes, code):
-    good = MapSeen((100, 200), 0.05, ["/map_server"], True, 2, 2)
+    good = MapObservation((100, 200), 0.05, ["/map_server"], True, 2, 2)
     assert not codes(check_map(good))
     assert codes(check_map(dataclasses.replace(good, **changes))) == [code]
 
 
 @pytest.mark.parametrize("seen, code", [
-    (NavigationSeen("move_base"), "lab_navigation_missing"),
-    (NavigationSeen("move_base", True, ["/map"]), "lab_navigation_without_borders"),
-    (NavigationSeen("move_base", True, ["/map", "/virtual_borders/map"]), "lab_navigation_physical_map"),
-    (NavigationSeen("move_base", True, ["/virtual_borders/map"]), "lab_navigation_without_keep_out"),
-    (NavigationSeen("move_base", True, ["/virtual_borders/map", "/robot_driver/keep_out"], True), "lab_navigation_clears_plans"),
+    (NavigationObservation("move_base"), "lab_navigation_missing"),
+    (NavigationObservation("move_base", True, ["/map"]), "lab_navigation_without_borders"),
+    (NavigationObservation("move_base", True, ["/map", "/virtual_borders/map"]), "lab_navigation_physical_map"),
+    (NavigationObservation("move_base", True, ["/virtual_borders/map"]), "lab_navigation_without_keep_out"),
+    (NavigationObservation("move_base", True, ["/virtual_borders/map", "/robot_driver/keep_out"], True), "lab_navigation_clears_plans"),
 ])
 def test_navigation_that_ignores_borders_is_named(seen, code):
     assert codes(check_navigation(seen)) == [code]
-    assert not codes(check_navigation(NavigationSeen("r1/move_base", True, ["/r1/virtual_borders/map", "/r1/robot_driver/keep_out"])))
+    maps = ["/r1/virtual_borders/map", "/r1/robot_driver/keep_out"]
+    assert not codes(check_navigation(NavigationObservation("r1/move_base", True, maps)))
 
 
-def test_people_are_told_of_errors_that_nobody_else_tells():
-    lines = [check_disk("/x", 10.0), *check_cameras([dataclasses.replace(GOOD, rate=0.0)]), Line("x", State.WARNING, "lab_camera_slow")]
-    assert [(notice.code, notice.severity) for notice in notices(lines)] == [("lab_disk_full", Severity.ERROR)]
-    assert notices(lines)[0].sentence() == lines[0].sentence()
+def test_errors_that_no_node_reports_are_reported():
+    slow = CheckLine("x", CheckState.WARNING, "lab_camera_slow")
+    lines = [check_disk("/x", 10.0), *check_cameras([dataclasses.replace(GOOD, rate=0.0)]), slow]
+    assert [(notice.code, notice.severity) for notice in notices_from_lines(lines)] == [("lab_disk_full", Severity.ERROR)]
+    assert notices_from_lines(lines)[0].sentence() == lines[0].sentence()
 
 
 def test_what_the_nodes_tell_people_is_part_of_the_result():
@@ -129,35 +132,36 @@ def test_what_the_nodes_tell_people_is_part_of_the_result():
     everyday = Notice("robot_leaves_border", Severity.INFO)
     doubt = Notice("strokes_left_out", Severity.WARNING, values={"spots": "7"})
     fine = check_cameras([GOOD])
-    found = standing([apart, everyday, doubt], fine)
+    found = lines_from_notices([apart, everyday, doubt], fine)
     assert [(line.subject, line.state, line.code) for line in found] == [
-        ("camera south", State.ERROR, "cameras_disagree"), ("lab", State.WARNING, "strokes_left_out")]
-    assert "9 cm" in found[0].sentence() and worst(fine + found) is State.ERROR
-    assert not notices(found)  # the node that told it goes on telling it
+        ("camera south", CheckState.ERROR, "cameras_disagree"), ("lab", CheckState.WARNING, "strokes_left_out")]
+    assert "9 cm" in found[0].sentence() and worst_state(fine + found) is CheckState.ERROR
+    assert not notices_from_lines(found)  # the node that told it goes on telling it
 
 
-def test_what_a_check_says_more_exactly_is_not_said_twice():
+def test_what_a_check_says_more_exactly_is_not_reported_twice():
     south = dataclasses.replace(GOOD, name="south", frame="south", file_frame="head_camera")
     lines = check_cameras([dataclasses.replace(GOOD, rate=0.0), south])
     told = [Notice("camera_silent", Severity.ERROR, camera="north"), Notice("camera_no_pose", Severity.ERROR, camera="south"),
-            *notices(lines)]
-    assert standing(told, lines) == []
-    assert [line.code for line in standing(told, check_cameras([GOOD]))] == [
+            *notices_from_lines(lines)]
+    assert lines_from_notices(told, lines) == []
+    assert [line.code for line in lines_from_notices(told, check_cameras([GOOD]))] == [
         "camera_silent", "camera_no_pose", "lab_camera_frame_differs"]
 
 
 def test_a_node_that_is_back_is_no_longer_missing():
     lines = [*check_nodes(["/map_integrator", "/border_fusion"]), check_disk("/x", 10.0)]
-    assert without_returned(lines, {"/map_integrator", "/page"}) == lines[1:]
+    assert drop_recovered(lines, {"/map_integrator", "/page"}) == lines[1:]
 
 
 def test_a_full_disk_is_an_error():
     assert check_disk("/x", 9000.0, writable=False).code == "lab_disk_read_only"
-    assert check_disk("/x", 10.0).state is State.ERROR and check_disk("/x", 9000.0).state is State.OK
+    assert check_disk("/x", 10.0).state is CheckState.ERROR and check_disk("/x", 9000.0).state is CheckState.OK
 
 
 def test_the_worst_line_decides():
-    assert worst([Line("a", State.OK, "x"), Line("b", State.ERROR, "y"), Line("c", State.WARNING, "z")]) is State.ERROR
+    states = (CheckState.OK, CheckState.ERROR, CheckState.WARNING)
+    assert worst_state([CheckLine("lab", state, "x") for state in states]) is CheckState.ERROR
 
 
 def test_every_line_has_a_sentence_in_every_language():
@@ -184,24 +188,24 @@ def test_a_healthy_camera_is_no_notice():
     watch = monitor()
     for now in range(1, 20):
         for name in ("north", "south"):
-            watch.hear(name, now * 15, {}, float(now))
+            watch.update(name, now * 15, {}, float(now))
         assert not watch.notices(float(now))
 
 
-def test_an_unplugged_camera_is_told_within_five_seconds_and_taken_back():
+def test_an_unplugged_camera_is_reported_within_five_seconds_and_withdrawn():
     watch = monitor()
     for now in range(1, 11):
-        watch.hear("north", now * 15, {}, float(now))
-        watch.hear("south", min(now, 5) * 15, {}, float(now))
+        watch.update("north", now * 15, {}, float(now))
+        watch.update("south", min(now, 5) * 15, {}, float(now))
     assert [(notice.code, notice.camera) for notice in watch.notices(10.0)] == [("camera_silent", "south")]
-    watch.hear("south", 100, {}, 11.0)
-    watch.hear("north", 200, {}, 11.0)
+    watch.update("south", 100, {}, 11.0)
+    watch.update("north", 200, {}, 11.0)
     assert not watch.notices(11.0)
 
 
-def test_a_detector_that_is_gone_is_told():
+def test_a_detector_that_is_gone_is_reported():
     watch = monitor()
-    watch.hear("north", 15, {}, 1.0)
+    watch.update("north", 15, {}, 1.0)
     assert [(notice.code, notice.camera) for notice in watch.notices(6.0)] == [("detector_missing", "north")]
     # one that was not heard yet may still be starting
     found = watch.notices(16.0)
@@ -209,19 +213,19 @@ def test_a_detector_that_is_gone_is_told():
     assert all(notice.severity is Severity.ERROR for notice in found)
 
 
-def test_spots_without_a_pose_are_told():
+def test_spots_without_a_pose_are_reported():
     watch = monitor()
     for now in range(1, 5):
-        watch.hear("north", now * 15, {"no_transform": now * 3}, float(now))
-        watch.hear("south", now * 15, {"no_camera_info": now * 3}, float(now))
+        watch.update("north", now * 15, {"no_transform": now * 3}, float(now))
+        watch.update("south", now * 15, {"no_camera_info": now * 3}, float(now))
     assert {(n.code, n.camera) for n in watch.notices(4.0)} == {("camera_no_pose", "north"), ("camera_no_lens", "south")}
 
 
 def test_a_shared_frame_hides_the_pose_that_it_prevents():
     watch = monitor()
     for now in range(1, 5):
-        watch.hear("north", now * 15, {"no_transform": now, "shared_frame": now * 3}, float(now))
-        watch.hear("south", now * 15, {"no_transform": now, "no_camera_info": now}, float(now))
+        watch.update("north", now * 15, {"no_transform": now, "shared_frame": now * 3}, float(now))
+        watch.update("south", now * 15, {"no_transform": now, "no_camera_info": now}, float(now))
     assert [(notice.code, notice.camera) for notice in watch.notices(4.0)] == [("camera_no_lens", "south")]
 
 
@@ -233,7 +237,7 @@ def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agr
         for camera, late, moved in (("north", 0.0, 0.0), ("south", 0.05, off), ("east", 0.02, 0.0)):
             for t in np.arange(began, began + lasts, 0.12) + late:
                 x, y = 2.0 + 0.5 * np.cos(0.4 * t) + moved, 1.0 + 0.5 * np.sin(0.4 * t)
-                comparison.hear(camera, t, *(np.array([x, y]) + random.normal(0.0, 0.02, 2)))
+                comparison.add_spot(camera, t, *(np.array([x, y]) + random.normal(0.0, 0.02, 2)))
 
     draw(100.0, 0.02)
     assert comparison.notices(131.0) == []
@@ -241,7 +245,7 @@ def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agr
     found = comparison.notices(231.0)
     assert {(one.values["first"], one.values["second"]) for one in found} == {("east", "south"), ("north", "south")}
     assert {one.code for one in found} == {"cameras_disagree"} and all(8 < int(one.values["cm"]) < 14 for one in found)
-    comparison.forget("south", 232.0)  # calibrated again; the laser is still on, and the detector has the former pose a moment longer
+    comparison.clear("south", 232.0)  # calibrated again; the laser is still on, and the detector has the former pose a moment longer
     draw(230.5, 0.11, lasts=5.5)
     assert comparison.notices(237.0) == []
     draw(300.0, 0.0)

@@ -39,26 +39,26 @@ def answers(monkeypatch):
 
 
 def no_answer(cause):
-    error = CodedError("no_answer", who="$interaction_manager")
+    error = CodedError("no_response", who="$interaction_manager")
     error.__cause__ = cause
     return error
 
 
 def test_every_command_has_an_id_of_its_own_and_an_end(answers):
-    first, second = commands.order("save", "test", 5.0), commands.order("save", "test", 5.0, unclear=True)
+    first, second = commands.make_request("save", "test", 5.0), commands.make_request("save", "test", 5.0, unclear=True)
     assert first.id and second.id and first.id != second.id
     assert first.expires == rospy.Time(105) and (first.unclear, second.unclear) == (False, True)
 
 
 def test_before_simulated_time_has_begun_nothing_expires(answers, monkeypatch):
     monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(0))
-    assert commands.order("save", "test", 5.0).expires.is_zero()
+    assert commands.make_request("save", "test", 5.0).expires.is_zero()
 
 
 def test_a_lost_answer_is_asked_for_once_more_under_the_same_id(answers):
     asked, given = answers
     given.append(no_answer(rospy.ServiceException("the connection was closed")))
-    assert commands.send(commands.order("undo", "test", 5.0)).success
+    assert commands.send(commands.make_request("undo", "test", 5.0)).success
     assert len(asked) == 2 and asked[0].id == asked[1].id
 
 
@@ -67,7 +67,7 @@ def test_whoever_hangs_or_is_away_is_not_asked_again(answers, error):
     asked, given = answers
     given.append(error)
     with pytest.raises(CodedError):
-        commands.send(commands.order("undo", "test", 5.0))
+        commands.send(commands.make_request("undo", "test", 5.0))
     assert len(asked) == 1
 
 
@@ -86,7 +86,7 @@ def test_stop_waits_for_no_other_command(monkeypatch):
 
     monkeypatch.setattr(commands.services, "call", call)
     monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
-    orders = commands.Orders("test", on_answer)
+    orders = commands.CommandSender("test", on_answer)
     assert orders.put("save", 1) and orders.put("stop", 2)
     assert finished["stop"].wait(60) and done == [("stop", 2, True, None)]
     hold.set()

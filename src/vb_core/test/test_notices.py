@@ -4,27 +4,27 @@ from vb_core.notices import FORGOTTEN_AFTER, Notice, NoticeBook, Severity
 
 def test_a_node_takes_back_by_saying_less():
     book = NoticeBook()
-    book.hear("monitor1", [Notice("robot_inside", robot="r1"), Notice("goal_inside", robot="r1")], 1.0)
-    book.hear("monitor2", [Notice("robot_inside", robot="r2")], 1.0)
-    book.hear("monitor1", [Notice("goal_inside", robot="r1")], 2.0)
+    book.update("monitor1", [Notice("robot_inside", robot="r1"), Notice("goal_inside", robot="r1")], 1.0)
+    book.update("monitor2", [Notice("robot_inside", robot="r2")], 1.0)
+    book.update("monitor1", [Notice("goal_inside", robot="r1")], 2.0)
     assert {(notice.code, notice.robot) for notice in book.current(2.0)} == {("goal_inside", "r1"), ("robot_inside", "r2")}
 
 
 def test_what_a_silent_node_said_is_forgotten():
     book = NoticeBook()
-    book.hear("monitor", [Notice("robot_inside")], 1.0)
+    book.update("monitor", [Notice("robot_inside")], 1.0)
     assert book.current(1.0 + FORGOTTEN_AFTER)
     assert not book.current(1.1 + FORGOTTEN_AFTER)
 
 
 def test_the_most_severe_comes_first():
     book = NoticeBook()
-    book.hear("a", [Notice("x"), Notice("y", Severity.ERROR)], 0.0)
-    book.hear("b", [Notice("z", Severity.WARNING)], 0.0)
+    book.update("a", [Notice("x"), Notice("y", Severity.ERROR)], 0.0)
+    book.update("b", [Notice("z", Severity.WARNING)], 0.0)
     assert [notice.code for notice in book.current(0.0)] == ["y", "z", "x"]
 
 
 def test_a_sentence_by_language_or_else_the_message():
-    notice = Notice("no_answer", values={"who": "lidar"}, message="of another version")
+    notice = Notice("no_response", values={"who": "lidar"}, message="of another version")
     assert notice.sentence("de") == "lidar antwortet nicht."
     assert Notice("unheard_of", message="It rains.").sentence("de") == "It rains."

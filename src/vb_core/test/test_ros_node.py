@@ -7,7 +7,7 @@ import pytest
 import rospy
 
 from vb_core.ros import node
-from vb_core.ros.node import Beat, Mailbox, Queue
+from vb_core.ros.node import Mailbox, Queue, WakeTimer
 
 
 def test_the_newest_item_wins_and_the_others_are_counted():
@@ -38,23 +38,23 @@ def test_a_queue_keeps_the_order_and_says_when_it_is_full():
 
 
 def test_a_beat_comes_by_itself_or_when_something_is_announced():
-    assert Beat(0.001).take() is False
-    beat = Beat(3600.0)
-    beat.set()
-    assert beat.take() is True
-    beat.close()
-    assert beat.take() is None
+    assert WakeTimer(0.001).take() is False
+    timer = WakeTimer(3600.0)
+    timer.set()
+    assert timer.take() is True
+    timer.close()
+    assert timer.take() is None
 
 
 class FakeClock:
     """Wall time that passes while somebody waits, and simulated time that runs `pace` times as fast."""
 
-    def __init__(self, monkeypatch, beat, pace):
+    def __init__(self, monkeypatch, timer, pace):
         self.wall, self.pace, self.waits = 50.0, pace, 0
         monkeypatch.setattr(rospy.rostime, "is_wallclock", lambda: False)
         monkeypatch.setattr(rospy, "get_time", lambda: 1000.0 + self.pace * (self.wall - 50.0))
         monkeypatch.setattr(node.time, "monotonic", lambda: self.wall)
-        monkeypatch.setattr(beat, "_wake", self)
+        monkeypatch.setattr(timer, "_wake", self)
 
     def wait(self, seconds):
         self.waits += 1
@@ -67,12 +67,12 @@ class FakeClock:
 
 @pytest.mark.parametrize("pace, expected", [(4.0, 0.25), (1.0, 1.0), (0.5, 1.0), (0.0, 1.0)])
 def test_a_beat_follows_the_quicker_of_wall_and_simulated_time(monkeypatch, pace, expected):
-    beat = Beat(1.0)
-    clock = FakeClock(monkeypatch, beat, pace)
-    assert beat.take() is False  # learns how fast time runs
+    timer = WakeTimer(1.0)
+    clock = FakeClock(monkeypatch, timer, pace)
+    assert timer.take() is False  # learns how fast time runs
     began = clock.wall
     clock.waits = 0
-    assert [beat.take() for _ in range(20)] == [False] * 20
+    assert [timer.take() for _ in range(20)] == [False] * 20
     assert clock.wall - began == pytest.approx(20 * expected, abs=0.1)
     assert clock.waits <= 2 * 20 + 5, "it sleeps and does not poll"
 
@@ -125,7 +125,7 @@ print([error.code for error in node._failures], lines[-1])
 def test_whoever_waits_says_for_what_and_gives_up():
     done = subprocess.run([sys.executable, "-c", WAITING], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "['waited_in_vain'] waited_in_vain\n"
+    assert done.stdout == "['input_timeout'] input_timeout\n"
 
 
 LOGGING = """

@@ -28,14 +28,14 @@ def test_a_sentence_is_never_lost():
     assert sentences.say("no_service", {}) == "(who) is not running."
     assert sentences.say("of_a_newer_version", {}, "de", "Please update.") == "Please update."
     assert sentences.say("of_a_newer_version") == "of a newer version"
-    assert sentences.say("no_answer", {"who": "x"}, "fr") == "x does not answer."
+    assert sentences.say("no_response", {"who": "x"}, "fr") == "x does not answer."
 
 
 def test_an_error_carries_its_values():
-    error = CodedError("no_answer", who="map_integrator")
-    assert (error.code, error.values) == ("no_answer", {"who": "map_integrator"})
-    assert str(error) == "map_integrator does not answer. [no_answer]"
-    assert CodedError("no_answer", "in words of its own").message == "in words of its own"
+    error = CodedError("no_response", who="map_integrator")
+    assert (error.code, error.values) == ("no_response", {"who": "map_integrator"})
+    assert str(error) == "map_integrator does not answer. [no_response]"
+    assert CodedError("no_response", "in words of its own").message == "in words of its own"
 
 
 def test_a_value_may_be_a_word_of_the_readers_language():

@@ -43,7 +43,7 @@ def test_a_hanging_neighbour_is_left(monkeypatch):
     with pytest.raises(CodedError) as caught:
         services.call("/s", object, 1, "the integrator", wait_s=0.05, answer_s=0.1)
     release.set()
-    assert caught.value.code == "no_answer"
+    assert caught.value.code == "no_response"
 
 
 def test_a_lost_connection_is_no_answer(monkeypatch):
@@ -53,4 +53,4 @@ def test_a_lost_connection_is_no_answer(monkeypatch):
     fake(monkeypatch, present, lost)
     with pytest.raises(CodedError) as caught:
         services.call("/s", object, 1, "the integrator")
-    assert caught.value.code == "no_answer" and isinstance(caught.value.__cause__, rospy.ServiceException)
+    assert caught.value.code == "no_response" and isinstance(caught.value.__cause__, rospy.ServiceException)

@@ -45,10 +45,10 @@ def place(lookup, child, T=CAMERA, parent="map", stamp=5, static=True):
 def test_static_transforms_are_enough_for_a_fixed_camera(lookup):
     place(lookup, "camera")
     assert lookup.lookup("map", "camera", rospy.Time(0), 0.0) == pytest.approx(CAMERA)
-    assert lookup.rest_on_static("map", "camera")
+    assert lookup.unsubscribe_if_static("map", "camera")
     assert lookup._listener.stopped == 1
     # asked again it has nothing left to stop
-    assert lookup.rest_on_static("map", "camera") and lookup._listener.stopped == 1
+    assert lookup.unsubscribe_if_static("map", "camera") and lookup._listener.stopped == 1
     # what is published later on /tf_static still counts
     place(lookup, "camera", np.eye(4))
     assert lookup.lookup("map", "camera", rospy.Time(0), 0.0) == pytest.approx(np.eye(4))
@@ -56,9 +56,9 @@ def test_static_transforms_are_enough_for_a_fixed_camera(lookup):
 
 def test_a_camera_on_something_that_moves_goes_on_listening(lookup):
     place(lookup, "camera", parent="base")
-    assert not lookup.rest_on_static("map", "camera")  # nobody knows yet where the base is
+    assert not lookup.unsubscribe_if_static("map", "camera")  # nobody knows yet where the base is
     place(lookup, "base", static=False)
-    assert not lookup.rest_on_static("map", "camera")
+    assert not lookup.unsubscribe_if_static("map", "camera")
     assert lookup._listener.stopped == 0
 
 
@@ -73,7 +73,7 @@ def test_missing_transforms_and_loops_are_refused_with_tfs_reason(lookup):
     with pytest.raises(CodedError) as raised:
         lookup.lookup("map", "camera", rospy.Time(0), 0.0)
     assert raised.value.code == "no_transform" and "loop" in str(raised.value)
-    assert not lookup.rest_on_static("map", "camera")
+    assert not lookup.unsubscribe_if_static("map", "camera")
 
 
 def test_a_time_that_is_not_known_is_refused(lookup):

@@ -60,7 +60,7 @@ class Session:
 
     def say(self, command):
         """Gives a command."""
-        answer = commands.send(commands.order(command, "test", 10.0))
+        answer = commands.send(commands.make_request(command, "test", 10.0))
         self.answers.append((command, answer.success, answer.code))
 
     def show(self, points):

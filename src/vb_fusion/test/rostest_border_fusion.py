@@ -36,7 +36,7 @@ class BorderFusionTest(unittest.TestCase):
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=1000)
         self.subscriber = rospy.Subscriber(names.PROGRESS, BorderProgress, self.progress.append)
         self.connected()
-        self.candidate = rospy.ServiceProxy(names.CANDIDATE, GetDrawnBorder)
+        self.candidate = rospy.ServiceProxy(names.GET_DRAWN_BORDER, GetDrawnBorder)
 
     def tearDown(self) -> None:
         for end in (self.state, self.spots, self.subscriber):
@@ -57,7 +57,7 @@ class BorderFusionTest(unittest.TestCase):
             and self.subscriber.get_num_connections(),
             "the connection",
         )
-        rospy.wait_for_service(names.CANDIDATE, DEADLINE)
+        rospy.wait_for_service(names.GET_DRAWN_BORDER, DEADLINE)
 
     def enter(self, state: int, interaction: str, outcome: str = "") -> None:
         message = InteractionState(state=state, interaction_id=interaction, last_outcome=outcome)

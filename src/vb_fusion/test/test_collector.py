@@ -6,12 +6,12 @@ import pytest
 
 from vb_fusion.extraction import ExtractionParams
 from vb_fusion.live_extraction import LiveExtractor, extract_chain
-from vb_fusion.spots.collector import Collector, CollectorParams, Spot
+from vb_fusion.spots.collector import Collector, CollectorParams, FloorSpot
 from vb_fusion.spots.spot_log import SpotLog
 
 
 def spot(stamp, x=0.0, y=0.0, camera="red"):
-    return Spot(stamp, x, y, camera)
+    return FloorSpot(stamp, x, y, camera)
 
 
 def test_collects_in_border_and_seed_only():
@@ -78,12 +78,12 @@ def test_seeing():
     collector = Collector()
     collector.add(spot(10.0, camera="red"))
     collector.add(spot(12.0, camera="green"))
-    assert collector.seeing(12.1) == ["green"]
+    assert collector.cameras_seeing(12.1) == ["green"]
     collector.add(spot(1.0, camera="green"))  # the clock was set back
-    assert collector.seeing(1.1) == ["green"]
+    assert collector.cameras_seeing(1.1) == ["green"]
 
 
-def test_journal_gives_back_what_was_collected(tmp_path):
+def test_the_log_returns_what_was_collected(tmp_path):
     path = tmp_path / "folder" / "journal.jsonl"
     journal = SpotLog(path)
     assert journal.start("a") == []
@@ -101,7 +101,7 @@ def test_journal_gives_back_what_was_collected(tmp_path):
     assert SpotLog(path).read("a") == []
 
 
-def test_journal_is_bounded_removed_and_optional(tmp_path):
+def test_the_log_is_bounded_removed_and_optional(tmp_path):
     journal = SpotLog(tmp_path / "j", limit=3)
     journal.start("a")
     for k in range(10):
@@ -118,13 +118,13 @@ def test_journal_is_bounded_removed_and_optional(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "nonsense\n", "[1]\n", '{"interaction_id": "b"}\n[]\n'])
-def test_journal_that_is_no_journal(tmp_path, text):
+def test_a_file_that_is_not_a_log_is_ignored(tmp_path, text):
     path = tmp_path / "j"
     path.write_text(text)
     assert SpotLog(path).start("a") == []
 
 
-def test_journal_in_an_impossible_folder_says_so_and_the_drawing_goes_on(tmp_path):
+def test_an_impossible_folder_is_reported_and_the_drawing_goes_on(tmp_path):
     (tmp_path / "file").write_text("")
     journal = SpotLog(tmp_path / "file" / "folder" / "j")
     assert journal.start("a") == []
@@ -147,7 +147,7 @@ def test_a_full_disk_says_so_and_the_drawing_goes_on(tmp_path):
     journal.close()
 
 
-def test_a_damaged_journal_gives_what_it_still_has(tmp_path):
+def test_a_damaged_log_returns_what_it_still_has(tmp_path):
     path = tmp_path / "j"
     journal = SpotLog(path)
     journal.start("a")

@@ -150,13 +150,13 @@ def carpet(gap: float, scale: float = 1.0) -> np.ndarray:
 
 @pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
 def test_carpet_with_a_gap_is_closed_at_every_scale(scale):
-    decision = closure.decide(carpet(0.4, scale))
+    decision = closure.classify_closure(carpet(0.4, scale))
     assert decision.closed and decision.code == "closed_gap"
     assert decision.gap == pytest.approx(0.4 * scale, rel=0.1)
 
 
 def test_overlapping_ends_are_cut():
-    decision = closure.decide(carpet(-0.4) + np.linspace(0, 0.05, 300)[:, None])
+    decision = closure.classify_closure(carpet(-0.4) + np.linspace(0, 0.05, 300)[:, None])
     assert decision.closed and decision.code == "closed_cut"
     assert decision.last - decision.first < 299
 
@@ -164,7 +164,7 @@ def test_overlapping_ends_are_cut():
 def test_crossing_ends_are_closed_and_cut():
     corners = np.array([[-0.2, 0], [2, 0], [2, 1.25], [0, 1.25], [0, -0.2]])
     chain = geometry.resample_chain(corners, 0.02)
-    decision = closure.decide(chain)
+    decision = closure.classify_closure(chain)
     assert decision.closed
     assert np.abs(chain[[decision.first, decision.last]]).max() < 0.05
 
@@ -180,17 +180,17 @@ def test_figures_with_a_gap_of_up_to_a_third_of_their_diagonal_are_meant_closed(
     away = np.linalg.norm(dense - dense[0], axis=1)
     wide = np.linalg.norm(np.ptp(ring, axis=0)) * gap
     last = int(np.flatnonzero((away >= wide) & (np.arange(len(dense)) > len(dense) / 2))[-1])
-    assert closure.decide(dense[: last + 1]).closed
+    assert closure.classify_closure(dense[: last + 1]).closed
 
 
 @pytest.mark.parametrize("depth", [0.7, 1.0, 3.0])
 def test_a_u_is_open(depth):
-    assert not closure.decide(np.array([[0.0, depth], [0.0, 0.0], [1.0, 0.0], [1.0, depth]])).closed
+    assert not closure.classify_closure(np.array([[0.0, depth], [0.0, 0.0], [1.0, 0.0], [1.0, depth]])).closed
 
 
 def test_a_wave_whose_ends_are_far_apart_is_open_however_long_it_is():
     x = np.linspace(0, 2, 400)
-    assert not closure.decide(np.column_stack([x, 0.8 * np.sin(12 * x)])).closed
+    assert not closure.classify_closure(np.column_stack([x, 0.8 * np.sin(12 * x)])).closed
 
 
 @pytest.mark.parametrize("bend", [200, 240, 280])
@@ -199,7 +199,7 @@ def test_a_wave_whose_ends_come_near_each_other_is_open(bend):
     along = np.radians(np.linspace(0, bend, 600))
     radius = 1.0 + 0.45 * np.sin(9 * along)
     wave = radius[:, None] * np.column_stack([np.cos(along), np.sin(along)]) * [1.0, 0.45]
-    assert not closure.decide(wave).closed
+    assert not closure.classify_closure(wave).closed
 
 
 def test_a_loop_in_the_middle_of_a_line_does_not_close_it():
@@ -207,19 +207,19 @@ def test_a_loop_in_the_middle_of_a_line_does_not_close_it():
     loop = np.column_stack([0.25 * np.sin(turn), 0.25 - 0.25 * np.cos(turn)])
     line = np.vstack([np.column_stack([np.linspace(-1, 0, 50), np.zeros(50)]), loop,
                       np.column_stack([np.linspace(0, 1, 50), np.zeros(50)])])
-    assert not closure.decide(line).closed
+    assert not closure.classify_closure(line).closed
 
 
 @pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
 def test_line_with_tremor_is_open(scale):
     rng = np.random.default_rng(2)
     chain = np.column_stack([np.linspace(0, 0.7, 20), rng.normal(0, 0.02, 20)])
-    assert not closure.decide(scale * chain).closed
+    assert not closure.classify_closure(scale * chain).closed
 
 
 def test_line_there_and_back_is_open():
     x = np.concatenate([np.linspace(0, 1, 50), np.linspace(1, 0, 50)])
-    assert not closure.decide(np.column_stack([x, 0.001 * np.arange(100) / 100])).closed
+    assert not closure.classify_closure(np.column_stack([x, 0.001 * np.arange(100) / 100])).closed
 
 
 def test_the_request_overrides_the_rule():

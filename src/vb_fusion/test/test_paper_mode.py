@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import literal  # noqa: E402
 
 from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
-from vb_fusion.paper import clustering, dbscan, generate_poly, thinning  # noqa: E402
+from vb_fusion.paper import dbscan, find_cluster, generate_polygon, thin_points  # noqa: E402
 
 # multiples of 1/64 m are exact in binary: comparisons with a distance come out alike however they are computed
 coordinate = st.integers(-128, 128).map(lambda k: k / 64.0)
@@ -38,14 +38,14 @@ def test_dbscan_equals_the_definition(points, eps, min_pts):
 @SETTINGS
 @given(clouds, st.integers(1, 12))
 def test_clustering_equals_the_transcription(points, min_size):
-    found = clustering(np.array(points), 0.25, 1, 0.3, np.inf, min_size)
+    found = find_cluster(np.array(points), 0.25, 1, 0.3, np.inf, min_size)
     assert found.tolist() == sorted(literal.clustering(points, 0.25, 1, 0.3, np.inf, min_size))
 
 
 @SETTINGS
 @given(dense_clouds)
 def test_thinning_equals_the_transcription(points):
-    found, expected = thinning(np.array(points), 0.1), np.array(literal.thinning(points, 0.1))
+    found, expected = thin_points(np.array(points), 0.1), np.array(literal.thinning(points, 0.1))
     assert found.shape == expected.shape
     assert np.allclose(found, expected, atol=1e-12)
 
@@ -53,7 +53,7 @@ def test_thinning_equals_the_transcription(points):
 @SETTINGS
 @given(clouds)
 def test_polygon_generation_equals_the_transcription(points):
-    assert generate_poly(np.array(points), 0.5).tolist() == literal.generate_poly(points, 0.5)
+    assert generate_polygon(np.array(points), 0.5).tolist() == literal.generate_poly(points, 0.5)
 
 
 @pytest.mark.parametrize("seed", range(4))

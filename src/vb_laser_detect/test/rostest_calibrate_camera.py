@@ -22,7 +22,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import image_message
 from vb_core.ros import messages
-from vb_laser_detect.calibration import file as calibration_file
+from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.board import BoardParams
 from vb_laser_detect.detection.projection import floor_points
 from vb_msgs.msg import DetectorStatus, LaserSpot

@@ -10,8 +10,8 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.detection.bodies import Body
-from vb_laser_detect.detection.image_geometry import Frame
-from vb_laser_detect.detection.projection import FloorProjector, pixels_of
+from vb_laser_detect.detection.image_geometry import ImageGeometry
+from vb_laser_detect.detection.projection import FloorProjection, pixels_of
 
 ROBOT = Body(2.0, 1.0, 0.2, 0.4)
 ASLANT = np.array([0.0, 1.0, 2.8])  # of a camera that sees it from the left
@@ -47,7 +47,7 @@ def test_agrees_with_points_along_the_ray(x, y, u, v, height):
         assert ROBOT.hides(origin, floor) is bool(off < 0.0)
 
 
-def test_a_frame_refuses_what_a_robot_hides_and_asks_once():
+def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
     camera = CameraModel.ideal(1920, 1080, 1100.0)
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
     asked = []
@@ -56,11 +56,11 @@ def test_a_frame_refuses_what_a_robot_hides_and_asks_once():
         asked.append(1)
         return [ROBOT]
 
-    frame = Frame(camera, lambda: pose, FloorProjector(), bodies=bodies)
+    frame = ImageGeometry(camera, lambda: pose, FloorProjection(), bodies=bodies)
     assert not asked
     on, beside = pixels_of(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]]))
-    assert (frame.refusal_at(*on), frame.refusal_at(*beside)) == ("on_robot", "")
+    assert (frame.rejection_at(*on), frame.rejection_at(*beside)) == ("on_robot", "")
     with pytest.raises(CodedError) as raised:
         frame.point(*on)
     assert raised.value.code == "on_robot" and len(asked) == 1
-    assert Frame(camera, lambda: pose, FloorProjector()).refusal_at(*on) == ""
+    assert ImageGeometry(camera, lambda: pose, FloorProjection()).rejection_at(*on) == ""

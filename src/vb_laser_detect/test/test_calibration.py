@@ -8,10 +8,10 @@ from board_scene import CAMERA, POSE
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_laser_detect.calibration import file as calibration_file
+from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration import pose as pose_module
-from vb_laser_detect.calibration.pose import CalibrationParams, Observations, estimate_pose
-from vb_laser_detect.calibration.session import HeldSpot, Session, describe, parse_numbers
+from vb_laser_detect.calibration.pose import Correspondences, PoseEstimationParams, estimate_pose
+from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, parse_numbers
 from vb_laser_detect.detection.projection import floor_points, pixels_of
 
 GRID = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
@@ -24,7 +24,7 @@ def observe(rng, count=8, pixel_noise=0.3, point_noise=0.005, pose=POSE, jitter=
     """Points near the image's edge, as a person would choose them, with what is measured of them."""
     pixels = SPREAD[:count] + rng.uniform(-jitter, jitter, (count, 2))
     points = floor_points(CAMERA, pose, pixels)[:, :2]
-    return Observations.single(
+    return Correspondences.single(
         pixels + rng.normal(0, pixel_noise, pixels.shape), points + rng.normal(0, point_noise, points.shape)
     )
 
@@ -34,7 +34,7 @@ def on_floor_apart(estimate, pose=POSE):
     return np.linalg.norm(floor_points(CAMERA, estimate.T_map_camera, GRID) - floor_points(CAMERA, pose, GRID), axis=1)
 
 
-def refusal(observed, params=None, camera=CAMERA):
+def rejection(observed, params=None, camera=CAMERA):
     with pytest.raises(CodedError) as raised:
         estimate_pose(camera, observed, params)
     assert len(str(raised.value)) > 30
@@ -65,13 +65,13 @@ def test_exact_points_give_the_exact_pose(count, pose):
         (8, 0.015, 0.035, 0.1),
     ],
 )
-def test_noise_moves_the_floor_by_centimetres_and_as_much_as_is_said(count, point_noise, median, most):
+def test_noise_moves_the_floor_by_centimetres_and_as_much_as_is_reported(count, point_noise, median, most):
     worst, sigma, inside = [], [], []
     for seed in range(12):
         estimate = estimate_pose(
             CAMERA,
             observe(np.random.default_rng(seed), count, 0.3, point_noise),
-            CalibrationParams(point_sigma=point_noise),
+            PoseEstimationParams(point_sigma=point_noise),
         )
         worst.append(on_floor_apart(estimate).max())
         sigma.append(estimate.floor_sigma[1])
@@ -91,7 +91,7 @@ def test_wrong_points_are_found_and_left_out(wrong):
         angle = rng.uniform(0, 2 * math.pi, wrong)
         # mistaken for another tile, a slip of the mouse
         points[bad] += (rng.uniform(0.25, 1.0, wrong) * np.array([np.cos(angle), np.sin(angle)])).T
-        estimate = estimate_pose(CAMERA, Observations.single(observed.pixels, points))
+        estimate = estimate_pose(CAMERA, Correspondences.single(observed.pixels, points))
         assert not estimate.used[bad].any() and estimate.used.sum() >= 7 - wrong
         assert on_floor_apart(estimate).max() < 0.08
 
@@ -100,82 +100,82 @@ def test_one_wrong_coordinate_of_five_is_found():
     observed = observe(np.random.default_rng(3), 5, 0.3, 0.003)
     points = observed.points.copy()
     points[1] += (0.4, 0.3)
-    estimate = estimate_pose(CAMERA, Observations.single(observed.pixels, points))
+    estimate = estimate_pose(CAMERA, Correspondences.single(observed.pixels, points))
     assert list(np.flatnonzero(~estimate.used)) == [1]
 
 
 # ------------------------------------------------------------------ what determines no pose
 def test_three_points_are_too_few():
-    assert refusal(observe(np.random.default_rng(0), 3)) == "too_few_points"
-    assert refusal(Observations.single(np.zeros((0, 2)), np.zeros((0, 2)))) == "too_few_points"
+    assert rejection(observe(np.random.default_rng(0), 3)) == "too_few_points"
+    assert rejection(Correspondences.single(np.zeros((0, 2)), np.zeros((0, 2)))) == "too_few_points"
 
 
 def test_one_place_taken_again_and_again_does_not_count():
     for seed in range(5):
         rng = np.random.default_rng(seed)
         three, again = observe(rng, 3), [0, 1, 2, 0, 1, 2, 0, 1]
-        assert refusal(three.select(again)) == refusal(three.select(again[:4])) == "too_few_points"
+        assert rejection(three.select(again)) == rejection(three.select(again[:4])) == "too_few_points"
         # seen and clicked a little beside, as it would be
         pixels, points = (getattr(three, name)[again] for name in ("pixels", "points"))
-        near = Observations.single(pixels + rng.normal(0, 1.5, (8, 2)), points + rng.normal(0, 0.001, (8, 2)))
-        assert refusal(near) == "too_few_points"
+        near = Correspondences.single(pixels + rng.normal(0, 1.5, (8, 2)), points + rng.normal(0, 0.001, (8, 2)))
+        assert rejection(near) == "too_few_points"
         # the click stayed where it was while the spot moved on
         points = observe(rng, 4).points
         points[3] = points[2]
-        assert refusal(Observations.single(SPREAD[:4], points)) == "too_few_points"
+        assert rejection(Correspondences.single(SPREAD[:4], points)) == "too_few_points"
 
 
 def test_one_click_that_stayed_behind_is_left_out():
     observed = observe(np.random.default_rng(2), 8)
     points = observed.points.copy()
     points[3] = points[2]
-    assert list(np.flatnonzero(~estimate_pose(CAMERA, Observations.single(observed.pixels, points)).used)) == [3]
+    assert list(np.flatnonzero(~estimate_pose(CAMERA, Correspondences.single(observed.pixels, points)).used)) == [3]
 
 
 def test_points_on_a_line_are_refused():
     pixels = np.column_stack([np.linspace(100, 1800, 8), np.linspace(200, 900, 8)])
-    assert refusal(Observations.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "collinear"
-    assert refusal(Observations.single(np.full((5, 2), 500.0), np.full((5, 2), 2.0))) == "too_few_points"
+    assert rejection(Correspondences.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "collinear"
+    assert rejection(Correspondences.single(np.full((5, 2), 500.0), np.full((5, 2), 2.0))) == "too_few_points"
 
 
 def test_points_close_together_are_refused():
     for corner in ((900, 500), (10, 10), (1780, 950)):
         pixels = np.array(corner) + np.random.default_rng(1).uniform(0, 120, (10, 2))
-        assert refusal(Observations.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "clustered"
+        assert rejection(Correspondences.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "clustered"
 
 
 @pytest.mark.parametrize(
     "focal, tilt, part, code", [(1100.0, 0.15, 0.25, "uncertain"), (3000.0, 0.3, 0.15, "ambiguous")]
 )
 def test_points_that_leave_the_pose_open_are_refused(focal, tilt, part, code, monkeypatch):
-    monkeypatch.setattr(pose_module, "_LEAST_AREA", 0.0)
+    monkeypatch.setattr(pose_module, "_MIN_AREA", 0.0)
     camera = CameraModel.ideal(1920, 1080, focal)
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi + tilt, 0, 0), (0, 0, 3.0))
     pixels = (SPREAD[:4] - (960, 540)) * part + (960, 540)
-    observed = Observations.single(pixels, floor_points(camera, pose, pixels)[:, :2])
-    assert refusal(observed, CalibrationParams(point_sigma=0.02), camera) == code
+    observed = Correspondences.single(pixels, floor_points(camera, pose, pixels)[:, :2])
+    assert rejection(observed, PoseEstimationParams(point_sigma=0.02), camera) == code
 
 
 def test_mirrored_coordinates_are_refused():
     observed = observe(np.random.default_rng(5), 8, 0.0, 0.0)
-    mirrored = Observations.single(observed.pixels, observed.points * (1, -1))
-    assert refusal(mirrored) in ("below_floor", "no_agreement")
+    mirrored = Correspondences.single(observed.pixels, observed.points * (1, -1))
+    assert rejection(mirrored) in ("below_floor", "no_agreement")
 
 
 def test_points_of_another_lens_or_in_disorder_do_not_agree():
     observed = observe(np.random.default_rng(6), 8, 0.0, 0.0)
-    assert refusal(Observations.single(observed.pixels, observed.points[[3, 0, 6, 1, 7, 2, 5, 4]])) == "no_agreement"
+    assert rejection(Correspondences.single(observed.pixels, observed.points[[3, 0, 6, 1, 7, 2, 5, 4]])) == "no_agreement"
 
 
 def test_points_outside_the_image_and_no_numbers():
     observed = observe(np.random.default_rng(7), 8)
     pixels = observed.pixels.copy()
     pixels[2] = (2000, 100)
-    assert refusal(Observations.single(pixels, observed.points)) == "outside_image"
+    assert rejection(Correspondences.single(pixels, observed.points)) == "outside_image"
     pixels[2] = (np.nan, 100)
-    assert refusal(Observations.single(pixels, observed.points)) == "bad_points"
+    assert rejection(Correspondences.single(pixels, observed.points)) == "bad_points"
     with pytest.raises(CodedError) as raised:
-        Observations.single(pixels, observed.points[:5])
+        Correspondences.single(pixels, observed.points[:5])
     assert raised.value.code == "bad_points"
 
 
@@ -190,28 +190,28 @@ def test_a_spot_is_taken_only_while_it_is_still():
 
     assert code() == "no_spot"
     for i in range(25):
-        held.see(0.04 * i, [(300 + 20 * i, 200)])
+        held.add(0.04 * i, [(300 + 20 * i, 200)])
     assert code() == "spot_moves"
     for i in range(25, 100):
-        held.see(0.04 * i, [(800 + rng.normal(0, 0.5), 400 + rng.normal(0, 0.5))] if i % 3 else [])
+        held.add(0.04 * i, [(800 + rng.normal(0, 0.5), 400 + rng.normal(0, 0.5))] if i % 3 else [])
     assert held.place() == pytest.approx((800, 400), abs=0.5)
     for i in range(100, 160):  # the images go on without it
-        held.see(0.04 * i, [])
+        held.add(0.04 * i, [])
     assert code() == "no_spot"
-    held.see(0.0, [(1, 1)])  # time jumped back
+    held.add(0.0, [(1, 1)])  # time jumped back
     assert code() == "no_spot"
 
 
 def test_session_guides_to_a_result_and_back():
     observed = observe(np.random.default_rng(8), 8)
-    session = Session(CAMERA, CalibrationParams())
-    assert not session.undo() and "at least 4" in session.progress()
+    session = CalibrationSession(CAMERA, PoseEstimationParams())
+    assert not session.undo() and "at least 4" in session.describe_progress()
     for pixel, point in zip(observed.pixels, observed.points):
         session.add(tuple(pixel), tuple(point))
     with pytest.raises(CodedError) as raised:
         session.add(tuple(observed.pixels[0] + 1), (0.0, 0.0))
     assert raised.value.code == "same_place" and len(session) == 8
-    assert "cm on the floor" in session.progress()
+    assert "cm on the floor" in session.describe_progress()
     text = "\n".join(describe(session.solve(), session.observed))
     assert "px rms" in text and "cm rms" in text and "8 of 8" in text
     for _ in range(6):
@@ -229,7 +229,7 @@ def test_file_round_trip(tmp_path):
     path = calibration_file.calibration_path(str(tmp_path / "new"), "red")
     pose = calibration_file.CameraPose("red", "map", "red_optical_frame", estimate.T_map_camera, 812.5)
     for _ in range(2):
-        calibration_file.save(path, calibration_file.document(pose, estimate, observed, "spots", "2020-01-01 12:00"))
+        calibration_file.save(path, calibration_file.make_document(pose, estimate, observed, "spots", "2020-01-01 12:00"))
     assert path.with_name("red.yaml.old").exists() and not list(path.parent.glob("*.part"))
     loaded = calibration_file.load(path)
     assert (loaded.camera, loaded.parent, loaded.frame) == ("red", "map", "red_optical_frame")
@@ -258,7 +258,7 @@ def test_bad_files_are_refused(tmp_path, content, code):
     assert raised.value.code == code
 
 
-def test_unwritable_folder_is_said(tmp_path):
+def test_an_unwritable_folder_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(CodedError) as raised:
         calibration_file.save(tmp_path / "file" / "red.yaml", {"camera": "red"})

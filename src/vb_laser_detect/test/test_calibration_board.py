@@ -7,7 +7,7 @@ import pytest
 
 from board_scene import CAMERA, POSE, p2_of, render_board
 from vb_core.errors import CodedError
-from vb_laser_detect.calibration.pose import CalibrationParams
+from vb_laser_detect.calibration.pose import PoseEstimationParams
 from vb_laser_detect.calibration.board import (
     PAPERS_MM,
     BoardParams,
@@ -18,8 +18,8 @@ from vb_laser_detect.calibration.board import (
     merge_views,
     write_board,
 )
-from vb_laser_detect.calibration.session import Session
-from vb_laser_detect.calibration.consistency import agreement
+from vb_laser_detect.calibration.calibration_session import CalibrationSession
+from vb_laser_detect.calibration.consistency import compare_cameras
 from vb_laser_detect.detection.projection import floor_points, pixels_of
 
 BOARD = BoardParams.for_paper("A3")
@@ -45,7 +45,7 @@ def test_corners_are_found_to_a_fraction_of_a_pixel(views):
 
 
 def test_pose_from_a_board_in_four_places(views):
-    session = Session(CAMERA, CalibrationParams())
+    session = CalibrationSession(CAMERA, PoseEstimationParams())
     for p1, p2, view in views:
         session.add(view.pixels, corners_on_map(BOARD, view.corners, p1, p2))
     estimate = session.solve()
@@ -63,8 +63,8 @@ def test_pose_from_a_board_in_four_places(views):
 
 def test_errors_of_the_places_are_shared_out_and_a_wrong_place_is_left_out(views):
     rng = np.random.default_rng(1)
-    params = CalibrationParams(placement_sigma=0.006)
-    session, apart = Session(CAMERA, params), []
+    params = PoseEstimationParams(placement_sigma=0.006)
+    session, apart = CalibrationSession(CAMERA, params), []
     for wrong in (False, True):
         while session.undo():
             pass
@@ -180,7 +180,7 @@ def draw(cameras, seconds=10.0, gap=(), period=0.04):
 
 
 def test_agreement_finds_offsets_whatever_the_cameras_phases():
-    found = agreement(draw({"red": ((0.0, 0.0), 0.0), "green": ((0.03, -0.02), 0.017), "blue": ((0.0, 0.0), 0.009)}))
+    found = compare_cameras(draw({"red": ((0.0, 0.0), 0.0), "green": ((0.03, -0.02), 0.017), "blue": ((0.0, 0.0), 0.009)}))
     pairs = {(pair.first, pair.second): pair for pair in found}
     assert set(pairs) == {("blue", "green"), ("blue", "red"), ("green", "red")}
     assert pairs["green", "red"].offset == pytest.approx((-0.03, 0.02), abs=0.001)
@@ -191,7 +191,7 @@ def test_agreement_finds_offsets_whatever_the_cameras_phases():
 
 def test_agreement_of_slow_cameras():
     cameras = {"north": ((0.0, 0.0), 0.0), "south": ((0.05, 0.0), 0.08)}
-    pair, = agreement(draw(cameras, seconds=20.0, period=0.18))
+    pair, = compare_cameras(draw(cameras, seconds=20.0, period=0.18))
     assert pair.count > 100 and pair.offset == pytest.approx((0.05, 0.0), abs=0.003)
 
 
@@ -203,14 +203,14 @@ def test_agreement_needs_cameras_that_see_the_spot_together():
         (draw({"red": ((0, 0), 0.0), "green": ((0, 0), 0.0)}, 0.5), "no_overlap"),
     ):
         with pytest.raises(CodedError) as raised:
-            agreement(sightings)
+            compare_cameras(sightings)
         assert raised.value.code == code
 
 
 def test_agreement_does_not_bridge_gaps_nor_take_double_spots():
     red = draw({"red": ((0, 0), 0.0)}, 10.0)
     green = draw({"green": ((0, 0), 0.01)}, 10.0, gap=(2.0, 8.0))
-    assert agreement(red + green)[0].count < 110
+    assert compare_cameras(red + green)[0].count < 110
     double = [(camera, stamp, x + 1.0, y) for camera, stamp, x, y in green]
     with pytest.raises(CodedError):
-        agreement(red + green + double)
+        compare_cameras(red + green + double)

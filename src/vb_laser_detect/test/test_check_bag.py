@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from vb_core import geometry, names
 from vb_core.camera_model import CameraModel
 from vb_laser_detect import calibrate_camera_node
-from vb_laser_detect.calibration.consistency import CameraConsistency, suspect
+from vb_laser_detect.calibration.consistency import CameraConsistency, find_suspect
 from vb_laser_detect.detection.projection import floor_points, pixels_of
 from vb_msgs.msg import LaserSpot
 
@@ -148,4 +148,4 @@ def test_a_bag_whose_recording_was_cut_off(tmp_path, check):
 ])
 def test_a_camera_is_named_only_if_the_others_show_that_it_is_the_one(medians, wrong):
     pairs = [CameraConsistency(first, second, 100, (median, 0.0), median, median) for (first, second), median in medians.items()]
-    assert suspect(pairs, 0.02) == wrong
+    assert find_suspect(pairs, 0.02) == wrong

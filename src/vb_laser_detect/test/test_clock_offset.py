@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
-from vb_laser_detect.calibration.clock_offset import ClockOffset, clock_offset
+from vb_laser_detect.calibration.clock_offset import ClockOffset, estimate_clock_offset
 
 
 def exchange(offset, there, within, back, start=1000.0):
@@ -14,16 +14,16 @@ def exchange(offset, there, within, back, start=1000.0):
 
 
 def test_equal_ways_give_the_exact_offset():
-    found = clock_offset([exchange(0.05, 0.002, 0.001, 0.002)])
+    found = estimate_clock_offset([exchange(0.05, 0.002, 0.001, 0.002)])
     assert found.offset == pytest.approx(0.05, abs=1e-9) and found.uncertainty == pytest.approx(0.002, abs=1e-9)
-    assert found.beyond(0.01) and not found.beyond(0.05)
-    assert not ClockOffset(0.011, 0.002).beyond(0.01)  # it may be an effect of the way
+    assert found.exceeds(0.01) and not found.exceeds(0.05)
+    assert not ClockOffset(0.011, 0.002).exceeds(0.01)  # it may be an effect of the way
 
 
 @settings(deadline=None)
 @given(offset=st.floats(-10, 10), there=st.floats(0, 0.1), within=st.floats(0, 0.1), back=st.floats(0, 0.1))
 def test_the_truth_is_within_the_uncertainty(offset, there, within, back):
-    found = clock_offset([exchange(offset, there, within, back)])
+    found = estimate_clock_offset([exchange(offset, there, within, back)])
     assert abs(found.offset - offset) <= found.uncertainty + 1e-9
 
 
@@ -31,11 +31,11 @@ def test_the_quickest_exchange_counts():
     rng = random.Random(1)
     exchanges = [exchange(-0.02, 0.001 + rng.expovariate(50), 0.0, 0.001, 1000.0 + i) for i in range(20)]
     exchanges.append(exchange(-0.02, 0.0005, 0.0, 0.0005, 2000.0))
-    assert clock_offset(exchanges).offset == pytest.approx(-0.02, abs=1e-9)
+    assert estimate_clock_offset(exchanges).offset == pytest.approx(-0.02, abs=1e-9)
 
 
 @pytest.mark.parametrize("exchanges", [[], [(10.0, 9.0, 9.5, 9.9)], [(10.0, 20.0, 19.0, 10.1)]])
 def test_impossible_exchanges_are_refused(exchanges):
     with pytest.raises(CodedError) as raised:
-        clock_offset(exchanges)
+        estimate_clock_offset(exchanges)
     assert raised.value.code == "no_exchange"

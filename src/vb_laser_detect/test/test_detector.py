@@ -5,7 +5,7 @@ import pytest
 
 from scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError, ParameterError
-from vb_laser_detect.detection.classifier import SpotClassifier, Verdict
+from vb_laser_detect.detection.classifier import Classification, SpotClassifier
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.detection.projection import metres_per_pixel
 
@@ -158,7 +158,7 @@ def test_bayer_images_tell_white_light_from_a_laser(laser):
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
     glint = feed(detector, [scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True) for _ in range(10)], 0.4)
     assert glint == [[]] * 10
-    assert "chroma_mosaic" in {candidate.refusal for candidate in detector.candidates}
+    assert "chroma_mosaic" in {candidate.rejection for candidate in detector.candidates}
     both = tinted(Scene())
     found = [
         detector.detect(np.maximum(scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True),
@@ -180,14 +180,14 @@ def test_small_glints_that_move_are_no_spots_on_bayer_images():
             for i in range(12):
                 place = (100.2 + u * i, 100.3 + v * i)
                 found += len(detector.detect(scene.render([place], sigma, 700.0, (1.0, 1.0, 1.0), bayer=True), time))
-                looked_at += sum(c.refusal != "too_dark" for c in detector.candidates)
+                looked_at += sum(c.rejection != "too_dark" for c in detector.candidates)
                 time += PERIOD
             feed(detector, [scene.render(bayer=True) for _ in range(8)], time)
             time += 8 * PERIOD
     assert looked_at > 100 and found == 0
 
 
-def test_while_a_spot_is_drawn_nothing_else_is_looked_at():
+def test_while_a_spot_is_drawn_nothing_else_is_examined():
     scene, detector = tinted(Scene()), SpotDetector(DetectorParams.stationary())
     detector.encoding = "bayer_rggb8"
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
@@ -195,7 +195,7 @@ def test_while_a_spot_is_drawn_nothing_else_is_looked_at():
     for i in range(60):
         place = (80 + 6.0 * min(i, 30), 200)
         drawn.append(detector.detect(scene.render([place, other] if i >= 15 else [place], bayer=True), 0.4 + PERIOD * i))
-        left_out.append([c.refusal for c in detector.candidates].count("not_looked_at"))
+        left_out.append([c.rejection for c in detector.candidates].count("not_examined"))
     assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in drawn[3:45])
     # held still, too: nothing can take its place
     assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in drawn[45:])
@@ -276,8 +276,8 @@ def test_people_beside_it_do_not_take_a_spots_turn():
 
 def test_a_doubtful_spot_that_stays_is_learnt():
     class Doubtful(SpotClassifier):
-        def judge(self, blob, features, expected=False):
-            return Verdict(0.6, "peak")
+        def classify(self, blob, features, expected=False):
+            return Classification(0.6, "peak")
 
     scene = Scene()
     detector = SpotDetector(DetectorParams.stationary(confirm_frames=1), Doubtful({}, 0.0))
@@ -305,7 +305,7 @@ def test_a_confirmed_stroke_gives_back_its_first_spots():
         detector.detect(scene.render([(300 + 4 * i, 200)]), 0.3 + PERIOD * i)
         backfilled.append([(earlier.tag, round(earlier.stamp, 2), round(earlier.spot.u)) for earlier in detector.backfilled])
     assert backfilled == [[], [], [("image 0", 0.3, 300), ("image 1", 0.34, 304)], [], []]
-    detector.retune(DetectorParams.stationary(confirm_frames=1))
+    detector.set_params(DetectorParams.stationary(confirm_frames=1))
     detector.detect(scene.render([(100, 100)]), 0.6)
     assert detector.backfilled == []
 
@@ -314,19 +314,19 @@ def test_sizes_count_in_millimetres_where_the_pose_is_known():
     scene = Scene()
     for scale, expected in ((0.002, 1), (0.05, 0)):
         detector = at_once()
-        detector.look_from(lambda pixels, scale=scale: np.column_stack([pixels * scale, np.zeros(len(pixels))]))
+        detector.set_camera_pose(lambda pixels, scale=scale: np.column_stack([pixels * scale, np.zeros(len(pixels))]))
         feed(detector, [scene.render() for _ in range(6)])
         assert len(detector.detect(scene.render([(200, 150)]), 0.3)) == expected
-    assert detector.candidates[0].refusal == "too_large"
+    assert detector.candidates[0].rejection == "too_large"
 
 
-def test_a_place_can_be_refused_and_the_reason_is_kept():
+def test_a_place_can_be_rejected_and_the_reason_is_kept():
     scene, detector = Scene(), at_once()
-    detector.look_from(None, lambda u, v: "outside_map" if u < 320 else "")
+    detector.set_camera_pose(None, lambda u, v: "outside_map" if u < 320 else "")
     feed(detector, [scene.render() for _ in range(6)])
     spots = detector.detect(scene.render([(100, 100), (500, 200)]), 0.3)
     assert [round(spot.u) for spot in spots] == [500]
-    assert "outside_map" in [candidate.refusal for candidate in detector.candidates]
+    assert "outside_map" in [candidate.rejection for candidate in detector.candidates]
 
 
 def test_metres_per_pixel():
@@ -391,7 +391,7 @@ def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(colour):
 @pytest.mark.parametrize("colour", [RED, GREEN])
 def test_moving_camera_sees_the_spot_within_the_reflection_of_a_lamp(colour):
     detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480, brightness=120.0)
-    detector.look_from(lambda pixels: np.column_stack([pixels * 0.003, np.zeros(len(pixels))]))
+    detector.set_camera_pose(lambda pixels: np.column_stack([pixels * 0.003, np.zeros(len(pixels))]))
     lamp = cv2.ellipse(np.zeros((480, 640), np.float32), (320, 300), (34, 20), 0, 0, 360, 90.0, -1)
     scene.floor = scene.floor + cv2.GaussianBlur(lamp, (0, 0), 6)[:, :, None]
     assert not any(feed(detector, [scene.render([])] * 3))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.detection.blocks import halved
-from vb_laser_detect.detection.registration import Registration, is_still
+from vb_laser_detect.detection.blocks import halve
+from vb_laser_detect.detection.image_registration import ImageRegistration, is_still
 
 PALE = np.array([0.86, 1.0, 0.84], np.float32)
 WIDE, HIGH = 400, 300
@@ -77,12 +77,12 @@ def test_spots_on_photographs(still):
 
 def motion_of(registration, image):
     """The motion to an image."""
-    return registration.motion_to(image, halved(image))
+    return registration.motion_to(image, halve(image))
 
 
 def test_the_motion_is_the_camera_s_and_not_a_thing_s():
     picture = np.clip(photograph(5), 0, 255).astype(np.uint8)
-    registration = Registration()
+    registration = ImageRegistration()
     motion_of(registration, picture[50:350, 60:460])
     truth = np.array([[1.0, 0, -7.0], [0, 1, 4.0], [0, 0, 1]])
     moved = picture[46:346, 67:467].copy()
@@ -96,7 +96,7 @@ def test_the_motion_is_the_camera_s_and_not_a_thing_s():
     moved[120:200, 200:330] = 90
     assert is_still(motion_of(registration, moved), moved.shape)
     # a wall without anything on it tells nothing
-    blank = Registration()
+    blank = ImageRegistration()
     motion_of(blank, np.full((240, 320), 90, np.uint8))
     assert motion_of(blank, np.full((240, 320), 91, np.uint8)) is None
 

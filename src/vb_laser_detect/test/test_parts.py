@@ -12,7 +12,7 @@ from scenes import GREEN, RED, Scene, tinted
 from vb_laser_detect.detection import features
 from vb_laser_detect.detector import DetectorParams, Spot
 from vb_laser_detect.detection.background import Background
-from vb_laser_detect.detection.blocks import block_maxima, halved, mask_of_blocks, max_channel, regions
+from vb_laser_detect.detection.blocks import block_maxima, halve, mask_of_blocks, max_channel, find_regions
 from vb_laser_detect.detection.debug_image import draw
 
 from vb_laser_detect.detection.projection import ProjectionParams
@@ -52,8 +52,8 @@ def test_background_takes_in_what_stays_and_leaves_out_what_is_a_spot():
     spots = np.zeros((8, 8), bool)
     spots[4, 4] = True
     for _ in range(60):
-        maxima, _ = background.rise(changed, None)
-        background.learn(changed, maxima, maxima > 18, spots, 0.04)
+        maxima, _ = background.measure_rise(changed, None)
+        background.update(changed, maxima, maxima > 18, spots, 0.04)
     assert (background.image[8:16, 8:16] == 200).all()
     assert (background.image[32:40, 32:40] == 100).all()
 
@@ -62,8 +62,8 @@ def test_background_follows_a_slow_drift():
     background = Background(np.full((64, 64), 100, np.uint8))
     for i in range(500):
         image = np.full((64, 64), 100 + i // 25, np.uint8)
-        maxima, _ = background.rise(image, None)
-        background.learn(image, maxima, maxima > 18, np.zeros((8, 8), bool), 0.04)
+        maxima, _ = background.measure_rise(image, None)
+        background.update(image, maxima, maxima > 18, np.zeros((8, 8), bool), 0.04)
     assert abs(int(background.image.mean()) - 119) <= 4
 
 
@@ -80,14 +80,14 @@ def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
         motion, image = np.array([[1.0, 0, -0.6 * (i - keyframe)], [0, 1, 0], [0, 0, 1]]), seen(i)
         left = 100 - 0.6 * i  # of what is hidden, in this image
         image[40:56, int(left) : int(left) + 16] = 255
-        rise, _ = background.rise(image, motion, halved(image))
-        background.examine([(int(left) // 8 * 8, 40, int(left) // 8 * 8 + 24, 56)], image)
+        rise, _ = background.measure_rise(image, motion, halve(image))
+        background.refine_reference([(int(left) // 8 * 8, 40, int(left) // 8 * 8 + 24, 56)], image)
         spots = np.zeros(background.blocks, bool)
         spots[5:7, int(left) // 8 : int(left) // 8 + 3] = True
         hidden = (slice(42, 54), slice(int(left) + 2, int(left) + 14))
         known = cv2.dilate(seen(i), np.ones((3, 3)))[hidden].astype(int)
         assert np.abs(background.reference[hidden] - known).mean() < 6.0, i
-        if background.learn(image, rise, rise > 18, spots, 0.04):
+        if background.update(image, rise, rise > 18, spots, 0.04):
             keyframe = i
 
 
@@ -125,7 +125,7 @@ def test_regions_part_a_bright_spot_from_what_it_touches():
     maxima = np.zeros((40, 40), np.uint8)
     maxima[5:35, 5:22] = 50
     maxima[20, 20] = 200
-    found = regions(maxima, maxima > 18, 10)
+    found = find_regions(maxima, maxima > 18, 10)
     assert (20 * 8, 20 * 8, 21 * 8, 21 * 8) in [region for region, _ in found]
 
 
@@ -133,8 +133,8 @@ def test_statistics():
     statistics = DetectorCounts()
     assert math.isnan(statistics.summary(0.0)["latency_ms"])
     for i in range(50):
-        statistics.frame(10 + 0.04 * i, 10 + 0.04 * i - 0.02, 0.002, i % 2)
-    statistics.refuse("no_transform")
+        statistics.count_image(10 + 0.04 * i, 10 + 0.04 * i - 0.02, 0.002, i % 2)
+    statistics.count_rejection("no_transform")
     summary = SimpleNamespace(**statistics.summary(12.0))
     assert (summary.processed, summary.detected, summary.spots) == (50, 25, 25)
     assert summary.rate_hz == pytest.approx(25, rel=0.02)
@@ -142,14 +142,14 @@ def test_statistics():
     assert (summary.refusals, summary.refusal_counts) == (["no_transform"], [1])
     assert statistics.summary(100.0)["rate_hz"] == 0.0
     assert statistics.summary(1.0)["processed"] == 50
-    statistics.recall(2)
+    statistics.count_backfilled(2)
     assert [statistics.summary(12.0)[key] for key in ("detected", "spots")] == [27, 27]
 
 
 @pytest.mark.parametrize("encoding, bayer", [("bgr8", False), ("rgb8", False), ("bayer_rggb8", True), ("mono8", True)])
 def test_debug_image(encoding, bayer):
     image = Scene(160, 96).render(bayer=bayer)
-    picture = draw(image, encoding, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, refusal="too_dark")])
+    picture = draw(image, encoding, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")])
     assert picture.shape == (96, 160, 3) and (picture == (0, 220, 0)).all(axis=2).any()
 
 

@@ -11,7 +11,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.projection import (
-    DEPTH, GROUND_PLANE, GROUND_PLANE_FALLBACK, FloorProjector, ProjectionParams, depth_at, floor_points, pixels_of,
+    DEPTH, GROUND_PLANE, GROUND_PLANE_FALLBACK, FloorProjection, ProjectionParams, depth_at, floor_points, pixels_of,
 )
 
 CEILING = CameraModel(1920, 1080, np.array([[1100.0, 0, 950], [0, 1105.0, 545], [0, 0, 1]]), np.array([-0.2, 0.05, 0.001, -0.001, 0]))
@@ -31,7 +31,7 @@ def forward(pitch=0.6, height=0.6):
 @given(u=st.floats(0, 1919), v=st.floats(0, 1079), tilt=st.floats(-0.3, 0.3))
 def test_plane_round_trip(u, v, tilt):
     T = down(tilt=tilt)
-    point = FloorProjector().on_plane(CEILING, T, u, v)
+    point = FloorProjection().on_plane(CEILING, T, u, v)
     assert point.source == GROUND_PLANE and point.position[2] == pytest.approx(0.0, abs=1e-9)
     assert pixels_of(CEILING, T, point.position)[0] == pytest.approx((u, v), abs=0.02)
 
@@ -39,31 +39,31 @@ def test_plane_round_trip(u, v, tilt):
 def test_metres_per_pixel_of_a_camera_that_looks_down():
     camera = CameraModel.ideal(1920, 1080, 1000.0)
     T = geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0), (0, 0, 2.95))
-    assert FloorProjector().on_plane(camera, T, 300, 800).metres_per_pixel == pytest.approx(0.00295, rel=1e-3)
+    assert FloorProjection().on_plane(camera, T, 300, 800).metres_per_pixel == pytest.approx(0.00295, rel=1e-3)
 
 
 @pytest.mark.parametrize(
     "T, u, v, code",
     [
-        (forward(pitch=-0.5), 320, 240, "misses_floor"),
-        (forward(height=-0.5), 320, 240, "misses_floor"),
-        (forward(pitch=0.05), 320, 240, "too_flat_view"),
+        (forward(pitch=-0.5), 320, 240, "no_floor_intersection"),
+        (forward(height=-0.5), 320, 240, "no_floor_intersection"),
+        (forward(pitch=0.05), 320, 240, "grazing_view"),
         (down(z=20.0), 950, 545, "too_far"),
         (down(), -3.0, 10.0, "outside_image"),
         (down(), float("nan"), 10.0, "outside_image"),
     ],
 )
-def test_refusals(T, u, v, code):
+def test_rejections(T, u, v, code):
     camera = CEILING if T[2, 2] < -0.9 else ROBOT
     with pytest.raises(CodedError) as raised:
-        FloorProjector().on_plane(camera, T, u, v)
+        FloorProjection().on_plane(camera, T, u, v)
     assert raised.value.code == code
 
 
 def test_points_outside_the_map_and_in_ignored_regions():
     floor = GridMap(np.zeros((40, 40), np.int8), 0.05, (3.0, 1.5, 0.0))
     square = [[3.9, 2.4], [4.1, 2.4], [4.1, 2.6], [3.9, 2.6]]
-    projector = FloorProjector(floor=floor, ignored=[square])
+    projector = FloorProjection(floor=floor, ignored=[square])
     inside = pixels_of(CEILING, down(), np.array([[4.5, 3.0, 0], [4.0, 2.5, 0], [5.2, 2.5, 0]]))
     assert projector.on_plane(CEILING, down(), *inside[0]).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
     for pixel, code in ((inside[1], "ignored_region"), (inside[2], "outside_map")):
@@ -71,7 +71,7 @@ def test_points_outside_the_map_and_in_ignored_regions():
             projector.on_plane(CEILING, down(), *pixel)
         assert raised.value.code == code
     with pytest.raises(ParameterError):
-        FloorProjector(ignored=[[[0, 0], [1, 1]]])
+        FloorProjection(ignored=[[[0, 0], [1, 1]]])
 
 
 # ------------------------------------------------------------------ depth
@@ -89,8 +89,8 @@ def test_depth_of_any_size_meets_the_plane(dtype, size):
     T, small = forward(), ROBOT.scaled_to(*size)
     depth, random = depth_image(T, small, dtype), np.random.default_rng(0)
     for u, v in random.uniform((20, 120), (620, 460), (40, 2)):
-        plane = FloorProjector().on_plane(ROBOT, T, u, v)
-        point = FloorProjector().with_depth(ROBOT, T, u, v, depth)
+        plane = FloorProjection().on_plane(ROBOT, T, u, v)
+        point = FloorProjection().with_depth(ROBOT, T, u, v, depth)
         assert point.source == DEPTH
         assert np.linalg.norm(point.position - plane.position) < 0.012
         assert point.metres_per_pixel == pytest.approx(plane.metres_per_pixel, rel=0.02)
@@ -99,17 +99,17 @@ def test_depth_of_any_size_meets_the_plane(dtype, size):
 def test_holes_fall_back_to_the_plane_and_outliers_do_not_matter():
     T, small = forward(), ROBOT.scaled_to(160, 120)
     depth = depth_image(T, small, "m")
-    plane = FloorProjector().on_plane(ROBOT, T, 320, 300)
+    plane = FloorProjection().on_plane(ROBOT, T, 320, 300)
     holes = depth.copy()
     holes[60:90, 60:100] = np.nan
-    point = FloorProjector().with_depth(ROBOT, T, 320, 300, holes)
+    point = FloorProjection().with_depth(ROBOT, T, 320, 300, holes)
     assert point.source == GROUND_PLANE_FALLBACK and point.position == pytest.approx(plane.position)
     for missing in (None, np.zeros((0, 0), np.uint16), np.zeros((120, 160), np.uint16)):
-        assert FloorProjector().with_depth(ROBOT, T, 320, 300, missing).source == GROUND_PLANE_FALLBACK
+        assert FloorProjection().with_depth(ROBOT, T, 320, 300, missing).source == GROUND_PLANE_FALLBACK
     wild = depth.copy()
     wild[::3, ::2] = 5.5
     wild[1::4, 1::5] = 0.0
-    point = FloorProjector().with_depth(ROBOT, T, 320, 300, wild)
+    point = FloorProjection().with_depth(ROBOT, T, 320, 300, wild)
     assert point.source == DEPTH and np.linalg.norm(point.position - plane.position) < 0.03
 
 
@@ -120,8 +120,8 @@ def test_depth_of_a_camera_with_its_own_lens_is_read_where_the_colour_pixel_look
     T = forward()
     depth, random = depth_image(T, wide, "m"), np.random.default_rng(1)
     for u, v in random.uniform((20, 150), (620, 460), (40, 2)):
-        plane = FloorProjector().on_plane(colour, T, u, v)
-        point = FloorProjector().with_depth(colour, T, u, v, depth, wide)
+        plane = FloorProjection().on_plane(colour, T, u, v)
+        point = FloorProjection().with_depth(colour, T, u, v, depth, wide)
         assert point.source == DEPTH
         assert np.linalg.norm(point.position - plane.position) < 0.015
 
@@ -129,14 +129,14 @@ def test_depth_of_a_camera_with_its_own_lens_is_read_where_the_colour_pixel_look
 def test_a_thing_beside_the_spot_does_not_lift_it():
     T, small = forward(), ROBOT.scaled_to(160, 120)
     depth = depth_image(T, small, "m")
-    plane = FloorProjector().on_plane(ROBOT, T, 320, 300)
+    plane = FloorProjection().on_plane(ROBOT, T, 320, 300)
     column = int(round(small.project(ROBOT.rays(np.array([[320.0, 300.0]])))[0, 0]))
     depth[:, column + 1 :] *= 0.6  # a table's leg covers two of the five columns of the neighbourhood
-    point = FloorProjector().with_depth(ROBOT, T, 320, 300, depth)
+    point = FloorProjection().with_depth(ROBOT, T, 320, 300, depth)
     assert point.source == DEPTH and np.linalg.norm(point.position - plane.position) < 0.03
     # on the leg itself it is no floor
     with pytest.raises(CodedError) as raised:
-        FloorProjector().with_depth(ROBOT, T, 332, 300, depth)
+        FloorProjection().with_depth(ROBOT, T, 332, 300, depth)
     assert raised.value.code == "not_on_floor" and "off the floor" in str(raised.value)
 
 
@@ -145,27 +145,27 @@ def test_single_holes_are_bridged(dtype, hole):
     T, small = forward(), ROBOT.scaled_to(160, 120)
     depth = depth_image(T, small, dtype)
     depth[::2, ::2] = hole
-    plane = FloorProjector().on_plane(ROBOT, T, 320, 300)
-    point = FloorProjector().with_depth(ROBOT, T, 320, 300, depth)
+    plane = FloorProjection().on_plane(ROBOT, T, 320, 300)
+    point = FloorProjection().with_depth(ROBOT, T, 320, 300, depth)
     assert point.source == DEPTH and np.linalg.norm(point.position - plane.position) < 0.012
 
 
-def test_a_ray_that_meets_the_floor_behind_the_camera_is_refused():
+def test_a_ray_that_meets_the_floor_behind_the_camera_is_rejected():
     # looks up from under the ceiling: the line through camera and pixel meets the floor, but backwards
     up = geometry.transform(geometry.rotation_from_rpy(0, 0, 0), (1.0, 1.0, 2.0))
     pixel = np.array([[320.0, 240.0]])
     assert np.isnan(floor_points(ROBOT, up, pixel)).all()
     with pytest.raises(CodedError) as raised:
-        FloorProjector().on_plane(ROBOT, up, *pixel[0])
-    assert raised.value.code == "misses_floor"
+        FloorProjection().on_plane(ROBOT, up, *pixel[0])
+    assert raised.value.code == "no_floor_intersection"
     assert np.isnan(pixels_of(ROBOT, up, np.array([1.0, 1.0, 0.0]))).all()
 
 
-def test_points_above_and_below_the_floor_are_refused():
+def test_points_above_and_below_the_floor_are_rejected():
     T, small = forward(), ROBOT.scaled_to(160, 120)
     for scale in (0.7, 1.3):
         with pytest.raises(CodedError) as raised:
-            FloorProjector().with_depth(ROBOT, T, 320, 300, scale * depth_image(T, small, "m"))
+            FloorProjection().with_depth(ROBOT, T, 320, 300, scale * depth_image(T, small, "m"))
         assert raised.value.code == "not_on_floor"
 
 

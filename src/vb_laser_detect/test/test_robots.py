@@ -6,12 +6,12 @@ import rospy
 import tf2_ros
 
 from vb_core import geometry
-from vb_core.robot_profile import Limits, RobotProfile, Shape
+from vb_core.robot_profile import Limits, RobotProfile, RobotShape
 from vb_core.ros import robot_profile, transforms
 from vb_core.ros.messages import transform_message
 from vb_laser_detect.ros.camera_geometry import Robots
 
-PROFILE = RobotProfile(shape=Shape(radius=0.2, height=0.3), limits=Limits(max_speed=0.4))
+PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(max_speed=0.4))
 
 
 class Silent:

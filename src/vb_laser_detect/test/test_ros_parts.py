@@ -59,7 +59,7 @@ def test_rectified_images_are_not_undistorted_again():
     for rectified in (False, True):
         topic = camera_geometry.InfoTopic("/hall/camera_info", Faults(), rectified)
         topic._on_info(info_of([-0.33, 0.12, 0.0, 0.0, 0.0]))
-        models[rectified] = topic.fitting((480, 640))
+        models[rectified] = topic.model_for((480, 640))
     assert models[False].distorted and not models[True].distorted
     assert models[True].matrix[0, 0] == 350.0
 
@@ -70,13 +70,13 @@ def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
     whole.roi.width, whole.roi.height = 640, 480
     info = topic("/hall/camera_info", report)
     info._on_info(whole)
-    assert info.fitting((480, 640)).fisheye and not report.codes
+    assert info.model_for((480, 640)).fisheye and not report.codes
     part = info_of([0.0] * 5)
     part.roi.width, part.roi.height = 320, 240
     info._on_info(part)
     assert report.codes == ["unsupported_camera"]
     with pytest.raises(CodedError):
-        info.fitting((480, 640))
+        info.model_for((480, 640))
 
 
 def test_depth_of_another_frame_is_not_used():
@@ -84,9 +84,9 @@ def test_depth_of_another_frame_is_not_used():
     topic = camera_geometry.DepthTopic("/depth/image_raw", "/depth/camera_info", report)
     depth = np.full((48, 64), 1500, np.uint16)
     topic._on_image(Image(Header(stamp=rospy.Time(5), frame_id="depth_frame"), 48, 64, "16UC1", 0, 128, depth.tobytes()))
-    assert topic.near(rospy.Time(5), 0.1, "colour_frame") == (None, None)
+    assert topic.nearest(rospy.Time(5), 0.1, "colour_frame") == (None, None)
     assert report.codes == ["depth_not_registered"]
-    assert topic.near(rospy.Time(5), 0.1, "depth_frame")[0].shape == (48, 64)
+    assert topic.nearest(rospy.Time(5), 0.1, "depth_frame")[0].shape == (48, 64)
 
 
 def test_ceiling_cameras_that_share_a_frame_are_named():
@@ -94,7 +94,7 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
         report = DetectorDiagnostics.__new__(DetectorDiagnostics)
         report._camera, report._mobile, report._others, report._lock = "red", mobile, {}, threading.Lock()
         for camera, robots in (("green", False), ("robot", True), ("red", False)):
-            report.hear(DetectorStatus(camera=camera, mobile=robots, frame_id="head_camera"))
+            report.note_detector(DetectorStatus(camera=camera, mobile=robots, frame_id="head_camera"))
         return report
 
     error = report_of(False).shared_frame("head_camera")
@@ -119,14 +119,14 @@ def test_a_missing_pose_is_logged_once_it_has_lasted_then_on_change_and_ever_mor
 def test_an_image_without_a_place_is_freed_at_once():
     """Thirty megabytes a second would wait for the garbage collector otherwise."""
     class Unplaced:
-        def frame(self, *_arguments):
+        def geometry_of(self, *_arguments):
             try:
                 raise KeyError("tf")
             except KeyError:
                 raise CodedError("no_transform", "no pose") from None
 
     node = spot_detector_node.SpotDetectorNode.__new__(spot_detector_node.SpotDetectorNode)
-    node._placing, node._report = Unplaced(), Faults()
+    node._camera_geometry, node._report = Unplaced(), Faults()
 
     def search():
         image = np.zeros((4, 4), np.uint8)
@@ -143,7 +143,7 @@ def test_an_image_without_a_place_is_freed_at_once():
 
 def test_counts_are_the_status_s_fields():
     counts = DetectorCounts()
-    counts.frame(10.0, 9.98, 0.002, 1)
+    counts.count_image(10.0, 9.98, 0.002, 1)
     status = DetectorStatus(camera="red", **counts.summary(10.5))
     assert (status.processed, status.spots, status.refusals) == (1, 1, []) and status.rate_hz > 0.0
 
@@ -161,8 +161,8 @@ def test_a_clock_that_was_right_says_nothing_once_its_computer_is_silent():
 def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
     monkeypatch.setattr(rospy, "get_param", lambda name, default=None: {
         "/spot_detector_red/detector": {"min_rise": 11.0, "max_spots": 2}}.get(name, default))
-    assert calibrate_camera_node.tuned_params("red").min_rise == 11.0
-    assert calibrate_camera_node.tuned_params("green") == DetectorParams.stationary()
+    assert calibrate_camera_node.detector_params_of("red").min_rise == 11.0
+    assert calibrate_camera_node.detector_params_of("green") == DetectorParams.stationary()
 
 
 @pytest.mark.parametrize("kind, shape, encoding", [
@@ -182,4 +182,4 @@ def test_a_camera_info_that_others_of_the_process_get_too_is_left_as_it_came():
     message = cameras.info_from_camera(CameraModel.ideal(640, 480, 500.0), rospy.Time(5), "optical")
     topic._on_info(message)
     assert message.header.frame_id == "optical" and message.header.stamp == rospy.Time(5)
-    assert topic.fitting((480, 640)).width == 640
+    assert topic.model_for((480, 640)).width == 640

@@ -9,7 +9,7 @@ from geometry_msgs.msg import Point
 
 from scenes import GREEN, Scene
 from vb_core.ros.images import image_message
-from vb_laser_detect.detection.training import kept_examples, save_examples
+from vb_laser_detect.detection.training import load_examples, save_examples
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))
 from spot_training import from_recording  # noqa: E402
@@ -34,5 +34,5 @@ def test_a_recording_and_clicks_make_examples(tmp_path):
     assert examples.truth.sum() >= 3 * len(places)
     assert set(examples.groups) == {"recording: hall.bag"} and examples.values.shape == (len(examples.truth), len(examples.names))
     save_examples(examples, tmp_path / "kept.npz")
-    kept = kept_examples([tmp_path / "kept.npz"])
+    kept = load_examples([tmp_path / "kept.npz"])
     assert np.array_equal(kept.truth, examples.truth) and kept.names == examples.names

@@ -5,8 +5,8 @@ from functools import lru_cache
 import pytest
 
 from vb_laser_detect.detection.bodies import Body
-from vb_laser_detect.detection.image_geometry import Frame, placed, search
-from vb_laser_detect.detection.projection import FloorProjector
+from vb_laser_detect.detection.image_geometry import ImageGeometry, locate_confirmed, search
+from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.lab_history import Snapshot
@@ -41,7 +41,7 @@ def found(camera, hides):
     """(number of true spots that the camera saw, of these found, false ones)."""
     floor = render_floor(WORLD, 3, resolution=0.005)
     view = CeilingView(WORLD.camera(camera), {"robot": 0.18}, floor, world_mesh(WORLD), LONG_EXPOSURE, 5)
-    detector, projector = SpotDetector(DetectorParams.stationary()), FloorProjector()
+    detector, projector = SpotDetector(DetectorParams.stationary()), FloorProjection()
     seen, spots = {}, []
     for step in range(EMPTY + ALONE + DRAWN):
         x, y, yaw = pose = pose_at(step)
@@ -51,8 +51,8 @@ def found(camera, hides):
             seen[step] = laser
         # localisation is a little off, as it always is
         body = Body(x + 0.02, y - 0.02, 0.23, 0.45)
-        frame = Frame(view.model, lambda: view.pose, projector, stamp=step, bodies=lambda: [body] if hides else [])
-        spots += placed(detector, search(detector, view.frame(snapshot), step / RATE, frame, view.encoding), frame)
+        frame = ImageGeometry(view.model, lambda: view.pose, projector, stamp=step, bodies=lambda: [body] if hides else [])
+        spots += locate_confirmed(detector, search(detector, view.frame(snapshot), step / RATE, frame, view.encoding), frame)
     off = {}
     for frame, spot in spots:
         place = frame.point(spot.u, spot.v).position[:2]

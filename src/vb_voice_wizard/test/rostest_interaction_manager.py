@@ -70,7 +70,7 @@ class InteractionManagerTest(unittest.TestCase):
 
         def saved():
             answer = self.command("save")
-            self.assertIn(answer.code, ("saved", "no_service", "no_answer", "save_unanswered"), answer.message)
+            self.assertIn(answer.code, ("saved", "no_service", "no_response", "save_unanswered"), answer.message)
             return answer.success
 
         wait_until(saved, "the saved border")
@@ -143,7 +143,7 @@ class InteractionManagerTest(unittest.TestCase):
         # a neighbour that is away is said so, and asked again
         self.stub.withdraw()
         self.draw(identity, dx=0.4)
-        away = self.preview.wait(lambda message: message.code in ("no_service", "no_answer"), "the missing neighbour")
+        away = self.preview.wait(lambda message: message.code in ("no_service", "no_response"), "the missing neighbour")
         self.assertFalse(away.available)
         self.assertIn("is not running", away.message)
         self.stub.offer()

@@ -11,15 +11,18 @@ import rospy
 from rich.console import Console
 from rich.table import Table
 
-from vb_bringup.lab import Line, State, worst
-from vb_bringup.lab_probe import probe
+from vb_bringup.lab import CheckLine, CheckState, worst_state
+from vb_bringup.lab_observation import observe_lab
 from vb_core import sentences
 
 READY, FAULTS, NO_MASTER = 0, 1, 3
-_MARKS = {State.OK: "[green]ok[/]", State.UNKNOWN: "?", State.WARNING: "[yellow]warning[/]", State.ERROR: "[bold red]error[/]"}
+_MARKS = {
+    CheckState.OK: "[green]ok[/]", CheckState.UNKNOWN: "?", CheckState.WARNING: "[yellow]warning[/]",
+    CheckState.ERROR: "[bold red]error[/]",
+}
 
 
-def show(lines: List[Line], language: str, console: Console) -> None:
+def print_table(lines: List[CheckLine], language: str, console: Console) -> None:
     """Prints a table, the faults last, where they are seen."""
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading in ("", ""):
@@ -29,12 +32,15 @@ def show(lines: List[Line], language: str, console: Console) -> None:
     console.print(table)
 
 
-def as_json(lines: List[Line], language: str) -> str:
-    """The lines for programs: subject, state, code, values, the sentence for people, and whether a node tells it by itself."""
+def to_json(lines: List[CheckLine], language: str) -> str:
+    """Formats the lines for programs.
+
+    Each has subject, state, code, values, the sentence for people, and whether a node tells it by itself (`standing`).
+    """
     return json.dumps([
         {"subject": line.subject, "state": line.state.name.lower(), "code": line.code,
          "values": {key: str(value) for key, value in line.values.items()}, "message": line.sentence(language),
-         "standing": line.standing}
+         "standing": line.from_notice}
         for line in lines
     ], indent=1, ensure_ascii=False)
 
@@ -57,12 +63,12 @@ def run(arguments: Optional[List[str]] = None) -> int:
               "ROS_MASTER_URI if it runs on another computer.", file=sys.stderr)
         return NO_MASTER
     rospy.init_node("check_lab", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-    lines = probe(chosen.seconds)
+    lines = observe_lab(chosen.seconds)
     if chosen.json:
-        print(as_json(lines, chosen.language))
+        print(to_json(lines, chosen.language))
     else:
-        show(lines, chosen.language, Console())
-    return FAULTS if worst(lines) is State.ERROR else READY
+        print_table(lines, chosen.language, Console())
+    return FAULTS if worst_state(lines) is CheckState.ERROR else READY
 
 
 def main() -> None:

@@ -1,8 +1,8 @@
 """Judges whether a lab is ready, from what was observed. No ROS.
 
 Every check is one line: a subject, a state, and a code whose sentence (vb_core/languages) says what is wrong and how to
-fix it. What the lab's nodes tell people anyway is not measured again: their notices are lines too (`standing`).
-`lab_probe` observes the running lab; this module only judges.
+fix it. What the lab's nodes tell people anyway is not measured again: their notices are lines too (`from_notice`).
+`lab_observation` observes the running lab; this module only judges.
 """
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ OTHER_LENS = 0.01
 # part of the image at its white level, in which no spot can be seen
 TOO_BRIGHT = 0.05
 # room for a day of logs and recordings
-LITTLE_DISK_MB = 500
+MIN_DISK_MB = 500
 # a robot that drives by its scan should see at least what is ahead
-AHEAD_DEG = 60.0
+MIN_SCAN_DEG = 60.0
 
 
-class State(enum.IntEnum):
+class CheckState(enum.IntEnum):
     """How good a line is; the worst of all decides the exit status."""
 
     OK = 0
@@ -39,22 +39,22 @@ class State(enum.IntEnum):
 
 
 @dataclass(frozen=True)
-class Line:
-    """The result of one check, or, if `standing`, what a node of the lab tells people."""
+class CheckLine:
+    """The result of one check, or, if `from_notice`, what a node of the lab tells people."""
 
     subject: str
-    state: State
+    state: CheckState
     code: str
     values: Mapping[str, Any] = field(default_factory=dict)
-    standing: bool = False
+    from_notice: bool = False
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:
-        """The sentence that people read."""
+        """Returns the sentence that people read."""
         return sentences.say(self.code, self.values, language)
 
 
 @dataclass(frozen=True)
-class CameraInfoSeen:
+class CameraInfoObservation:
     """A camera_info message; `focal` [px] is 0 for a lens that was never calibrated, `rectified` that of rectified images."""
 
     width: int
@@ -64,7 +64,7 @@ class CameraInfoSeen:
 
 
 @dataclass(frozen=True)
-class CameraSeen:
+class CameraObservation:
     """What was observed of one camera and its detector.
 
     Attributes:
@@ -89,7 +89,7 @@ class CameraSeen:
     encoding: str = ""
     frame: str = ""
     bright: float = 0.0
-    info: Optional[CameraInfoSeen] = None
+    info: Optional[CameraInfoObservation] = None
     detector: str = ""
     has_pose: bool = False
     file: str = ""
@@ -100,95 +100,95 @@ class CameraSeen:
     file_focal: float = 0.0
 
 
-def check_cameras(cameras: Sequence[CameraSeen]) -> List[Line]:
-    """One line per camera that is fine, one per fault otherwise."""
+def check_cameras(cameras: Sequence[CameraObservation]) -> List[CheckLine]:
+    """Checks the cameras: one line for each that is fine, one for each fault otherwise."""
     if not cameras:
-        return [Line("cameras", State.WARNING, "lab_no_cameras")]
+        return [CheckLine("cameras", CheckState.WARNING, "lab_no_cameras")]
     by_frame: Dict[str, List[str]] = defaultdict(list)
     for camera in cameras:
         if camera.frame:
             by_frame[camera.frame].append(camera.name)
-    lines: List[Line] = []
+    lines: List[CheckLine] = []
     for camera in cameras:
         faults = list(_camera_faults(camera, by_frame))
         values = {
             "camera": camera.name, "rate": f"{camera.rate:.1f}", "size": f"{camera.width} x {camera.height}",
             "encoding": camera.encoding,
         }
-        lines += faults or [Line(f"camera {camera.name}", State.OK, "lab_camera_ok", values)]
+        lines += faults or [CheckLine(f"camera {camera.name}", CheckState.OK, "lab_camera_ok", values)]
     return lines
 
 
-def _camera_faults(camera: CameraSeen, by_frame: Mapping[str, Sequence[str]]) -> Iterable[Line]:
+def _camera_faults(camera: CameraObservation, by_frame: Mapping[str, Sequence[str]]) -> Iterable[CheckLine]:
     subject = f"camera {camera.name}"
 
-    def fault(state: State, code: str, **values: Any) -> Line:
-        return Line(subject, state, code, {"camera": camera.name, "topic": camera.topic, **values})
+    def fault(state: CheckState, code: str, **values: Any) -> CheckLine:
+        return CheckLine(subject, state, code, {"camera": camera.name, "topic": camera.topic, **values})
 
     if not camera.detector:
-        yield fault(State.ERROR, "lab_camera_no_detector")
+        yield fault(CheckState.ERROR, "lab_camera_no_detector")
     if not camera.publishers:
         if camera.others:
-            yield fault(State.ERROR, "lab_camera_other_topic", others=", ".join(camera.others), image=camera.others[0].strip("/"))
+            yield fault(CheckState.ERROR, "lab_camera_other_topic", others=", ".join(camera.others), image=camera.others[0].strip("/"))
         else:
-            yield fault(State.ERROR, "lab_camera_no_publisher")
+            yield fault(CheckState.ERROR, "lab_camera_no_publisher")
         return
     if camera.rate == 0.0:
-        yield fault(State.ERROR, "lab_camera_silent", node=", ".join(camera.publishers))
+        yield fault(CheckState.ERROR, "lab_camera_silent", node=", ".join(camera.publishers))
         return
     if len(camera.publishers) > 1:
-        yield fault(State.ERROR, "lab_camera_many_publishers", nodes=", ".join(camera.publishers))
+        yield fault(CheckState.ERROR, "lab_camera_many_publishers", nodes=", ".join(camera.publishers))
     if camera.rate < SLOW_CAMERA_HZ:
-        yield fault(State.WARNING, "lab_camera_slow", rate=f"{camera.rate:.1f}")
+        yield fault(CheckState.WARNING, "lab_camera_slow", rate=f"{camera.rate:.1f}")
     if abs(camera.age) > CLOCK_APART_S + 2.0 / camera.rate:
-        yield fault(State.ERROR, "lab_camera_clock", age=f"{camera.age:.2f}")
+        yield fault(CheckState.ERROR, "lab_camera_clock", age=f"{camera.age:.2f}")
     if camera.bright > TOO_BRIGHT:
-        yield fault(State.WARNING, "lab_camera_too_bright", percent=f"{100 * camera.bright:.0f}")
+        yield fault(CheckState.WARNING, "lab_camera_too_bright", percent=f"{100 * camera.bright:.0f}")
     yield from _lens_faults(camera, fault)
     yield from _pose_faults(camera, by_frame, fault)
 
 
-def _lens_faults(camera: CameraSeen, fault: Any) -> Iterable[Line]:
+def _lens_faults(camera: CameraObservation, fault: Any) -> Iterable[CheckLine]:
     info = camera.info
     if info is None:
-        yield fault(State.ERROR, "lab_camera_no_info")
+        yield fault(CheckState.ERROR, "lab_camera_no_info")
     elif not info.focal > 0.0:
-        yield fault(State.ERROR, "lab_camera_not_calibrated")
+        yield fault(CheckState.ERROR, "lab_camera_not_calibrated")
     elif (info.width, info.height) != (camera.width, camera.height):
         yield fault(
-            State.ERROR, "lab_camera_info_size", size=f"{camera.width} x {camera.height}",
+            CheckState.ERROR, "lab_camera_info_size", size=f"{camera.width} x {camera.height}",
             info_size=f"{info.width} x {info.height}")
     elif camera.file_focal > 0.0 and all(
             abs(focal / camera.file_focal - 1.0) > OTHER_LENS for focal in (info.focal, info.rectified)):
         yield fault(
-            State.ERROR, "lab_camera_other_lens", focal=f"{info.focal:.0f}", file_focal=f"{camera.file_focal:.0f}", file=camera.file)
+            CheckState.ERROR, "lab_camera_other_lens", focal=f"{info.focal:.0f}", file_focal=f"{camera.file_focal:.0f}", file=camera.file)
 
 
-def _pose_faults(camera: CameraSeen, by_frame: Mapping[str, Sequence[str]], fault: Any) -> Iterable[Line]:
+def _pose_faults(camera: CameraObservation, by_frame: Mapping[str, Sequence[str]], fault: Any) -> Iterable[CheckLine]:
     if not camera.frame:
-        yield fault(State.ERROR, "lab_camera_no_frame")
+        yield fault(CheckState.ERROR, "lab_camera_no_frame")
         return
     sharing = [name for name in by_frame[camera.frame] if name != camera.name]
     if sharing:
         # it will get another frame: then comes the pose
         own = camera.file_frame if camera.file_frame not in ("", camera.frame) else f"{camera.name}_optical_frame"
-        yield fault(State.ERROR, "lab_camera_frame_shared", frame=camera.frame, others=", ".join(sharing), own=own)
+        yield fault(CheckState.ERROR, "lab_camera_frame_shared", frame=camera.frame, others=", ".join(sharing), own=own)
     elif camera.file_error and (camera.has_pose or not camera.file_missing):
         # the running lab still has the last good pose; calibrating again is not the first thing to do
         yield fault(
-            State.ERROR, "lab_camera_file_of_other" if camera.file_camera else "lab_camera_file_broken", file=camera.file,
+            CheckState.ERROR, "lab_camera_file_of_other" if camera.file_camera else "lab_camera_file_broken", file=camera.file,
             error=camera.file_error, other=camera.file_camera, pose="$lab_pose_kept" if camera.has_pose else "$lab_pose_missing")
     elif camera.file_error:
-        yield fault(State.ERROR, "lab_camera_no_calibration", file=camera.file, error=camera.file_error)
+        yield fault(CheckState.ERROR, "lab_camera_no_calibration", file=camera.file, error=camera.file_error)
     elif camera.file_frame and camera.file_frame != camera.frame:
         yield fault(
-            State.ERROR, "lab_camera_frame_differs", frame=camera.frame, file=camera.file, file_frame=camera.file_frame)
+            CheckState.ERROR, "lab_camera_frame_differs", frame=camera.frame, file=camera.file, file_frame=camera.file_frame)
     elif not camera.has_pose:
-        yield fault(State.ERROR, "lab_camera_no_pose", frame=camera.frame)
+        yield fault(CheckState.ERROR, "lab_camera_no_pose", frame=camera.frame)
 
 
 @dataclass(frozen=True)
-class RobotSeen:
+class RobotObservation:
     """What was observed of one robot; `name` is "" for the only one.
 
     Attributes:
@@ -205,31 +205,31 @@ class RobotSeen:
     depth_frame: str = ""
 
 
-def check_robot(robot: RobotSeen) -> List[Line]:
-    """Whether a robot can be sent to the spot and be driven by it."""
+def check_robot(robot: RobotObservation) -> List[CheckLine]:
+    """Checks whether a robot can be sent to the spot and follow it."""
     subject = f"robot {robot.name}".strip()
-    lines: List[Line] = []
+    lines: List[CheckLine] = []
 
-    def found(state: State, code: str, **values: Any) -> None:
-        lines.append(Line(subject, state, code, {"robot": sentences.robot(robot.name), **values}))
+    def found(state: CheckState, code: str, **values: Any) -> None:
+        lines.append(CheckLine(subject, state, code, {"robot": sentences.robot(robot.name), **values}))
 
     if robot.pose_age is None:
-        found(State.ERROR, "lab_robot_no_pose")
+        found(CheckState.ERROR, "lab_robot_no_pose")
     elif robot.pose_age > 1.0:
-        found(State.ERROR, "lab_robot_old_pose", age=f"{robot.pose_age:.1f}")
+        found(CheckState.ERROR, "lab_robot_old_pose", age=f"{robot.pose_age:.1f}")
     if robot.scan_deg == 0.0:
-        found(State.WARNING, "lab_robot_no_scan", topic=robot.scan_topic)
-    elif robot.scan_deg < AHEAD_DEG:
-        found(State.WARNING, "lab_robot_narrow_scan", degrees=f"{robot.scan_deg:.0f}")
+        found(CheckState.WARNING, "lab_robot_no_scan", topic=robot.scan_topic)
+    elif robot.scan_deg < MIN_SCAN_DEG:
+        found(CheckState.WARNING, "lab_robot_narrow_scan", degrees=f"{robot.scan_deg:.0f}")
     if robot.depth_frame and robot.color_frame and robot.depth_frame != robot.color_frame:
-        found(State.ERROR, "lab_robot_depth_not_registered", depth=robot.depth_frame, color=robot.color_frame)
+        found(CheckState.ERROR, "lab_robot_depth_not_registered", depth=robot.depth_frame, color=robot.color_frame)
     if not lines:
-        found(State.OK, "lab_robot_ok", degrees=f"{robot.scan_deg:.0f}")
+        found(CheckState.OK, "lab_robot_ok", degrees=f"{robot.scan_deg:.0f}")
     return lines
 
 
 @dataclass(frozen=True)
-class MapSeen:
+class MapObservation:
     """What was observed of the map and its borders.
 
     Attributes:
@@ -250,41 +250,41 @@ class MapSeen:
     file: str = ""
 
 
-def check_map(seen: MapSeen) -> List[Line]:
-    """Whether there is one physical map, and whose borders are in it."""
+def check_map(seen: MapObservation) -> List[CheckLine]:
+    """Checks whether there is one physical map, and whose borders are in it."""
     if seen.shape is None:
-        return [Line("map", State.ERROR, "lab_map_not_served" if seen.file else "lab_map_missing", {"file": seen.file})]
+        return [CheckLine("map", CheckState.ERROR, "lab_map_not_served" if seen.file else "lab_map_missing", {"file": seen.file})]
     lines = []
     if len(seen.publishers) > 1:
-        lines.append(Line("map", State.ERROR, "lab_map_many_publishers", {"nodes": ", ".join(seen.publishers)}))
+        lines.append(CheckLine("map", CheckState.ERROR, "lab_map_many_publishers", {"nodes": ", ".join(seen.publishers)}))
     if not seen.with_borders:
-        lines.append(Line("map", State.ERROR, "lab_map_without_borders"))
+        lines.append(CheckLine("map", CheckState.ERROR, "lab_map_without_borders"))
     if seen.needs_confirmation:
-        lines.append(Line("map", State.ERROR, "lab_borders_need_confirmation"))
+        lines.append(CheckLine("map", CheckState.ERROR, "lab_borders_need_confirmation"))
     rows, columns = seen.shape
     values = {
         "width": f"{columns * seen.resolution:.1f}", "height": f"{rows * seen.resolution:.1f}",
         "borders": seen.borders, "acting": seen.acting, "disabled": seen.disabled,
     }
     if seen.acting < seen.borders and not lines:
-        lines.append(Line("map", State.WARNING, "lab_borders_not_acting", values))
-    return lines or [Line("map", State.OK, "lab_map_ok", values)]
+        lines.append(CheckLine("map", CheckState.WARNING, "lab_borders_not_acting", values))
+    return lines or [CheckLine("map", CheckState.OK, "lab_map_ok", values)]
 
 
-def check_nodes(missing: Sequence[str]) -> List[Line]:
-    """Whether the nodes that every lab needs answer; `missing` names those that do not."""
+def check_nodes(missing: Sequence[str]) -> List[CheckLine]:
+    """Checks whether the nodes that every lab needs are running; `missing` names those that are not."""
     if not missing:
-        return [Line("nodes", State.OK, "lab_node_ok")]
-    return [Line("nodes", State.ERROR, "lab_node_missing", {"node": node}) for node in missing]
+        return [CheckLine("nodes", CheckState.OK, "lab_node_ok")]
+    return [CheckLine("nodes", CheckState.ERROR, "lab_node_missing", {"node": node}) for node in missing]
 
 
-def without_returned(lines: Sequence[Line], running: Collection[str]) -> List[Line]:
-    """The lines of an earlier check without the nodes that it missed and that run now: the next check is seconds away."""
+def drop_recovered(lines: Sequence[CheckLine], running: Collection[str]) -> List[CheckLine]:
+    """Drops the lines of an earlier check about missing nodes that run by now: the next check is seconds away."""
     return [line for line in lines if line.code != "lab_node_missing" or line.values["node"] not in running]
 
 
 @dataclass(frozen=True)
-class NavigationSeen:
+class NavigationObservation:
     """What was observed of one move_base.
 
     Attributes:
@@ -298,29 +298,32 @@ class NavigationSeen:
     clears_plans: bool = False
 
 
-def check_navigation(seen: NavigationSeen) -> List[Line]:
-    """Whether move_base plans on the map with borders, and on no other."""
+def check_navigation(seen: NavigationObservation) -> List[CheckLine]:
+    """Checks whether move_base plans on the map with borders, and on no other."""
     values = {"node": seen.name, "maps": ", ".join(seen.maps) or "none"}
     if not seen.running:
-        return [Line(seen.name, State.WARNING, "lab_navigation_missing", values)]
+        return [CheckLine(seen.name, CheckState.WARNING, "lab_navigation_missing", values)]
     lines = []
     if not any(topic.endswith(names.MAP_WITH_BORDERS) for topic in seen.maps):
-        lines.append(Line(seen.name, State.ERROR, "lab_navigation_without_borders", values))
+        lines.append(CheckLine(seen.name, CheckState.ERROR, "lab_navigation_without_borders", values))
     elif names.PHYSICAL_MAP in seen.maps:
-        lines.append(Line(seen.name, State.ERROR, "lab_navigation_physical_map", values))
+        lines.append(CheckLine(seen.name, CheckState.ERROR, "lab_navigation_physical_map", values))
     elif not any(topic.endswith(f"/{names.KEEP_OUT}") for topic in seen.maps):
-        lines.append(Line(seen.name, State.WARNING, "lab_navigation_without_keep_out", values))
+        lines.append(CheckLine(seen.name, CheckState.WARNING, "lab_navigation_without_keep_out", values))
     if seen.clears_plans:
-        lines.append(Line(seen.name, State.ERROR, "lab_navigation_clears_plans", values))
-    return lines or [Line(seen.name, State.OK, "lab_navigation_ok", values)]
+        lines.append(CheckLine(seen.name, CheckState.ERROR, "lab_navigation_clears_plans", values))
+    return lines or [CheckLine(seen.name, CheckState.OK, "lab_navigation_ok", values)]
 
 
-def check_disk(folder: str, free_mb: float, writable: bool = True) -> Line:
-    """Whether the folder of borders and records has room, and can be written."""
-    code = "lab_disk_read_only" if not writable else "lab_disk_full" if free_mb < LITTLE_DISK_MB else "lab_disk_ok"
-    state = State.OK if code == "lab_disk_ok" else State.ERROR
+def check_disk(folder: str, free_mb: float, writable: bool = True) -> CheckLine:
+    """Checks whether the folder of borders and records has room, and can be written."""
+    if not writable:
+        code = "lab_disk_read_only"
+    else:
+        code = "lab_disk_full" if free_mb < MIN_DISK_MB else "lab_disk_ok"
+    state = CheckState.OK if code == "lab_disk_ok" else CheckState.ERROR
     free = "unknown" if math.isnan(free_mb) else f"{free_mb:.0f}"
-    return Line("disk", state, code, {"folder": folder, "free": free})
+    return CheckLine("disk", state, code, {"folder": folder, "free": free})
 
 
 # people are told of these at once, by the node that the fault is in: a check that comes later adds nothing
@@ -330,12 +333,12 @@ _TOLD_BY_OTHERS = frozenset({
 })
 
 
-def notices(lines: Iterable[Line]) -> List[Notice]:
-    """The errors of which nobody else tells people, as notices."""
+def notices_from_lines(lines: Iterable[CheckLine]) -> List[Notice]:
+    """Makes notices of the errors that no other node tells people."""
     return [
         Notice(line.code, Severity.ERROR, camera=str(line.values.get("camera", "")),
                values={key: str(value) for key, value in line.values.items()})
-        for line in lines if line.state is State.ERROR and not line.standing and line.code not in _TOLD_BY_OTHERS
+        for line in lines if line.state is CheckState.ERROR and not line.from_notice and line.code not in _TOLD_BY_OTHERS
     ]
 
 
@@ -343,15 +346,17 @@ def notices(lines: Iterable[Line]) -> List[Notice]:
 _EXPLAINED = frozenset({"camera_silent", "detector_missing", "camera_no_pose", "camera_no_lens", "borders_unconfirmed"})
 
 
-def standing(told: Iterable[Notice], checked: Iterable[Line]) -> List[Line]:
-    """What the lab's nodes tell people to be wrong, as lines; what a check says more exactly is left out.
+def lines_from_notices(told: Iterable[Notice], checked: Iterable[CheckLine]) -> List[CheckLine]:
+    """Makes lines of the warnings and errors that the lab's nodes tell people.
+
+    What a check says more exactly is left out.
 
     Args:
         told: the present notices of all nodes.
         checked: what the checks found.
     """
     checked = list(checked)
-    faulty = {line.subject for line in checked if line.state is State.ERROR}
+    faulty = {line.subject for line in checked if line.state is CheckState.ERROR}
     own = {(line.code, str(line.values.get("camera", ""))) for line in checked}
     lines = []
     for notice in told:
@@ -361,13 +366,13 @@ def standing(told: Iterable[Notice], checked: Iterable[Line]) -> List[Line]:
             subject = f"robot {notice.robot}"
         else:
             subject = "map" if notice.border_id or notice.code in _EXPLAINED else "lab"
-        known = (notice.code, notice.camera) in own or notice.code in _EXPLAINED and subject in faulty
+        known = (notice.code, notice.camera) in own or (notice.code in _EXPLAINED and subject in faulty)
         if notice.severity >= Severity.WARNING and not known:
-            state = State.ERROR if notice.severity is Severity.ERROR else State.WARNING
-            lines.append(Line(subject, state, notice.code, notice.values, standing=True))
+            state = CheckState.ERROR if notice.severity is Severity.ERROR else CheckState.WARNING
+            lines.append(CheckLine(subject, state, notice.code, notice.values, from_notice=True))
     return lines
 
 
-def worst(lines: Iterable[Line]) -> State:
-    """The worst state of all lines."""
-    return max((line.state for line in lines), default=State.UNKNOWN)
+def worst_state(lines: Iterable[CheckLine]) -> CheckState:
+    """Returns the worst state of all lines."""
+    return max((line.state for line in lines), default=CheckState.UNKNOWN)

@@ -11,7 +11,7 @@ from typing import Deque, Dict, List, Mapping, Sequence
 
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
-from vb_laser_detect.calibration.consistency import Sighting, agreement
+from vb_laser_detect.calibration.consistency import Sighting, compare_cameras
 
 # a detector reports each second; two reports may be late on a busy computer
 SILENT_S = 3.0
@@ -29,7 +29,7 @@ _REASONS = {"shared_frame": "", "no_camera_info": "camera_no_lens", "no_transfor
 
 
 @dataclass
-class _Camera:
+class _WatchedCamera:
     heard: float
     images: int = 0
     image_at: float = 0.0
@@ -46,20 +46,20 @@ class LabMonitor:
 
     def __init__(self, cameras: Sequence[str]) -> None:
         self._expected = list(cameras)
-        self._cameras: Dict[str, _Camera] = {}
+        self._cameras: Dict[str, _WatchedCamera] = {}
 
     def begin(self, now: float) -> None:
         """Starts the clock [s]: until something is overdue nothing is said."""
         started = now + STARTING_S - SILENT_S
-        self._cameras = {name: _Camera(started, image_at=started) for name in self._expected}
+        self._cameras = {name: _WatchedCamera(started, image_at=started) for name in self._expected}
 
-    def hear(self, camera: str, images: int, dropped: Mapping[str, int], now: float) -> None:
-        """A detector's report at a time [s].
+    def update(self, camera: str, images: int, dropped: Mapping[str, int], now: float) -> None:
+        """Adopts a detector's report at a time [s].
 
         Args:
             images: received since it was started; dropped: how often a spot or image was, by reason.
         """
-        known = self._cameras.setdefault(camera, _Camera(now, image_at=now))
+        known = self._cameras.setdefault(camera, _WatchedCamera(now, image_at=now))
         known.heard = now
         if images != known.images:
             known.images, known.image_at = images, now
@@ -70,7 +70,7 @@ class LabMonitor:
             known.dropped[reason] = count
 
     def notices(self, now: float) -> List[Notice]:
-        """What people should know at a time [s], one notice per camera at most."""
+        """Returns what people should know at a time [s], one notice per camera at most."""
         found = []
         for name, camera in sorted(self._cameras.items()):
             code = self._fault(camera, now)
@@ -79,7 +79,7 @@ class LabMonitor:
         return found
 
     @staticmethod
-    def _fault(camera: _Camera, now: float) -> str:
+    def _fault(camera: _WatchedCamera, now: float) -> str:
         if now - camera.heard > SILENT_S:
             return "detector_missing"
         if now - camera.image_at > SILENT_S:
@@ -97,21 +97,21 @@ class CameraComparison:
         self._sightings: Dict[str, Deque[Sighting]] = {}
         self._moved: Dict[str, float] = {}  # [s] when a camera got its present pose
 
-    def hear(self, camera: str, stamp: float, x: float, y: float) -> None:
-        """A spot [m] of a stationary camera, in the map, at the time of its image [s]."""
+    def add_spot(self, camera: str, stamp: float, x: float, y: float) -> None:
+        """Adds a spot [m] of a stationary camera, in the map, at the time of its image [s]."""
         if abs(stamp - self._moved.get(camera, -math.inf)) > _TAKEN_S:
             self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((camera, stamp, x, y))
 
-    def forget(self, camera: str, now: float) -> None:
-        """A camera has another pose since a time [s]: what it saw with the former one does not count."""
+    def clear(self, camera: str, now: float) -> None:
+        """Drops what a camera has seen, because it has another pose since a time [s]."""
         self._sightings.pop(camera, None)
         self._moved[camera] = now
 
     def notices(self, now: float) -> List[Notice]:
-        """One notice for each two cameras that disagree."""
+        """Returns one notice for each two cameras that disagree."""
         fresh = [one for seen in self._sightings.values() for one in seen if 0.0 <= now - one[1] <= _REMEMBERED_S]
         try:
-            pairs = agreement(fresh)
+            pairs = compare_cameras(fresh)
         except CodedError:
             return []  # no two of them saw the laser together
         return [

@@ -15,7 +15,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from tf2_msgs.msg import TFMessage
 
-from vb_bringup.lab import Line, State, notices, standing, without_returned
+from vb_bringup.lab import CheckLine, CheckState, drop_recovered, lines_from_notices, notices_from_lines
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import names
 from vb_core.notices import Notice
@@ -29,12 +29,12 @@ from vb_msgs.msg import DetectorStatus, LaserSpot
 COMPARE_S = 5.0  # between two comparisons of the cameras' spots
 LOOK_S = 1.0  # between two looks at which nodes run
 SETTLED_S = 6.0  # without a node that comes or goes: before, a lab is starting or ending
-AGAIN_S = {State.ERROR: 60.0, State.OK: 600.0}  # a check takes two seconds of processor time
+AGAIN_S = {CheckState.ERROR: 60.0, CheckState.OK: 600.0}  # a check takes two seconds of processor time
 LOGGED_AGAIN_S = 60.0  # before what comes and goes is logged again
 # what rospy appends to the names of tools, whose coming and going does not change the lab
 _ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
-_LEVELS = {State.OK: DiagnosticStatus.OK, State.UNKNOWN: DiagnosticStatus.WARN, State.WARNING: DiagnosticStatus.WARN,
-           State.ERROR: DiagnosticStatus.ERROR}
+_LEVELS = {CheckState.OK: DiagnosticStatus.OK, CheckState.UNKNOWN: DiagnosticStatus.WARN, CheckState.WARNING: DiagnosticStatus.WARN,
+           CheckState.ERROR: DiagnosticStatus.ERROR}
 # in a separate process, which gives its memory back; below everything that people wait for
 _CHECK = ["nice", "-n", "15", sys.executable, "-c", "from vb_bringup.check_lab import main; main()", "--json"]
 
@@ -69,7 +69,7 @@ class LabMonitorNode:
         self._frames: Dict[str, str] = {}  # of each camera
         self._poses: Dict[str, Any] = {}  # by frame
         self._told: List[Notice] = []
-        self._lines: List[Line] = []
+        self._lines: List[CheckLine] = []
         self._running: FrozenSet[str] = frozenset()  # nodes
         self._logged: Dict[Tuple[str, str], float] = {}  # subject and code of a notice, and when it held last
         self._closed = threading.Event()
@@ -85,7 +85,7 @@ class LabMonitorNode:
         self._checks = node.start_thread(self._check_again_and_again)
 
     def close(self) -> None:
-        """Takes its notices back."""
+        """Withdraws its notices."""
         self._closed.set()
         self._timer.shutdown()
         self._notices.close()
@@ -94,13 +94,13 @@ class LabMonitorNode:
         dropped = dict(zip(message.refusals, message.refusal_counts))
         with self._lock:
             self._frames[message.camera] = message.frame_id
-            self._monitor.hear(message.camera, message.received, dropped, rospy.get_time())
+            self._monitor.update(message.camera, message.received, dropped, rospy.get_time())
 
     def _on_spot(self, message: LaserSpot) -> None:
         if not message.mobile:
             with self._lock:
                 place = message.position
-                self._comparison.hear(message.camera, message.header.stamp.to_sec(), place.x, place.y)
+                self._comparison.add_spot(message.camera, message.header.stamp.to_sec(), place.x, place.y)
 
     def _on_poses(self, message: TFMessage) -> None:
         with self._lock:
@@ -109,16 +109,16 @@ class LabMonitorNode:
                 self._poses[entry.child_frame_id] = entry.transform
                 if before is not None and before != entry.transform:
                     for camera in [name for name, frame in self._frames.items() if frame == entry.child_frame_id]:
-                        self._comparison.forget(camera, rospy.get_time())
+                        self._comparison.clear(camera, rospy.get_time())
                         self._compared = float("-inf")
 
     def _on_timer(self, _event: Any) -> None:
         with self._lock:
             if time.monotonic() - self._compared > COMPARE_S:
                 self._disagreeing, self._compared = self._comparison.notices(rospy.get_time()), time.monotonic()
-            self._told, lines = self._monitor.notices(rospy.get_time()), without_returned(self._lines, self._running)
-            told = [*self._told, *self._disagreeing, *notices(lines)]
-            said = standing(self._heard.current(), lines)
+            self._told, lines = self._monitor.notices(rospy.get_time()), drop_recovered(self._lines, self._running)
+            told = [*self._told, *self._disagreeing, *notices_from_lines(lines)]
+            said = lines_from_notices(self._heard.current(), lines)
             new = self._new(said)
         self._notices.set(told)
         for line in new:
@@ -126,16 +126,16 @@ class LabMonitorNode:
         if lines or said:
             self._diagnostics.publish(_diagnostics([*lines, *said]))
 
-    def _new(self, said: List[Line]) -> List[Line]:
-        """Those that did not hold a moment ago: what flickers is logged once."""
+    def _new(self, said: List[CheckLine]) -> List[CheckLine]:
+        """Returns the lines that did not hold a moment ago: what flickers is logged once."""
         now = time.monotonic()
         new = [line for line in said if now - self._logged.get((line.subject, line.code), float("-inf")) > LOGGED_AGAIN_S]
         self._logged.update({(line.subject, line.code): now for line in said})
         return new
 
     @staticmethod
-    def _log(line: Line) -> None:
-        logs = {State.ERROR: rospy.logerr, State.WARNING: rospy.logwarn}
+    def _log(line: CheckLine) -> None:
+        logs = {CheckState.ERROR: rospy.logerr, CheckState.WARNING: rospy.logwarn}
         logs.get(line.state, rospy.loginfo)("%s: %s", rospy.get_name(), line.sentence())
 
     # ------------------------------------------------------------ the whole lab
@@ -149,24 +149,24 @@ class LabMonitorNode:
                 self._running = situation[0]
             if situation != before:
                 # a node that dies again and again must not keep it from the others
-                due = min(time.monotonic() + SETTLED_S, checked + AGAIN_S[State.ERROR])
+                due = min(time.monotonic() + SETTLED_S, checked + AGAIN_S[CheckState.ERROR])
             if situation[0] and time.monotonic() > due:
                 lines = self._check()
-                if self._situation() != situation and time.monotonic() < checked + AGAIN_S[State.ERROR]:
+                if self._situation() != situation and time.monotonic() < checked + AGAIN_S[CheckState.ERROR]:
                     continue  # on a slow computer a check may end when what it found is over: look again
                 checked = time.monotonic()
                 if lines is not None:
-                    due = checked + AGAIN_S[State.ERROR if notices(lines) else State.OK]
+                    due = checked + AGAIN_S[CheckState.ERROR if notices_from_lines(lines) else CheckState.OK]
                     self._adopt(lines)
 
     def _situation(self) -> Tuple[FrozenSet[str], List[Notice]]:
-        """Which nodes run, and what people are told of the cameras."""
+        """Returns which nodes run, and what people are told of the cameras."""
         with self._lock:
             told = self._told
         return _running_nodes(), told
 
-    def _check(self) -> Optional[List[Line]]:
-        """What `check_lab` finds by itself; None if it was ended."""
+    def _check(self) -> Optional[List[CheckLine]]:
+        """Runs `check_lab`; returns what it finds by itself, or None if it was ended."""
         process = subprocess.Popen(_CHECK, stdout=subprocess.PIPE, universal_newlines=True)
         while True:
             try:
@@ -179,21 +179,21 @@ class LabMonitorNode:
             found = json.loads(text)
         except ValueError:
             return None  # the ROS master has ended
-        return [Line(line["subject"], State[line["state"].upper()], line["code"], line["values"])
+        return [CheckLine(line["subject"], CheckState[line["state"].upper()], line["code"], line["values"])
                 for line in found if not line["standing"]]
 
-    def _adopt(self, lines: List[Line]) -> None:
+    def _adopt(self, lines: List[CheckLine]) -> None:
         with self._lock:
             before, self._lines = self._lines, lines
         known = {(line.subject, line.code) for line in before}
-        cured = {line.subject for line in before if line.state >= State.WARNING}
+        cured = {line.subject for line in before if line.state >= CheckState.WARNING}
         for line in lines:
-            if (line.subject, line.code) not in known and (line.state >= State.WARNING or line.subject in cured):
+            if (line.subject, line.code) not in known and (line.state >= CheckState.WARNING or line.subject in cured):
                 self._log(line)
 
 
 def _running_nodes() -> FrozenSet[str]:
-    """All nodes but tools; none if the ROS master does not answer."""
+    """Lists all nodes but tools; none if the ROS master does not answer."""
     try:
         state = rosgraph.Master(rospy.get_name()).getSystemState()
     except (rosgraph.MasterException, OSError):
@@ -201,7 +201,7 @@ def _running_nodes() -> FrozenSet[str]:
     return frozenset(name for kind in state for _, nodes in kind for name in nodes if not _ANONYMOUS.search(name))
 
 
-def _diagnostics(lines: List[Line]) -> DiagnosticArray:
+def _diagnostics(lines: List[CheckLine]) -> DiagnosticArray:
     array = DiagnosticArray()
     array.header.stamp = rospy.Time.now()
     array.status = [
@@ -218,5 +218,5 @@ def build() -> LabMonitorNode:
 
 
 def main() -> None:
-    """Entry point of the executable lab_monitor."""
+    """Runs the node."""
     node.run("lab_monitor", build)

@@ -75,8 +75,8 @@ def check_number(argument: str, value: str, low: float, high: float) -> None:
         raise CodedError("launch_bad_number", argument=argument, value=value, low=f"{low:g}", high=f"{high:g}")
 
 
-def pairs(argument: str, value: str) -> Dict[str, str]:
-    """The values by their names, of NAME=VALUE separated by spaces.
+def parse_pairs(argument: str, value: str) -> Dict[str, str]:
+    """Reads NAME=VALUE separated by spaces; returns the values by their names.
 
     Raises:
         CodedError: "launch_bad_pairs"
@@ -98,7 +98,7 @@ def check_file(argument: str, value: str) -> None:
 
 
 def check_node_file(argument: str, value: str) -> None:
-    """As `check_file`, of a file that a node opens: roslaunch starts nodes in ROS's own folder."""
+    """Checks as `check_file` does, for a file that a node opens: roslaunch starts nodes in ROS's own folder."""
     import rospkg
 
     check_file(argument, str(Path(rospkg.get_ros_home()) / value) if value else "")
@@ -113,7 +113,7 @@ def check_map(_argument: str, value: str) -> None:
 
 
 def read_parameters(argument: str, path: str) -> Mapping[str, Any]:
-    """The parameters in a YAML file, as roslaunch reads them.
+    """Reads the parameters in a YAML file as roslaunch does.
 
     Raises:
         CodedError: "launch_no_file", "launch_bad_file"
@@ -139,13 +139,13 @@ def check_detector(argument: str, value: str) -> None:
 
 
 def check_detectors(argument: str, value: str) -> None:
-    """The files of single cameras: as `check_detector`, and "launch_bad_pairs"."""
-    for path in pairs(argument, value).values():
+    """Checks the files of single cameras as `check_detector` does; raises "launch_bad_pairs" too."""
+    for path in parse_pairs(argument, value).values():
         check_detector(argument, path)
 
 
 def check_robot_types(argument: str, value: str) -> None:
-    """Robot types or paths of profiles, separated by spaces.
+    """Checks robot types or paths of profiles, separated by spaces.
 
     Raises:
         CodedError: "unknown_robot_type", "launch_no_file", "bad_parameter"
@@ -175,7 +175,7 @@ KINDS: Dict[str, Kind] = {
     "config": check_detector,
     "robot_config": check_detector,
     "configs": check_detectors,
-    "machines": pairs,
+    "machines": parse_pairs,
     "machines_file": check_file,
     "projector": check_node_file,
     "rviz_config": check_node_file,
@@ -209,7 +209,7 @@ def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -
 
 # ------------------------------------------------------------ what is there
 def declared_arguments(files: Iterable[Path]) -> List[str]:
-    """The arguments that launch files themselves declare and do not fix; not those of files that they include."""
+    """Lists the arguments that launch files declare and do not fix; not those of files that they include."""
     names = []
     for path in files:
         pending = [ElementTree.parse(str(path)).getroot()]
@@ -262,7 +262,7 @@ def check_alone(master_uri: str) -> None:
 
 
 def _roslaunches(master: rosgraph.Master) -> List[str]:
-    """The addresses of those that started something on this master, and of some that have ended."""
+    """Lists the addresses of those that started something on this master, and of some that have ended."""
     try:
         found = master.getParam("/roslaunch/uris")
     except rosgraph.MasterError:  # none has
@@ -271,7 +271,7 @@ def _roslaunches(master: rosgraph.Master) -> List[str]:
 
 
 def _lab_of(uri: str) -> Optional[int]:
-    """The process of a roslaunch that keeps a lab running, even if the lab's nodes are just being started again."""
+    """Returns the process of a roslaunch that keeps a lab running, even if its nodes are just being started again."""
     server = xmlrpc.client.ServerProxy(uri)
     try:
         names = server.get_node_names()[2]
@@ -281,7 +281,7 @@ def _lab_of(uri: str) -> Optional[int]:
 
 
 def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
-    """How roslaunch was called: names of the arguments, launch files, URI of the master that it will use.
+    """Finds how roslaunch was called: names of the arguments, launch files, URI of the master that it will use.
 
     All are empty if the process starts nothing, or is another program: a test has a master of its own.
     """

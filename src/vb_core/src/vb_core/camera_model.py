@@ -55,12 +55,12 @@ class CameraModel:
 
     @staticmethod
     def ideal(width: int, height: int, focal_px: float) -> "CameraModel":
-        """A camera without distortion whose axis meets the middle of the image."""
+        """Makes a camera without distortion whose axis meets the middle of the image; focal length in pixels."""
         matrix = np.array([[focal_px, 0, (width - 1) / 2.0], [0, focal_px, (height - 1) / 2.0], [0, 0, 1.0]])
         return CameraModel(width, height, matrix, np.zeros(5))
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
-        """Viewing rays of pixels; inverse of `project`.
+        """Returns the viewing rays of pixels; inverse of `project`.
 
         Args:
             pixels: (N, 2) columns and rows [px], the centre of the first pixel is (0, 0).
@@ -83,7 +83,7 @@ class CameraModel:
         return result
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Pixels (N, 2) [px] of points (N, 3) [m] in the optical frame; inverse of `rays`.
+        """Projects points (N, 3) [m] in the optical frame to pixels (N, 2) [px]; inverse of `rays`.
 
         Points that are not in front of the camera give rows of NaN.
         """
@@ -117,7 +117,7 @@ class CameraModel:
         return np.array([self.matrix[0, 0], self.matrix[1, 1]]), self.matrix[:2, 2].copy()
 
     def _fisheye_rays(self, pixels: np.ndarray) -> np.ndarray:
-        """Rays (N, 3) with z = 1 of pixels (N, 2); NaN at 90 degrees from the axis or more."""
+        """Returns the rays (N, 3), z = 1, of pixels (N, 2); NaN at 90 degrees from the axis or more."""
         if len(pixels) == 0:
             return np.ones((0, 3))
         normalised = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
@@ -144,7 +144,7 @@ class CameraModel:
         return bent
 
     def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """(N,) bool: which pixels (N, 2) are in the image."""
+        """Tells which of pixels (N, 2) are in the image, (N,) bool."""
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         with np.errstate(invalid="ignore"):
             return (
@@ -160,7 +160,7 @@ class CameraModel:
         return float((self.matrix[0, 0] + self.matrix[1, 1]) / 2.0)
 
     def scaled_to(self, width: int, height: int) -> "CameraModel":
-        """The model of the same camera for an image of another size, for instance a coarser depth image."""
+        """Returns the model of the same camera for an image of another size, for instance a coarser depth image."""
         sx, sy = width / self.width, height / self.height
         # pixel centres are whole numbers: the image's edge is at -0.5 in both sizes
         scale = np.array([[sx, 0, sx / 2 - 0.5], [0, sy, sy / 2 - 0.5], [0, 0, 1]])

@@ -26,7 +26,7 @@ class CodedError(Exception):
         return f"{self.message} [{self.code}]"
 
     def without_stack(self) -> CodedError:
-        """The same error for a variable that outlives the handler.
+        """Returns the same error, for a variable that outlives the handler.
 
         One that was raised holds all frames of its stack, and one of these holds the variable: that circle, with every
         image in it, stays until the garbage collector comes by.

@@ -12,12 +12,12 @@ import numpy as np
 
 
 def wrap_angle(angle: float) -> float:
-    """The same angle within (-pi, pi] [rad]."""
+    """Returns the same angle within (-pi, pi] [rad]."""
     return math.pi - (math.pi - angle) % (2.0 * math.pi)
 
 
 def rotation_from_quaternion(quaternion) -> np.ndarray:
-    """(x, y, z, w) to a (3, 3) rotation matrix; inverse of `quaternion_from_rotation`.
+    """Converts a quaternion (x, y, z, w) to a rotation matrix (3, 3); inverse of `quaternion_from_rotation`.
 
     Raises:
         ValueError: if the quaternion is zero or not finite.
@@ -37,7 +37,7 @@ def rotation_from_quaternion(quaternion) -> np.ndarray:
 
 
 def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation matrix to (x, y, z, w) with w >= 0; inverse of `rotation_from_quaternion`."""
+    """Converts a rotation matrix (3, 3) to a quaternion (x, y, z, w), w >= 0; inverse of `rotation_from_quaternion`."""
     m = np.asarray(rotation, dtype=float)
     # the largest of the four components is found first: dividing by it is well conditioned
     squares = np.array(
@@ -62,18 +62,18 @@ def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
 
 
 def yaw_from_quaternion(quaternion) -> float:
-    """Heading about z [rad] of a quaternion (x, y, z, w); inverse of `quaternion_from_yaw`."""
+    """Returns the heading about z [rad] of a quaternion (x, y, z, w); inverse of `quaternion_from_yaw`."""
     x, y, z, w = quaternion
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def quaternion_from_yaw(yaw: float) -> np.ndarray:
-    """Quaternion (x, y, z, w) of a rotation about z [rad]; inverse of `yaw_from_quaternion`."""
+    """Returns the quaternion (x, y, z, w) of a rotation about z [rad]; inverse of `yaw_from_quaternion`."""
     return np.array([0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)])
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Rotation about the fixed axes x, then y, then z [rad] (the convention of URDF and REP 103)."""
+    """Returns the matrix (3, 3) that rotates about the fixed axes x, then y, then z [rad], as in URDF and REP 103."""
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
     rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
@@ -82,7 +82,7 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 def transform(rotation: np.ndarray, translation) -> np.ndarray:
-    """A 4x4 transform from a (3, 3) rotation and (3,) translation [m]."""
+    """Makes a 4x4 transform from a rotation (3, 3) and a translation (3,) [m]."""
     result = np.eye(4)
     result[:3, :3] = rotation
     result[:3, 3] = translation
@@ -90,7 +90,7 @@ def transform(rotation: np.ndarray, translation) -> np.ndarray:
 
 
 def invert(T: np.ndarray) -> np.ndarray:
-    """The inverse of a rigid 4x4 transform."""
+    """Inverts a rigid 4x4 transform."""
     result = np.eye(4)
     rotation = T[:3, :3].T
     result[:3, :3] = rotation
@@ -105,23 +105,23 @@ def apply(T: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def pose2d_transform(x: float, y: float, yaw: float) -> np.ndarray:
-    """A 4x4 transform from a planar pose [m, m, rad]; inverse of `transform_pose2d`."""
+    """Makes a 4x4 transform from a planar pose [m, m, rad]; inverse of `transform_pose2d`."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=float)
 
 
 def transform_pose2d(T: np.ndarray) -> Tuple[float, float, float]:
-    """(x, y, yaw) [m, m, rad] of a planar transform; inverse of `pose2d_transform`."""
+    """Returns the pose (x, y, yaw) [m, m, rad] of a planar transform; inverse of `pose2d_transform`."""
     return float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 0], T[0, 0])
 
 
 def optical_rotation() -> np.ndarray:
-    """Rotation from an optical frame (z forward, x right, y down) to a body frame (REP 103)."""
+    """Returns the rotation (3, 3) from an optical frame (z forward, x right, y down) to a body frame (REP 103)."""
     return np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 def intersect_floor(origin: np.ndarray, directions: np.ndarray, height: float = 0.0) -> np.ndarray:
-    """Intersects rays with plane z = height.
+    """Intersects rays with the plane z = height.
 
     Args:
         origin: (3,) [m] where the rays start.
@@ -140,9 +140,12 @@ def intersect_floor(origin: np.ndarray, directions: np.ndarray, height: float = 
 
 
 def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndarray]:
-    """(N,) [m] how far points (N, 2) [m] are along an arc, and how far to its left.
+    """Converts points (N, 2) [m] to coordinates along an arc.
 
     The arc begins at the origin along x and bends to the left by `curvature` [1/m].
+
+    Returns:
+        How far the points are along the arc, (N,) [m], and how far to its left, (N,) [m].
     """
     x, y = points[:, 0], points[:, 1]
     if abs(curvature) < 1e-3:
@@ -153,7 +156,7 @@ def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndar
 
 
 def chain_length(points: np.ndarray, closed: bool = False) -> float:
-    """Length [m] of a polygonal chain (N, 2), with its closing segment if it is closed."""
+    """Returns the length [m] of a polygonal chain (N, 2), with its closing segment if it is closed."""
     points = np.asarray(points, dtype=float)
     if len(points) < 2:
         return 0.0
@@ -163,7 +166,7 @@ def chain_length(points: np.ndarray, closed: bool = False) -> float:
 
 
 def resample_chain(points: np.ndarray, spacing: float, closed: bool = False) -> np.ndarray:
-    """Points (M, 2) [m] along a chain (N, 2), at most `spacing` apart along it, ends kept.
+    """Resamples a chain (N, 2) to points (M, 2) [m] at most `spacing` apart along it; its ends stay.
 
     A closed chain's closing segment is sampled too; its first point is not repeated.
     """

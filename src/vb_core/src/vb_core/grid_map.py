@@ -23,7 +23,7 @@ OCCUPIED_FROM = 65  # [%] from this occupancy on a cell is an obstacle: map_serv
 
 
 def distance_to(cells: np.ndarray) -> np.ndarray:
-    """(H, W) float32: the distance of each cell's centre to that of the nearest marked cell, in cells.
+    """Computes the distance (H, W) float32 from each cell's centre to that of the nearest marked cell, in cells.
 
     The same mask yields the same bits every time, up to 1400 cells: OpenCV's exact transform uses vector
     instructions for square roots or not, depending on where the rows are in memory, which changes the last
@@ -91,7 +91,7 @@ class GridMap:
         return np.array([[c, -s], [s, c]])
 
     def same_geometry(self, other: "GridMap") -> bool:
-        """Whether both maps have the same size, resolution and origin."""
+        """Tells whether both maps have the same size, resolution and origin."""
         return (
             self.shape == other.shape
             and math.isclose(self.resolution, other.resolution, rel_tol=1e-6)
@@ -99,13 +99,13 @@ class GridMap:
         )
 
     def with_data(self, data: np.ndarray) -> "GridMap":
-        """A map of the same geometry with other cells (H, W)."""
+        """Returns a map of the same geometry with other cells (H, W)."""
         if np.shape(data) != self.shape:
             raise CodedError("bad_map", f"expected {self.shape} cells, got {np.shape(data)}")
         return GridMap(data, self.resolution, self.origin)
 
     def world_to_grid(self, points: np.ndarray) -> np.ndarray:
-        """Map coordinates (N, 2) [m] to (column, row) (N, 2) as real numbers; inverse of `grid_to_world`.
+        """Converts map coordinates (N, 2) [m] to (column, row) (N, 2), real numbers; inverse of `grid_to_world`.
 
         Whole numbers are the centres of cells, as in image coordinates.
         """
@@ -113,28 +113,28 @@ class GridMap:
         return (points - self._corner) @ self._turn / self.resolution - 0.5
 
     def grid_to_world(self, columns_rows: np.ndarray) -> np.ndarray:
-        """(column, row) (N, 2) to map coordinates (N, 2) [m]; inverse of `world_to_grid`."""
+        """Converts (column, row) (N, 2) to map coordinates (N, 2) [m]; inverse of `world_to_grid`."""
         cells = np.asarray(columns_rows, dtype=float).reshape(-1, 2)
         return (cells + 0.5) * self.resolution @ self._turn.T + self._corner
 
     def world_to_cell(self, points: np.ndarray) -> np.ndarray:
-        """The cells (N, 2), int (row, column), that hold points (N, 2) [m]; they may be outside the map."""
+        """Finds the cells (N, 2), int (row, column), that hold points (N, 2) [m]; they may be outside the map."""
         grid = np.floor(self.world_to_grid(points) + 0.5)
         # numpy's own clip is several times slower for the few points in a usual call
         return np.minimum(np.maximum(grid, -(2.0**31)), 2.0**31).astype(np.int64)[:, ::-1]
 
     def cell_to_world(self, rows_columns: np.ndarray) -> np.ndarray:
-        """Centres (N, 2) [m] of cells (N, 2) given as (row, column)."""
+        """Returns the centres (N, 2) [m] of cells (N, 2), (row, column)."""
         return self.grid_to_world(np.asarray(rows_columns).reshape(-1, 2)[:, ::-1])
 
     def contains_cells(self, rows_columns: np.ndarray) -> np.ndarray:
-        """(N,) bool: which cells (N, 2), (row, column), are in the map."""
+        """Tells which of cells (N, 2), (row, column), are in the map, (N,) bool."""
         cells = np.asarray(rows_columns).reshape(-1, 2)
         rows, columns = cells[:, 0], cells[:, 1]
         return (rows >= 0) & (columns >= 0) & (rows < self.shape[0]) & (columns < self.shape[1])
 
     def values_at(self, points: np.ndarray, outside: int = UNKNOWN) -> np.ndarray:
-        """(N,) int8: the cells' values at points (N, 2) [m]; `outside` for points off the map."""
+        """Reads the values (N,) int8 of the cells at points (N, 2) [m]; `outside` for points off the map."""
         cells = self.world_to_cell(points)
         inside = self.contains_cells(cells)
         if inside.all():
@@ -144,7 +144,7 @@ class GridMap:
         return values
 
     def corners(self) -> np.ndarray:
-        """(4, 2) [m] the map's outer corners, counter-clockwise, starting at the origin."""
+        """Returns the map's outer corners (4, 2) [m], counter-clockwise, starting at the origin."""
         rows, columns = self.shape
         return self.grid_to_world(
             np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], dtype=float) - 0.5

@@ -27,7 +27,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,99}")
 
 
 def safe_path(folder: Path, name: str) -> Path:
-    """The path, without extension, for a file name from a request; it is never outside the folder.
+    """Returns the path, without extension, for a file name from a request; it is never outside the folder.
 
     Raises:
         CodedError: "bad_name".
@@ -74,9 +74,9 @@ def write_map(stem: Path, grid: GridMap, raw: bool = False) -> List[Path]:
 
 
 def map_path(name: str) -> Path:
-    """Where a map is that was named in a terminal: relative to the folder that roslaunch was called in.
+    """Returns the path of a map that was named in a terminal, relative to the folder that roslaunch was called in.
 
-    roslaunch starts nodes in another folder, and hands on the one that it was called in.
+    roslaunch starts nodes in another folder, and passes on the one that it was called in.
     """
     return Path(os.environ.get("PWD", ".")) / Path(name).expanduser()
 
@@ -146,14 +146,14 @@ def _bad(path: Path, why: Optional[str]) -> CodedError:
 
 
 def _grey(image: np.ndarray, colours_only: bool) -> np.ndarray:
-    """(H, W) 0 .. 255: the mean of an image's channels."""
+    """Returns the mean (H, W), 0 .. 255, of an image's channels."""
     if image.ndim == 2:
         return image.astype(float)
     return image[..., : 3 if colours_only else None].mean(axis=2)
 
 
 def _read_image(path: Path) -> np.ndarray:
-    """(H, W) or (H, W, channels) uint8 of an image file."""
+    """Reads an image file, (H, W) or (H, W, channels) uint8."""
     try:
         content = np.fromfile(str(path), np.uint8)
     except OSError as error:

@@ -13,7 +13,7 @@ _OPERATIONS = {
 
 
 def threshold_mask(values: np.ndarray, limit: float, operation: int, dst: Optional[np.ndarray] = None) -> np.ndarray:
-    """(H, W) uint8: 255 where the comparison with a number holds; `cv2.compare` for every size.
+    """Marks where a comparison with a number holds, (H, W) uint8 with 255 there; `cv2.compare` for every size.
 
     OpenCV treats an array of one element as a number too, and cannot compare two numbers.
 

@@ -32,7 +32,7 @@ class Notice:
     message: str = ""
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:
-        """The text to show."""
+        """Returns the text to show."""
         return sentences.say(self.code, self.values, language, self.message)
 
 
@@ -42,11 +42,11 @@ class NoticeBook:
     def __init__(self) -> None:
         self._said: Dict[str, Tuple[float, List[Notice]]] = {}
 
-    def hear(self, source: str, notices: Iterable[Notice], now: float) -> None:
+    def update(self, source: str, notices: Iterable[Notice], now: float) -> None:
         """Adopts a node's notices at a time [s]; replaces its former ones."""
         self._said[source] = (now, list(notices))
 
     def current(self, now: float) -> List[Notice]:
-        """Notices that hold at a time [s], most severe first; a jump back in time drops none."""
+        """Returns the notices that hold at a time [s], most severe first; a jump back in time drops none."""
         held = [notice for heard, notices in self._said.values() if now - heard <= FORGOTTEN_AFTER for notice in notices]
         return sorted(held, key=lambda notice: (-notice.severity, notice.code, notice.robot, notice.border_id))

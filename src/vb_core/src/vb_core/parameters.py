@@ -29,7 +29,7 @@ def param(
     choices: Optional[Sequence[Any]] = None,
     doc: str = "",
 ) -> Any:
-    """A dataclass field with a unit and limits.
+    """Makes a dataclass field with a unit and limits.
 
     Args:
         default: its value unless set; its type is the parameter's type.
@@ -80,11 +80,11 @@ class Parameters:
             raise ParameterError(f"{prefix}{error.key}", error.message.split(": ", 1)[1]) from None
 
     def replace(self: P, **changes: Any) -> P:
-        """The same parameters with some of them changed, checked again."""
+        """Returns the same parameters with some of them changed, checked again."""
         return dataclasses.replace(self, **changes)
 
     def require_order(self, low: str, high: str) -> None:
-        """For `__post_init__` of a subclass: the value of one key must not be above that of another.
+        """Checks that the value of one key is not above that of another; for `__post_init__` of a subclass.
 
         Raises:
             ParameterError: names the first key.
@@ -93,7 +93,7 @@ class Parameters:
             raise ParameterError(low, f"must be at most {high} = {getattr(self, high)}, got {getattr(self, low)}")
 
     def describe(self) -> str:
-        """One line with each value that is not the default, and its unit, for a node's log; "" if there is none."""
+        """Lists each value that is not the default, with its unit, on one line for a node's log; "" if there is none."""
         parts = []
         for field in dataclasses.fields(self):
             value, unit = getattr(self, field.name), field.metadata.get("unit", "")
@@ -111,7 +111,11 @@ def _default(field: dataclasses.Field) -> Any:
 
 
 def check(key: str, value: Any, default: Any, limits: Mapping[str, Any]) -> Any:
-    """The value, in the default's type, or a ParameterError that says what was expected."""
+    """Checks a value; returns it in the default's type.
+
+    Raises:
+        ParameterError: names the key and says what was expected.
+    """
     unit = limits.get("unit") or ""
     if isinstance(default, bool):
         if not isinstance(value, bool):

@@ -16,7 +16,7 @@ from vb_core.parameters import Parameters, param
 
 
 @dataclass(frozen=True)
-class Shape(Parameters):
+class RobotShape(Parameters):
     """An upright cylinder about base_link."""
 
     radius: float = param(0.18, "m", above=0.0, high=2.0)
@@ -46,7 +46,7 @@ class Scanner(Parameters):
 
 
 @dataclass(frozen=True)
-class Camera(Parameters):
+class OnboardCamera(Parameters):
     """The robot's camera. Lens and mount come from camera_info and tf."""
 
     info: str = param("camera/rgb/camera_info")
@@ -76,16 +76,16 @@ class RobotProfile:
     """One robot type."""
 
     model: str = ""
-    shape: Shape = field(default_factory=Shape)
+    shape: RobotShape = field(default_factory=RobotShape)
     limits: Limits = field(default_factory=Limits)
     scanner: Scanner = field(default_factory=Scanner)
-    camera: Camera = field(default_factory=Camera)
+    camera: OnboardCamera = field(default_factory=OnboardCamera)
     frames: Frames = field(default_factory=Frames)
     contacts: tuple = ()
 
     @property
     def radius(self) -> float:
-        """[m]"""
+        """Radius of its shape [m]."""
         return self.shape.radius
 
     @classmethod
@@ -97,7 +97,7 @@ class RobotProfile:
         """
         if not isinstance(mapping, Mapping):
             raise ParameterError(where, f"expected keys and values, got {mapping!r}")
-        groups = {"shape": Shape, "limits": Limits, "scanner": Scanner, "camera": Camera, "frames": Frames}
+        groups = {"shape": RobotShape, "limits": Limits, "scanner": Scanner, "camera": OnboardCamera, "frames": Frames}
         known = {entry.name for entry in fields(cls)}
         for key in mapping:
             if key not in known:

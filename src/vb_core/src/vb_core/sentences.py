@@ -24,13 +24,13 @@ FOLDER = Path(__file__).resolve().parent / "languages"
 
 
 def languages() -> List[str]:
-    """The available languages, by their two letters."""
+    """Lists the available languages, by their two letters."""
     return sorted(path.name for path in FOLDER.iterdir() if path.is_dir())
 
 
 @functools.lru_cache(maxsize=None)
 def catalogue(language: str = ENGLISH) -> Dict[str, str]:
-    """Every code's sentence in one language, from all of its files.
+    """Reads every code's sentence in one language, from all of its files.
 
     Raises:
         ValueError: if two files have the same code.
@@ -45,7 +45,7 @@ def catalogue(language: str = ENGLISH) -> Dict[str, str]:
 
 
 def placeholders(sentence: str) -> List[str]:
-    """The names of the values in a sentence, each once, sorted."""
+    """Lists the names of the values in a sentence, each once, sorted."""
     return sorted({field for _, field, _, _ in string.Formatter().parse(sentence) if field})
 
 
@@ -57,17 +57,17 @@ class _Shown(dict):
 
 
 def robot(name: str) -> str:
-    """The value that names a robot in a sentence; an empty name is the only robot's."""
+    """Returns the value that names a robot in a sentence; an empty name is the only robot's."""
     return name or "$the_robot"
 
 
 def say(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, otherwise: str = "") -> str:
-    """The sentence for a code; English where the language has none.
+    """Returns the sentence for a code; in English where the language has none.
 
     Args:
-        values: those in the sentence.
-        otherwise: said if no language knows the code, for instance a message's own English sentence; if that is
-            empty too, the code's words.
+        values: the values in the sentence, by their names.
+        otherwise: returned if no language knows the code, for instance a message's own English sentence; if that is
+            empty too, the code's words are returned.
     """
     sentence = catalogue(language).get(code) or catalogue(ENGLISH).get(code)
     if sentence is None:

@@ -91,10 +91,10 @@ class DisplayMarkers:
     def __init__(self, params: DisplayParams) -> None:
         self._params = params
         self._radii = {
-            frame: robot_profile.radius(str(frame).rpartition("/")[0], params.robot_radius) for frame in params.robots
+            frame: robot_profile.read_radius(str(frame).rpartition("/")[0], params.robot_radius) for frame in params.robots
         }
         self._lock = threading.Lock()
-        self._wake = node.Beat(_REFRESH_S)
+        self._wake = node.WakeTimer(_REFRESH_S)
         self._dirty = True  # something but a spot has changed
         self._urgent = False  # something that a person waits for: an answer, the new map
         self._newcomers: List[Any] = []
@@ -165,7 +165,7 @@ class DisplayMarkers:
 
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
-            self._book.hear(message.source, map(notice_from_message, message.notices), time.monotonic())
+            self._book.update(message.source, map(notice_from_message, message.notices), time.monotonic())
         self._changed()
 
     def _on_spot(self, message: LaserSpot) -> None:

@@ -67,7 +67,7 @@ class FloorProjector:
         self._period = 1.0 / params.max_rate
         self._lock = threading.Lock()
         # no message reports the spot's end: check now and then during an interaction
-        self._wake = node.Beat(1.0)
+        self._wake = node.WakeTimer(1.0)
         self._state: Optional[InteractionState] = None
         self._progress: Optional[BorderProgress] = None
         self._preview: Optional[BorderPreview] = None

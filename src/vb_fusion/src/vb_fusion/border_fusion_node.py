@@ -19,8 +19,8 @@ from vb_core.ros import node, parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, evenly, extract_chain, extract_seed_of
-from vb_fusion.spots.collector import BORDER, SEED, Collector, CollectorParams, Spot
+from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, extract_chain, extract_seed_of, subsample_evenly
+from vb_fusion.spots.collector import BORDER, SEED, Collector, CollectorParams, FloorSpot
 from vb_fusion.spots.spot_log import SpotLog
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
@@ -68,7 +68,7 @@ class BorderFusionNode:
         self._collector = Collector(collecting)
         self._live = LiveExtractor(extraction, params.live_share)
         path = Path(params.journal).expanduser() if params.journal else None
-        self._journal = SpotLog(path, collecting.max_spots)
+        self._spot_log = SpotLog(path, collecting.max_spots)
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
         self._closing = False
@@ -87,7 +87,7 @@ class BorderFusionNode:
         self._spot_subscriber = rospy.Subscriber(
             names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True
         )
-        self._service = rospy.Service(names.CANDIDATE, GetDrawnBorder, self._on_candidate)
+        self._service = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, self._on_candidate)
         self._worker = threading.Thread(target=self._work, daemon=True)
         self._worker.start()
 
@@ -112,7 +112,7 @@ class BorderFusionNode:
                 self._failure = self._bad_message = None
                 self._restore(message.interaction_id)
             if state == "default":
-                self._journal.discard()
+                self._spot_log.discard()
             if before == (self._collector.state, self._collector.interaction_id):
                 return
             self._forget = state == "default" and message.last_outcome not in ("", "saved")
@@ -120,7 +120,7 @@ class BorderFusionNode:
 
     def _restore(self, interaction_id: str) -> None:
         """Restores what was collected if the node restarts in the middle of an interaction."""
-        entries = self._journal.start(interaction_id)
+        entries = self._spot_log.start(interaction_id)
         for state, spot in entries:
             self._collector.restore(state, spot)
         if entries:
@@ -149,13 +149,13 @@ class BorderFusionNode:
                 self._wrong_camera = message.camera
             return
         position = message.position
-        spot = Spot(
+        spot = FloorSpot(
             message.header.stamp.to_sec(), position.x, position.y, message.camera, float(message.confidence),
             bool(message.mobile),
         )
         with self._lock:
             if not self._collector.add(spot):
-                self._journal.append(self._collector.state, spot)
+                self._spot_log.append(self._collector.state, spot)
                 self._dirty = True
 
     # ------------------------------------------------------------ output
@@ -182,7 +182,7 @@ class BorderFusionNode:
     def _say(self) -> None:
         """Publishes notices of what is still wrong."""
         with self._lock:
-            problems = [self._failure, self._bad_message, self._journal.problem]
+            problems = [self._failure, self._bad_message, self._spot_log.problem]
             if self._wrong_frame:
                 problems.append(CodedError("spots_wrong_frame", camera=self._wrong_camera))
             chain = self._live.candidate.chain
@@ -200,7 +200,7 @@ class BorderFusionNode:
             collecting = self._collector.state in (BORDER, SEED)
             new, self._dirty = self._dirty, False
             if new:
-                self._journal.flush()
+                self._spot_log.flush()
             now = time.monotonic()
             due = now - self._published >= 1.0 / self._params.idle_rate
             if not self._collector.interaction_id or not (state_changed or (collecting and (new or due))):
@@ -226,17 +226,17 @@ class BorderFusionNode:
         message.interaction_id = collection.interaction_id
         message.border_spots, message.seed_spots = border, seed
         message.ignored_spots = ignored + self._wrong_frame
-        shown = evenly(collection.border, self._params.max_points)
+        shown = subsample_evenly(collection.border, self._params.max_points)
         message.points = points_from_array(shown[:, 1:3])
         message.point_cameras = bytes(np.minimum(shown[:, 4], 255).astype(np.uint8))
         message.cameras = collection.cameras
-        message.seeing = self._collector.seeing(now.to_sec())
+        message.seeing = self._collector.cameras_seeing(now.to_sec())
         chain, seed = candidate.chain, candidate.seed
         if chain is not None:
             message.chain = points_from_array(chain.points)
             message.closed = chain.closed
             message.left_out_spots = chain.left_out_spots
-            message.left_out = points_from_array(evenly(chain.left_out, self._params.max_points))
+            message.left_out = points_from_array(subsample_evenly(chain.left_out, self._params.max_points))
             message.code, message.message = "ok", chain.reason
             message.values = values_from_mapping(chain.values)
         if seed is not None:
@@ -271,7 +271,7 @@ class BorderFusionNode:
             return response
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
         response.success, response.code = True, "ok"
-        response.message = sentences.say("candidate_ready", values)
+        response.message = sentences.say("drawn_border_ready", values)
         response.values = values_from_mapping(values)
         border = response.border
         border.points = points_from_array(chain.points)
@@ -283,11 +283,11 @@ class BorderFusionNode:
         return response
 
     def close(self) -> None:
-        """Ends the worker and the journal."""
+        """Ends the worker and the spot log."""
         self._closing = True
         self._changed.set()
         with self._lock:
-            self._journal.close()
+            self._spot_log.close()
         self._notices.close()
 
 
@@ -301,5 +301,5 @@ def build() -> BorderFusionNode:
 
 
 def main() -> None:
-    """Entry point of the executable."""
+    """Runs the node."""
     node.run("border_fusion", build)

@@ -2,14 +2,14 @@
 
 `ExtractionParams.robust()`, the default, in the order of the data, one module for each stage:
 
-    stroke/observations   the spots, checked and put in the order of time
-    stroke/track          which of them are the pointer's: the one feasible path through time that explains most floor
-    stroke/placement      where the pointer really was: the cameras' offsets removed
-    line/stations         evenly along the stroke, however long the pointer stayed
-    line/closure          polygon or separating curve
-    line/sides            the fewest straight sides that keep every detail larger than a tremble, and their corners
+    stroke/observations    the spots, checked and put in the order of time
+    stroke/track           which of them are the pointer's: the one feasible path through time that explains most floor
+    stroke/camera_offsets  where the pointer really was: the cameras' offsets removed
+    line/resampling        evenly along the stroke, however long the pointer stayed
+    line/closure           polygon or separating curve
+    line/fitting           the fewest straight sides that keep every detail larger than a tremble, and their corners
 
-A drawing that grows is extracted again for the price of what is new (memory.py): `GrowingBorder`.
+A drawing that grows is extracted again for the price of what is new (resumable_loop.py): `GrowingBorder`.
 
 Bare points, without stamps, get an order in space first (stroke/ordering.py); all that follows is the same.
 `ExtractionParams.paper()` runs Algorithms 1 to 3 of the paper as they are written (paper.py).
@@ -34,17 +34,17 @@ from shapely.validation import make_valid
 
 from vb_core import geometry
 from vb_core.parameters import Parameters, param
-from vb_fusion.chain import BorderChain, ExtractionError
+from vb_fusion.line.chain import BorderChain, ExtractionError
 from vb_fusion.line import closure
-from vb_fusion.line.sides import fit_line
-from vb_fusion.line.stations import Stroke, make_stroke
-from vb_fusion.memory import Memory
-from vb_fusion.paper import clustering, expansion, generate_poly, thinning
-from vb_fusion.stroke.observations import TREMBLE, Sights, check, condense, moments
-from vb_fusion.stroke.ordering import in_order
-from vb_fusion.stroke.placement import without_offsets
+from vb_fusion.line.fitting import fit_line
+from vb_fusion.line.resampling import ResampledStroke, make_stroke
+from vb_fusion.resumable_loop import ResumableLoop
+from vb_fusion.paper import bounding_diagonal, find_cluster, generate_polygon, thin_points
+from vb_fusion.stroke.observations import TREMBLE, Observations, make_observations, merge_observations, time_bins
+from vb_fusion.stroke.ordering import order_points
+from vb_fusion.stroke.camera_offsets import remove_offsets
 from vb_fusion.stroke.seed import extract_seed
-from vb_fusion.stroke.track import Track, find_places, find_tracks
+from vb_fusion.stroke.track import PointerTrack, find_places, find_tracks
 
 __all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
 
@@ -68,12 +68,12 @@ class ExtractionParams(Parameters):
 
     @classmethod
     def paper(cls, **changes) -> "ExtractionParams":
-        """Algorithms 1 to 3 with Table 1's values."""
+        """Returns the parameters that select Algorithms 1 to 3 with Table 1's values."""
         return cls(mode="paper", **changes)
 
     @classmethod
     def robust(cls, **changes) -> "ExtractionParams":
-        """The default."""
+        """Returns the default parameters, which select extraction by time."""
         return cls(mode="robust", **changes)
 
 
@@ -102,14 +102,14 @@ def extract_border(
     params = params or ExtractionParams.robust()
     if params.mode == "robust" and stamps is not None:
         drawing = GrowingBorder(params)
-        drawing.add(check(points, stamps, cameras, confidences, mobile))
+        drawing.add(make_observations(points, stamps, cameras, confidences, mobile))
         return drawing.chain()
-    seen = check(points, None, cameras, confidences, mobile)
+    seen = make_observations(points, None, cameras, confidences, mobile)
     _require(seen, params)
     if params.mode == "paper":
         return _paper(seen, params)
-    drawn = seen.select(in_order(seen.points, params.eps))
-    return _line(drawn, drawn, seen.select(slice(0)), params, Memory(), Memory())
+    drawn = seen.select(order_points(seen.points, params.eps))
+    return _make_line(drawn, drawn, seen.select(slice(0)), params, ResumableLoop(), ResumableLoop())
 
 
 class GrowingBorder:
@@ -120,36 +120,40 @@ class GrowingBorder:
 
     def __init__(self, params: ExtractionParams) -> None:
         self._params = params
-        self._sights = check(np.zeros((0, 2)))
-        self._places = find_places(self._sights)
-        self._steps, self._stations, self._sides = Memory(), Memory(), Memory()
+        self._observations = make_observations(np.zeros((0, 2)))
+        self._places = find_places(self._observations)
+        self._steps, self._stations, self._sides = ResumableLoop(), ResumableLoop(), ResumableLoop()
 
-    def add(self, spots: Sights) -> None:
-        """Adds spots as `check` gives them, with stamps since the same beginning, and with numbers for cameras."""
+    def add(self, spots: Observations) -> None:
+        """Adds spots.
+
+        Args:
+            spots: as `make_observations` returns them, with stamps since the same beginning and numbers for cameras.
+        """
         if len(spots.points) == 0:
             return
         # moments that are over stay as they are; from the first that gets a spot on they are looked at again
-        begin = moments(spots.stamps).min()
-        kept = int(np.searchsorted(moments(self._sights.stamps), begin))
-        recent = condense(self._sights.select(slice(kept, None)).followed_by(spots))
-        self._sights = self._sights.select(slice(kept)).followed_by(recent)
+        begin = time_bins(spots.stamps).min()
+        kept = int(np.searchsorted(time_bins(self._observations.stamps), begin))
+        recent = merge_observations(self._observations.select(slice(kept, None)).followed_by(spots))
+        self._observations = self._observations.select(slice(kept)).followed_by(recent)
         self._places = self._places.until(begin).followed_by(find_places(recent))
 
     def chain(self) -> BorderChain:
-        """The border of all spots so far.
+        """Extracts the border of all spots so far.
 
         Raises:
             ExtractionError: as extract_border.
         """
-        seen, params = self._sights, self._params
+        seen, params = self._observations, self._params
         _require(seen, params)
         # a quick stroke across a doorway is seen seldom, but unlike something bright that stays it is long
         tracks = find_tracks(seen, self._places, params.eps, 0.25 * params.min_exp, self._steps)
-        drawn, left_out = _joined(seen, tracks, params)
-        return _line(drawn, without_offsets(drawn), left_out, params, self._stations, self._sides)
+        drawn, left_out = _join_tracks(seen, tracks, params)
+        return _make_line(drawn, remove_offsets(drawn), left_out, params, self._stations, self._sides)
 
 
-def _require(seen: Sights, params: ExtractionParams) -> None:
+def _require(seen: Observations, params: ExtractionParams) -> None:
     count = int(seen.spots.sum())
     if count == 0:
         raise ExtractionError("no_spots")
@@ -157,34 +161,40 @@ def _require(seen: Sights, params: ExtractionParams) -> None:
         raise ExtractionError("too_few_spots", spots=count, needed=params.min_size)
 
 
-def _no_line(seen: Sights, params: ExtractionParams) -> ExtractionError:
+def _no_line(seen: Observations, params: ExtractionParams) -> ExtractionError:
     return ExtractionError("no_line", spots=int(seen.spots.sum()), shortest=f"{params.min_exp:g}")
 
 
-def _paper(seen: Sights, params: ExtractionParams) -> BorderChain:
-    """Sect. 4.3.2, the three stages in turn; it also decides on closed or open, which the paper does not."""
-    cluster = clustering(seen.points, params.eps, params.min_pts, params.min_exp, params.max_exp, params.min_size)
+def _paper(seen: Observations, params: ExtractionParams) -> BorderChain:
+    """Runs the three stages of Sect. 4.3.2; also decides on closed or open, which the paper does not."""
+    cluster = find_cluster(seen.points, params.eps, params.min_pts, params.min_exp, params.max_exp, params.min_size)
     if cluster.size == 0:
         raise _no_line(seen, params)
-    thinned = thinning(seen.points[cluster], params.thinning_dist)
-    chain = thinned[generate_poly(thinned, params.polygon_dist)]
+    thinned = thin_points(seen.points[cluster], params.thinning_dist)
+    chain = thinned[generate_polygon(thinned, params.polygon_dist)]
     if len(chain) < 2:
         raise _no_line(seen, params)
-    decision = closure.decide(chain, params.kind)
+    decision = closure.classify_closure(chain, params.kind)
     return _result(chain, decision, np.zeros((0, 2)), 0, {"cluster": seen.points[cluster], "thinned": thinned})
 
 
-def _joined(seen: Sights, tracks: List[Track], params: ExtractionParams) -> Tuple[Sights, Sights]:
-    """The sights of the stroke, in the order in which the line runs, and those of strokes that do not go on from it."""
+def _join_tracks(
+    seen: Observations, tracks: List[PointerTrack], params: ExtractionParams
+) -> Tuple[Observations, Observations]:
+    """Joins tracks to one stroke.
+
+    Returns:
+        The observations of the stroke, in the order in which the line runs; those of strokes that do not continue it.
+    """
     # the widest is the line: going to and fro explains much, but makes no border
-    tracks = sorted(tracks, key=lambda track: expansion(track.points), reverse=True)
-    if not tracks or expansion(tracks[0].points) <= 0.8 * params.min_exp:
+    tracks = sorted(tracks, key=lambda track: bounding_diagonal(track.points), reverse=True)
+    if not tracks or bounding_diagonal(tracks[0].points) <= 0.8 * params.min_exp:
         raise _no_line(seen, params)
-    line = tracks[0].sights
+    line = tracks[0].observations
     others = [
-        track.sights
+        track.observations
         for track in tracks[1:]
-        if track.gain > params.min_exp and seen.spots[track.sights].sum() >= params.min_size
+        if track.gain > params.min_exp and seen.spots[track.observations].sum() >= params.min_size
     ]
     while others:
         # which end of another stroke is nearest to which end of the line
@@ -200,31 +210,32 @@ def _joined(seen: Sights, tracks: List[Track], params: ExtractionParams) -> Tupl
     return seen.select(line), seen.select(left_out)
 
 
-def _line(
-    drawn: Sights, placed: Sights, left_out: Sights, params: ExtractionParams, stations: Memory, sides: Memory
+def _make_line(
+    drawn: Observations, placed: Observations, left_out: Observations, params: ExtractionParams,
+    stations: ResumableLoop, sides: ResumableLoop,
 ) -> BorderChain:
-    """Stages 3 to 6: the line through the stroke as it was placed."""
-    if len(placed.points) < 3 or not 0.8 * params.min_exp < expansion(placed.points) < params.max_exp:
+    """Runs stages 3 to 6: makes the line through the stroke as it was placed."""
+    if len(placed.points) < 3 or not 0.8 * params.min_exp < bounding_diagonal(placed.points) < params.max_exp:
         raise _no_line(drawn, params)
     stroke = make_stroke(placed.points, placed.weights, stations)
     if len(stroke.points) < 2:
         raise _no_line(drawn, params)
-    decision = closure.decide(stroke.points, params.kind)
+    decision = closure.classify_closure(stroke.points, params.kind)
     if decision.closed:
         kept = slice(decision.first, decision.last + 1)
         # a gap that may have been crossed unseen may hide a corner; across a wider one the line is straight
-        line = fit_line(Stroke(stroke.points[kept], stroke.trust[kept]), decision.gap <= params.eps, sides)
+        line = fit_line(ResampledStroke(stroke.points[kept], stroke.trust[kept]), decision.gap <= params.eps, sides)
         if len(line) < 3:
-            decision = closure.decide(line)  # a straight line, though a polygon was asked for
+            decision = closure.classify_closure(line)  # a straight line, though a polygon was asked for
     else:
         line = fit_line(stroke, False, sides)
-    chain = _simplified(line, decision.closed, params.tolerance)
+    chain = _simplify(line, decision.closed, params.tolerance)
     stages = {"cluster": drawn.points, "placed": placed.points, "thinned": stroke.points}
     return _result(chain, decision, left_out.points, int(left_out.spots.sum()), stages)
 
 
-def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
-    """Stage 6: fewer vertices, and a polygon that does not cross itself.
+def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
+    """Runs stage 6: leaves vertices out, and makes a polygon that does not cross itself.
 
     Raises:
         ExtractionError: "crosses_itself" if what it encloses is not connected.
@@ -245,7 +256,7 @@ def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray
     return np.asarray(Polygon(polygon.exterior).simplify(tolerance).exterior.coords)[:-1]
 
 
-def _result(chain: np.ndarray, decision: closure.Closing, left_out: np.ndarray, spots: int, stages) -> BorderChain:
+def _result(chain: np.ndarray, decision: closure.Closure, left_out: np.ndarray, spots: int, stages) -> BorderChain:
     length = geometry.chain_length(chain, decision.closed)
     return BorderChain(
         chain, decision.closed, decision.code, length, decision.gap, decision.values, left_out, spots, stages

@@ -1,6 +1,6 @@
 """The border so far, kept up to date while a person draws, within a share of one core.
 
-It is the same extraction as at the end; what was extracted before is kept (memory.py). The paper's mode cannot do
+It is the same extraction as at the end; what was extracted before is kept (resumable_loop.py). The paper's mode cannot do
 that: evenly chosen spots show what it makes of the drawing.
 """
 from __future__ import annotations
@@ -15,7 +15,7 @@ from vb_fusion.extraction import (
     BorderChain, ExtractionError, ExtractionParams, GrowingBorder, extract_border, extract_seed,
 )
 from vb_fusion.spots.collector import Collection
-from vb_fusion.stroke.observations import check
+from vb_fusion.stroke.observations import make_observations
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def extract_chain(collection: Collection, params: ExtractionParams) -> BorderCha
     Raises:
         ExtractionError
     """
-    return extract_border(collection.border[:, 1:3], params, **_known(collection.border))
+    return extract_border(collection.border[:, 1:3], params, **_get_attributes(collection.border))
 
 
 def extract_seed_of(collection: Collection) -> np.ndarray:
@@ -47,16 +47,16 @@ def extract_seed_of(collection: Collection) -> np.ndarray:
         ExtractionError
     """
     rows = collection.seed
-    return extract_seed(rows[:, 1:3], before=collection.border[:, 1:3], **_known(rows))
+    return extract_seed(rows[:, 1:3], before=collection.border[:, 1:3], **_get_attributes(rows))
 
 
-def _known(rows: np.ndarray) -> dict:
+def _get_attributes(rows: np.ndarray) -> dict:
     stamps, confidences, cameras, mobile = rows[:, [0, 3, 4, 5]].T
     return {"stamps": stamps, "confidences": confidences, "cameras": cameras.astype(int), "mobile": mobile > 0.0}
 
 
-def evenly(rows: np.ndarray, limit: int) -> np.ndarray:
-    """At most `limit` of the rows, evenly chosen, the first and the last among them."""
+def subsample_evenly(rows: np.ndarray, limit: int) -> np.ndarray:
+    """Returns at most `limit` of the rows, evenly chosen, the first and the last among them."""
     if len(rows) <= limit:
         return rows
     return rows[np.linspace(0, len(rows) - 1, limit).astype(int)] if limit else rows[:0]
@@ -83,20 +83,19 @@ class LiveExtractor:
         self.candidate = DrawnBorder()
 
     def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
-        """The border so far; a new one if there are new spots and it is time.
+        """Returns the border so far; extracts it again if there are new spots and it is time.
 
         Args:
             clock: reads a monotonic clock [s].
-            force: it is time, whatever the last extraction cost.
+            force: whether it is time, whatever the last extraction cost.
         """
         border_new = collection.border_total != self._border_total
         seed_new = collection.seed_total != self._seed_total
         if not (border_new or seed_new) or (clock() < self._not_before and not force):
             return self.candidate
         started = clock()
-        chain, seed, no_chain, no_seed = (
-            self.candidate.chain, self.candidate.seed, self.candidate.no_chain, self.candidate.no_seed
-        )
+        chain, no_chain = self.candidate.chain, self.candidate.no_chain
+        seed, no_seed = self.candidate.seed, self.candidate.no_seed
         if border_new:
             try:
                 chain, no_chain = self._chain(collection), None
@@ -120,13 +119,13 @@ class LiveExtractor:
     def _chain(self, collection: Collection) -> BorderChain:
         rows = collection.border
         if self._params.mode == "paper":
-            return extract_border(evenly(rows, PAPER_SPOTS)[:, 1:3], self._params)
+            return extract_border(subsample_evenly(rows, PAPER_SPOTS)[:, 1:3], self._params)
         began = float(rows[:, 0].min(initial=np.inf))
         if began != self._began:
             self._begin(began)
         # the last rows are the new ones, also after a full collection was thinned
         fresh = rows[max(len(rows) - collection.border_total + max(self._border_total, 0), 0) :]
-        self._drawing.add(check(fresh[:, 1:3], **_known(fresh), began=began))
+        self._drawing.add(make_observations(fresh[:, 1:3], **_get_attributes(fresh), began=began))
         return self._drawing.chain()
 
     def _begin(self, began: float = np.nan) -> None:

@@ -11,15 +11,15 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
-from vb_fusion.chain import ExtractionError
+from vb_fusion.line.chain import ExtractionError
 
-MOST_PAIRS = 20_000_000  # of neighbours, about a gigabyte: some 6,000 points held at one place, or 50,000 along a line
+MAX_PAIRS = 20_000_000  # of neighbours, about a gigabyte: some 6,000 points held at one place, or 50,000 along a line
 
 
-def clustering(
+def find_cluster(
     pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: float, max_exp: float, min_size: int
 ) -> np.ndarray:
-    """Algorithm 1, `clustering(in, out, params)`.
+    """Finds the drawn cluster: Algorithm 1, `clustering(in, out, params)`.
 
     Args:
         pointset_in: (N, 2) float64 [m], finite.
@@ -35,14 +35,14 @@ def clustering(
     clusters = dbscan(pointset_in, eps, min_pts)  # l. 3
     clusters = sorted((c for c in clusters if len(c) >= min_size), key=lambda c: -len(c))  # l. 4
     for c in clusters:  # l. 5
-        if min_exp < expansion(pointset_in[c]) < max_exp:  # l. 6
+        if min_exp < bounding_diagonal(pointset_in[c]) < max_exp:  # l. 6
             pointset_out = c  # l. 7
             break  # l. 8
     return pointset_out
 
 
 def dbscan(points: np.ndarray, eps: float, min_pts: int) -> List[np.ndarray]:
-    """DBSCAN (Ester et al. 1996) with Euclidean distance; noise is left out.
+    """Clusters points (N, 2) by DBSCAN (Ester et al. 1996) with Euclidean distance; noise is left out.
 
     Returns:
         One ascending array of indices per cluster, in the order of the clusters' first core points.
@@ -54,8 +54,8 @@ def dbscan(points: np.ndarray, eps: float, min_pts: int) -> List[np.ndarray]:
     return [np.flatnonzero(label == number) for number in range(int(label.max()) + 1)]
 
 
-def neighbours(points: np.ndarray, radius: float) -> np.ndarray:
-    """(E, 2) each pair of points at most radius [m] apart, once.
+def find_neighbours(points: np.ndarray, radius: float) -> np.ndarray:
+    """Returns the indices (E, 2) of each pair of points at most radius [m] apart, once.
 
     Raises:
         ExtractionError: "too_many_spots".
@@ -64,21 +64,21 @@ def neighbours(points: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _tree(points: np.ndarray, radius: float) -> cKDTree:
-    """The points, unless too many of them are neighbours."""
+    """Builds a tree of the points, unless too many of them are neighbours."""
     tree = cKDTree(points)
     pairs = (int(tree.count_neighbors(tree, radius)) - len(points)) // 2
-    if pairs > MOST_PAIRS:
+    if pairs > MAX_PAIRS:
         raise ExtractionError("too_many_spots", spots=len(points))
     return tree
 
 
-def expansion(points: np.ndarray) -> float:
-    """Diagonal [m] of the smallest axis-parallel box round the points (N, 2)."""
+def bounding_diagonal(points: np.ndarray) -> float:
+    """Returns the diagonal [m] of the smallest axis-parallel box round points (N, 2); the paper's expansion."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
-def thinning(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray:
-    """Algorithm 2, `thinning(in, out, params)`.
+def thin_points(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray:
+    """Replaces neighbours by their mean: Algorithm 2, `thinning(in, out, params)`.
 
     Args:
         pointset_in: (N, 2) float64 [m], finite.
@@ -88,7 +88,7 @@ def thinning(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray:
         pointset_out: (M, 2) float64 [m], the means in the order they were made, then the points without neighbours.
     """
     count = len(pointset_in)
-    pairs = neighbours(pointset_in, max_neighbor_dist)
+    pairs = find_neighbours(pointset_in, max_neighbor_dist)
     both = np.vstack([pairs, pairs[:, ::-1]])
     near = coo_matrix((np.ones(len(both), dtype=bool), (both[:, 0], both[:, 1])), shape=(count, count)).tocsr()
     left = np.ones(count, dtype=bool)
@@ -110,8 +110,8 @@ def thinning(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray:
     return np.vstack([np.array(pointset_out).reshape(-1, 2), pointset_in[left]])  # l. 12
 
 
-def generate_poly(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray:
-    """Algorithm 3, `generatePoly(in, out, params)`: a walk to nearest neighbours, forward and backward.
+def generate_polygon(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray:
+    """Orders points by walking to nearest neighbours, forward and backward: Algorithm 3, `generatePoly(in, out, params)`.
 
     Args:
         pointset_in: (N, 2) float64 [m], at least one, finite.

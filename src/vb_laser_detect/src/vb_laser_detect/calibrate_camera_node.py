@@ -21,15 +21,15 @@ from vb_core import names, sentences
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
-from vb_laser_detect.calibration import file as calibration_file
-from vb_laser_detect.calibration.pose import CalibrationParams
+from vb_laser_detect.calibration import calibration_file
+from vb_laser_detect.calibration.pose import PoseEstimationParams
 from vb_laser_detect.calibration.board import (
     BoardParams, BoardView, corners_on_map, find_board, merge_views, write_board)
-from vb_laser_detect.calibration.session import HeldSpot, Session, describe, parse_numbers
-from vb_laser_detect.calibration.consistency import Sighting, agreement, suspect
+from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, parse_numbers
+from vb_laser_detect.calibration.consistency import Sighting, compare_cameras, find_suspect
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.detection.image_format import PixelReader, to_grey
-from vb_laser_detect.ros.camera_geometry import beside, decoded, is_rectified
+from vb_laser_detect.ros.camera_geometry import decode, is_rectified, sibling_topic
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 FOLDER = "~/.ros/virtual_borders/cameras"
@@ -44,8 +44,8 @@ def say(text: str) -> None:
     print(text, flush=True)
 
 
-def tuned_params(camera: str) -> DetectorParams:
-    """The parameters of a camera's running detector, else those of any stationary camera."""
+def detector_params_of(camera: str) -> DetectorParams:
+    """Returns the parameters of a camera's running detector, else those of any stationary camera."""
     values = rospy.get_param(f"/spot_detector_{camera}/detector", {})
     return DetectorParams.from_mapping(values, "detector") if values else DetectorParams.stationary()
 
@@ -69,7 +69,7 @@ class CameraInput:
 
     def _take(self, message: Any) -> None:
         try:
-            image, encoding = decoded(message)
+            image, encoding = decode(message)
             self.frame_id, self._shape = message.header.frame_id, image.shape
             self._first.set()
             self._handle(image, encoding, message.header.stamp.to_sec())
@@ -77,7 +77,7 @@ class CameraInput:
             rospy.logwarn_throttle(5.0, str(error))
 
     def wait(self, patience_s: float) -> CameraModel:
-        """The camera's model, once images and camera_info have come.
+        """Waits for images and camera_info; returns the camera's model.
 
         Raises:
             CodedError: "no_camera" if they do not come; "bad_camera_info" if they do not match, or the lens
@@ -96,8 +96,8 @@ class CameraInput:
         return camera
 
 
-def frames_of_detectors() -> Dict[str, str]:
-    """The frame of each ceiling camera that a detector runs for.
+def collect_detector_frames() -> Dict[str, str]:
+    """Listens for the frame of each ceiling camera that a detector runs for.
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
@@ -139,7 +139,7 @@ class Inputs:
         self._events.put(("line", "quit"))
 
     def next(self) -> Tuple[str, Any]:
-        """("line", text) or ("click", (x, y)); ("line", "quit") when ROS ends."""
+        """Waits for the next input; returns ("line", text) or ("click", (x, y)), and ("line", "quit") when ROS ends."""
         while not rospy.is_shutdown():
             try:
                 return self._events.get(timeout=0.2)
@@ -148,35 +148,35 @@ class Inputs:
         return "line", "quit"
 
 
-class Guide:
+class CalibrationDialog:
     """The dialogue that both calibration methods share; `help` introduces it, a place is given by so many `numbers`."""
 
     help, numbers = "", 2
 
-    def __init__(self, arguments: argparse.Namespace, params: CalibrationParams) -> None:
+    def __init__(self, arguments: argparse.Namespace, params: PoseEstimationParams) -> None:
         self._arguments = arguments
         self._inputs = Inputs()
         # what the lab's files say of this camera need not be said again
         running = rospy.get_param(f"/spot_detector_{arguments.camera}", {})
         image = arguments.image or "/" + (running.get("image") or f"{arguments.camera}/image_raw").lstrip("/")
-        info = arguments.camera_info or running.get("camera_info") or beside(image, "camera_info")
+        info = arguments.camera_info or running.get("camera_info") or sibling_topic(image, "camera_info")
         compressed = arguments.compressed or running.get("image_transport") == "compressed"
         self._input = CameraInput(image, info, compressed, self.on_image)
         self.camera = self._input.wait(arguments.patience)
         self._frame = arguments.frame or running.get("frame") or self._input.frame_id or f"{arguments.camera}_optical_frame"
         # before the person does any work
-        for frames in (calibration_file.frames_in(arguments.folder), frames_of_detectors()):
+        for frames in (calibration_file.read_frames(arguments.folder), collect_detector_frames()):
             calibration_file.require_own_frame(arguments.camera, self._frame, frames)
-        self.session = Session(self.camera, params)
+        self.session = CalibrationSession(self.camera, params)
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
-        """Each image, in a separate thread."""
+        """Handles each image, in a separate thread."""
 
-    def measured(self, values: List[float]) -> None:
+    def add_place(self, values: List[float]) -> None:
         """Adds map points that were typed or clicked."""
 
     def run(self) -> int:
-        """Until the person is done; returns the exit status."""
+        """Talks to the person until they are done; returns the exit status."""
         say(self.help)
         clicked: List[float] = []
         while True:
@@ -188,7 +188,7 @@ class Guide:
                         say(f"  P1 at {value[0]:.3f} {value[1]:.3f}; now click P2")
                         continue
                     values, clicked = clicked, []
-                    self.measured(values)
+                    self.add_place(values)
                 elif value == "quit":
                     say("nothing was written")
                     return 1
@@ -203,9 +203,9 @@ class Guide:
                         say(self.help)
                         continue
                     clicked = []
-                    self.measured(numbers)
+                    self.add_place(numbers)
                 if value != "":
-                    say("  " + self.session.progress())
+                    say("  " + self.session.describe_progress())
             except CodedError as error:
                 clicked = []
                 say(f"! {error}")
@@ -220,7 +220,7 @@ class Guide:
             a.camera, names.MAP_FRAME, self._frame, estimate.T_map_camera, float(self.camera.matrix[0, 0]))
         path = calibration_file.calibration_path(a.folder, a.camera)
         date = datetime.datetime.now().isoformat(" ", "minutes")
-        calibration_file.save(path, calibration_file.document(pose, estimate, observed, a.command, date))
+        calibration_file.save(path, calibration_file.make_document(pose, estimate, observed, a.command, date))
         looked_for = str(rospy.get_param("/camera_poses/folder", ""))
         if looked_for and Path(looked_for).expanduser().resolve() != path.parent.resolve():
             say(f"wrote {path}; the running lab.launch looks in {looked_for}: start it with calibration:={a.folder}")
@@ -229,7 +229,7 @@ class Guide:
         return 0
 
 
-class SpotGuide(Guide):
+class SpotCalibrationDialog(CalibrationDialog):
     """Laser spots that are held still at known places of the map."""
 
     help = """
@@ -241,25 +241,25 @@ Four places are needed, six to eight are good: near the corners of what the came
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._held, self._lock = HeldSpot(), threading.Lock()
         # a held spot must not become background while the person finds the place in RViz
-        self._detector = SpotDetector(tuned_params(arguments.camera).replace(hold_s=3600.0))
+        self._detector = SpotDetector(detector_params_of(arguments.camera).replace(hold_s=3600.0))
         self._reader = PixelReader()
-        super().__init__(arguments, CalibrationParams(point_sigma=arguments.point_sigma))
+        super().__init__(arguments, PoseEstimationParams(point_sigma=arguments.point_sigma))
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
         """Looks for the spot, and whether it is held still."""
         self._detector.encoding = encoding
         spots = self._detector.detect(self._reader.read(image, encoding), stamp)
         with self._lock:
-            self._held.see(stamp, [(spot.u, spot.v) for spot in spots])
+            self._held.add(stamp, [(spot.u, spot.v) for spot in spots])
 
-    def measured(self, values: List[float]) -> None:
+    def add_place(self, values: List[float]) -> None:
         """Adds the place (x, y) [m] where the spot is held now."""
         u, v = self._rest()
         self.session.add([u, v], values)
         say(f"  ({values[0]:.3f}, {values[1]:.3f}) m is at ({u:.1f}, {v:.1f}) px")
 
     def _rest(self) -> Tuple[float, float]:
-        """(u, v) [px] of the spot, as soon as it has been still for long enough."""
+        """Waits until the spot has been still for long enough; returns its place (u, v) [px]."""
         end = time.monotonic() + _SPOT_PATIENCE_S
         while True:
             try:
@@ -271,7 +271,7 @@ Four places are needed, six to eight are good: near the corners of what the came
             rospy.rostime.wallsleep(0.1)
 
 
-class BoardGuide(Guide):
+class BoardCalibrationDialog(CalibrationDialog):
     """A printed ChArUco board that is laid at known places of the map."""
 
     help = """
@@ -285,14 +285,14 @@ Lay it on three or four places that are far from each other in the image.
         board = BoardParams.for_paper(arguments.paper)
         self._board = board if arguments.square is None else board.replace(square=arguments.square)
         self._images: "queue.Queue[Tuple[np.ndarray, str]]" = queue.Queue(_BOARD_IMAGES)
-        super().__init__(arguments, CalibrationParams(placement_sigma=arguments.placement_sigma))
+        super().__init__(arguments, PoseEstimationParams(placement_sigma=arguments.placement_sigma))
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
         """Keeps the image until a place is measured."""
         with contextlib.suppress(queue.Full):
             self._images.put_nowait((image, encoding))
 
-    def measured(self, values: List[float]) -> None:
+    def add_place(self, values: List[float]) -> None:
         """Adds the board, whose P1 and P2 are at (x1, y1, x2, y2) [m] now."""
         # those that wait were taken before the board lay there
         while not self._images.empty():
@@ -324,11 +324,11 @@ def check(arguments: argparse.Namespace) -> int:
         end = rospy.Time.now() + rospy.Duration(arguments.seconds)
         while not rospy.is_shutdown() and rospy.Time.now() < end:
             rospy.rostime.wallsleep(0.1)
-    pairs = agreement([one for one in list(sightings) if one is not None])
+    pairs = compare_cameras([one for one in list(sightings) if one is not None])
     for pair in pairs:
         say(pair.describe())
     apart = any(pair.median > arguments.limit / 100.0 for pair in pairs)
-    camera = suspect(pairs, arguments.limit / 100.0)
+    camera = find_suspect(pairs, arguments.limit / 100.0)
     cure = "$calibrate_suspect" if camera else "$calibrate_moved"
     say(sentences.say("cameras_apart" if apart else "cameras_agree",
                       {"limit": f"{arguments.limit:g}", "camera": camera, "cure": cure}))
@@ -375,10 +375,10 @@ def _parser() -> argparse.ArgumentParser:
     board = commands.add_parser("board", parents=[guided], help="from a printed board on known places")
     board.add_argument("--paper", **board_paper)
     board.add_argument("--square", type=float, help="[m] side of a square as measured, if the print is not exact")
-    board.add_argument("--placement_sigma", type=float, default=CalibrationParams.placement_sigma,
+    board.add_argument("--placement_sigma", type=float, default=PoseEstimationParams.placement_sigma,
                        help="[m] how exactly P1 and P2 lie on their places; default: %(default)s")
     spots = commands.add_parser("spots", parents=[guided], help="from laser spots on known places")
-    spots.add_argument("--point_sigma", type=float, default=CalibrationParams.point_sigma,
+    spots.add_argument("--point_sigma", type=float, default=PoseEstimationParams.point_sigma,
                        help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz")
 
     agreed = commands.add_parser("check", help="how well cameras that overlap agree")
@@ -389,7 +389,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main() -> int:
-    """The command; see --help."""
+    """Runs the command; see --help."""
     arguments = _parser().parse_args(rospy.myargv()[1:])
     cv2.setNumThreads(1)
     try:
@@ -401,7 +401,7 @@ def main() -> int:
             return check(arguments)
         rospy.init_node("calibrate_camera", anonymous=True)
         arguments.folder = arguments.folder or str(rospy.get_param("/camera_poses/folder", FOLDER))
-        return (BoardGuide if arguments.command == "board" else SpotGuide)(arguments).run()
+        return (BoardCalibrationDialog if arguments.command == "board" else SpotCalibrationDialog)(arguments).run()
     except CodedError as error:
         print(f"calibrate_camera: {error}", file=sys.stderr)
         return 1

@@ -11,8 +11,8 @@ import tf2_ros
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
-from vb_laser_detect.calibration import file as calibration_file
-from vb_laser_detect.calibration.file import CameraPose
+from vb_laser_detect.calibration import calibration_file
+from vb_laser_detect.calibration.calibration_file import CameraPose
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,8 @@ class CameraPosesNode:
     def _look(self, _event: Any = None) -> None:
         """Reads the files that changed, then checks all of them together, so that their order does not matter."""
         paths = {camera: calibration_file.calibration_path(self._folder, camera) for camera in self._cameras}
-        before, self._versions = self._versions, {camera: _version(path) for camera, path in paths.items()}
+        before = self._versions
+        self._versions = {camera: _version(path) for camera, path in paths.items()}
         changed = [camera for camera, version in self._versions.items() if before.get(camera) != version]
         for camera in changed:
             try:

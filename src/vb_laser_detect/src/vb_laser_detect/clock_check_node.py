@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
-from vb_laser_detect.calibration.clock_offset import ClockOffset, Exchange, clock_offset
+from vb_laser_detect.calibration.clock_offset import ClockOffset, Exchange, estimate_clock_offset
 from vb_msgs.srv import GetTime
 
 
@@ -94,13 +94,13 @@ class ClockCheckNode:
                 sent = time.time()
                 answer: Any = proxy()
                 exchanges.append((sent, answer.received.to_sec(), answer.sent.to_sec(), time.time()))
-            return clock_offset(exchanges)
+            return estimate_clock_offset(exchanges)
         finally:
             proxy.close()
 
     def _judge(self, name: str, offset: ClockOffset) -> None:
         limit = self._params.limit_ms / 1e3
-        wrong = offset.beyond(limit)
+        wrong = offset.exceeds(limit)
         if not wrong and offset.uncertainty > limit:
             return  # on a busy network an exchange may say nothing: neither that it is right nor that it became so
         before, self._wrong[name] = self._wrong.get(name), wrong
@@ -120,7 +120,7 @@ class ClockCheckNode:
         if offset is None:
             status.summary(DiagnosticStatus.WARN, f"{name} does not answer")
             return status
-        if offset.beyond(limit):
+        if offset.exceeds(limit):
             status.summary(DiagnosticStatus.WARN, _sentence(name, offset))
         elif offset.uncertainty > limit:
             status.summary(DiagnosticStatus.WARN, f"the way to {name} takes too long to compare clocks")

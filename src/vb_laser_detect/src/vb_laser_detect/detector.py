@@ -27,8 +27,8 @@ from vb_laser_detect.detection.blocks import BLOCK
 from vb_laser_detect.detection.features import Blob, Camera
 from vb_laser_detect.detection.projection import ToFloor, metres_per_pixel
 from vb_laser_detect.detection.image_format import BAYER
-from vb_laser_detect.detection.proposals import Proposal, Proposer, View
-from vb_laser_detect.detection.tracking import BackfilledSpot, Spot, SpotTracker
+from vb_laser_detect.detection.proposals import Proposal, Proposer, SearchedImage
+from vb_laser_detect.detection.tracking import BackfilledSpot, Expected, Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
@@ -36,7 +36,7 @@ __all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
 _SMEAR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
 _LONGEST = 2.0  # times its diameter: a fast one is elongated
 _WIDEST = 0.09  # of the image's diagonal, where no pose is known
-_LEAST_PX = 2.5  # smaller blobs are noise
+_MIN_PX = 2.5  # smaller blobs are noise
 _CERTAIN = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
 
 
@@ -44,33 +44,33 @@ class SpotDetector:
     """Finds the spots of one camera; keeps its knowledge of the scene between frames.
 
     Attributes:
-        tag: whatever belongs to the next frame; it comes back with those of its spots that are backfilled later.
-        candidates: the last frame's spots and what was rejected, for debug images.
+        tag: anything that the caller wants to keep with the next frame; returned with each of its spots that is backfilled.
+        candidates: the last frame's spots, and its proposals that were rejected, for debug images.
         backfilled: spots of earlier frames that the last one confirmed, the oldest first: what a stroke began with.
         encoding: of the images, as in sensor_msgs/Image; (H, W) images are grey ones unless it says bayer.
     """
 
-    def __init__(self, params: Optional[DetectorParams] = None, judge: Optional[classifier.SpotClassifier] = None) -> None:
+    def __init__(self, params: Optional[DetectorParams] = None, spot_classifier: Optional[classifier.SpotClassifier] = None) -> None:
         self.params = params or DetectorParams.stationary()
         self.tag: Any = None
         self.encoding = ""
-        self._given = judge
-        self.look_from(None)
+        self._given = spot_classifier
+        self.set_camera_pose(None)
         self.reset()
-        self.retune(self.params)
+        self.set_params(self.params)
 
-    def look_from(
+    def set_camera_pose(
         self, to_floor: Optional[ToFloor], place_check: Optional[Callable[[float, float], str]] = None
     ) -> None:
         """Sets where the camera of the next frames is.
 
         Args:
-            to_floor: pixels (N, 2) to the floor [m], for sizes in millimetres and speeds in m/s. None: in pixels.
-            place_check: a pixel (u, v) to the reason why no spot can be there, or "".
+            to_floor: maps pixels (N, 2) to the floor [m], for sizes in millimetres and speeds in m/s. None: in pixels.
+            place_check: returns why no spot can be at a pixel (u, v), or "".
         """
         self._to_floor, self._place_check = to_floor, place_check
 
-    def retune(self, params: DetectorParams) -> None:
+    def set_params(self, params: DetectorParams) -> None:
         """Changes the parameters; the background stays.
 
         Raises:
@@ -113,99 +113,125 @@ class SpotDetector:
         if mosaic and self.params.moving_camera:
             # a mosaic cannot be moved by parts of a pixel
             image, mosaic = cv2.cvtColor(image, BAYER[self.encoding[:10]]), False
-        if self._stamp is not None and stamp < self._stamp or self._shape not in (None, image.shape):
+        jumped_back = self._stamp is not None and stamp < self._stamp
+        if jumped_back or self._shape not in (None, image.shape):
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp, self._shape = stamp, image.shape
         camera = Camera(math.hypot(*image.shape[:2]), mosaic)
-        view = self._proposer.look(image, self._tracker.begin(stamp, camera, self._proposer.motion(image)))
-        spots, kept = self._confirm(self._examine_all(view, camera._replace(white=view.white)))
+        expected = self._tracker.begin(stamp, camera, self._proposer.estimate_motion(image))
+        searched = self._proposer.propose(image, expected)
+        seen = self._examine_all(searched, camera._replace(white=searched.white))
+        spots, kept = self._confirm(seen)
         # a pause must not make one frame outweigh all earlier ones
-        self._proposer.learn(view, kept, min(elapsed, 1.0))
+        self._proposer.update_background(searched, kept, min(elapsed, 1.0))
         return spots
 
-    def _examine_all(self, view: View, camera: Camera) -> List[Spot]:
-        """Measures and judges a view's proposals; notes those that were not examined in `candidates`."""
+    def _examine_all(self, searched: SearchedImage, camera: Camera) -> List[Spot]:
+        """Measures and classifies an image's proposals; notes those that were not examined in `candidates`."""
         seen: List[Spot] = []
-        proposals, left_out = [one for one in view.proposals if not one.refusal], [one for one in view.proposals if one.refusal]
+        proposals = [proposal for proposal in searched.proposals if not proposal.rejection]
+        not_examined = [proposal for proposal in searched.proposals if proposal.rejection]
         for number, proposal in enumerate(proposals):
-            spot, one = self._examine(proposal, view, camera), proposal.expected
-            # two regions can lead to the same blob
-            if not any(math.hypot(spot.u - other.u, spot.v - other.v) < 2.0
-                       and bool(other.refusal) == bool(spot.refusal) for other in seen):
+            spot = self._examine(proposal, searched, camera)
+            if not any(_same_blob(spot, other) for other in seen):
                 seen.append(spot)
-            if (self.params.max_spots == 1 and one is not None and one.published and spot.certain
-                    and not spot.refusal and one.holds(spot.u, spot.v)):
+            if self.params.max_spots == 1 and _is_followed_spot(spot, proposal.expected):
                 # the one spot is found where it is expected: nothing else can take its place
-                left_out += [other._replace(refusal="not_looked_at") for other in proposals[number + 1 :]]
+                not_examined += [other._replace(rejection="not_examined") for other in proposals[number + 1 :]]
                 break
-        self.candidates = [Spot(*one.middle, float(one.region[2] - one.region[0]), refusal=one.refusal) for one in left_out]
+        self.candidates = [
+            Spot(*proposal.middle, float(proposal.region[2] - proposal.region[0]), rejection=proposal.rejection)
+            for proposal in not_examined
+        ]
         return seen
 
-    def _examine(self, proposal: Proposal, view: View, camera: Camera) -> Spot:
-        """Measures and judges one proposal; where a spot must be, also what a brighter area left of it: its core."""
-        one, largest = proposal.expected, _LONGEST * self._sizes(self._metre(*proposal.middle), camera)[1]
-        blob = features.measure(view.image, view.reference, proposal.region, largest, camera)
-        spot = self._judge(blob, view, camera, False)
-        if spot.refusal and one is not None and one.trusted:
-            core = features.measure(view.image, view.reference, one.part_of(proposal.region), largest, camera, features.CORE)
-            again = self._judge(core, view, camera, True)
-            if not again.refusal and one.holds(core.u, core.v):
+    def _examine(self, proposal: Proposal, searched: SearchedImage, camera: Camera) -> Spot:
+        """Measures and classifies one proposal; where a spot must be, also what a brighter area left of it: its core."""
+        expected = proposal.expected
+        largest = _LONGEST * self._sizes(self._metre(*proposal.middle), camera)[1]
+        blob = features.measure(searched.image, searched.reference, proposal.region, largest, camera)
+        spot = self._classify(blob, searched, camera, False)
+        if spot.rejection and expected is not None and expected.trusted:
+            region = expected.intersect(proposal.region)
+            core = features.measure(searched.image, searched.reference, region, largest, camera, features.CORE)
+            again = self._classify(core, searched, camera, True)
+            if not again.rejection and expected.holds(core.u, core.v):
                 return again
         return spot
 
-    def _judge(self, blob: Blob, view: View, camera: Camera, expected: bool) -> Spot:
-        refusal, probability = blob.problem or self._wrong_size(blob, camera), 0.0
-        if not refusal:
-            numbers = {**blob.numbers, "busy": view.busy(blob.u, blob.v, blob.diameter)}
-            probability, against = self._classifier.judge(blob, numbers, expected)
+    def _classify(self, blob: Blob, searched: SearchedImage, camera: Camera, expected: bool) -> Spot:
+        rejection, probability = blob.problem or self._wrong_size(blob, camera), 0.0
+        if not rejection:
+            numbers = {**blob.numbers, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
+            probability, reason = self._classifier.classify(blob, numbers, expected)
             if probability < max(self.params.min_probability, _CERTAIN if expected else 0.0):
-                refusal = against
+                rejection = reason
             elif self._place_check is not None:
-                refusal = self._place_check(blob.u, blob.v)
-        return Spot(blob.u, blob.v, blob.diameter, probability, refusal=refusal, certain=not expected, tint=blob.tint)
+                rejection = self._place_check(blob.u, blob.v)
+        return Spot(blob.u, blob.v, blob.diameter, probability, rejection=rejection, certain=not expected, tint=blob.tint)
 
     def _confirm(self, seen: List[Spot]) -> Tuple[List[Spot], List[Spot]]:
-        """The spots to publish, the most certain first, and those that are kept out of the background.
+        """Follows the spots; returns those to publish, the most certain first, and those to keep out of the background.
 
         Notes the others, and why they are not published, in `candidates`.
         """
-        found = sorted((one for one in seen if not one.refusal), key=lambda one: (not one.certain, -one.confidence))
+        found = sorted((spot for spot in seen if not spot.rejection), key=lambda spot: (not spot.certain, -spot.confidence))
         if found and self._to_floor is not None:
-            floor = np.asarray(self._to_floor(np.array([(one.u, one.v) for one in found])), float)
-            found = [replace(one, floor=(x, y)) for one, (x, y) in zip(found, floor[:, :2])]
-        self.candidates += [one for one in seen if one.refusal]
-        told, kept, self.backfilled = [], [], []
+            floor = np.asarray(self._to_floor(np.array([(spot.u, spot.v) for spot in found])), float)
+            found = [replace(spot, floor=(x, y)) for spot, (x, y) in zip(found, floor[:, :2])]
+        self.candidates += [spot for spot in seen if spot.rejection]
+        confirmed: List[Spot] = []
+        kept: List[Spot] = []
+        self.backfilled = []
         for spot, track in zip(found, self._tracker.update(found, self.tag)):
-            refusal = "" if track.published else "less_certain" if track.confirmed else "unconfirmed"
-            spot = replace(spot, track=track.number, refusal=refusal)
+            if track.published:
+                rejection = ""
+            else:
+                rejection = "lower_confidence" if track.confirmed else "unconfirmed"
+            spot = replace(spot, track=track.number, rejection=rejection)
             self.candidates.append(spot)
             if track.published:
-                told.append(spot)
+                confirmed.append(spot)
                 self.backfilled += track.waiting
                 track.waiting = []
-            if (spot.certain and spot.confidence >= max(_CERTAIN, self.params.min_probability)
-                    and self._stamp - track.rests_since < self.params.hold_s):
+            surely_a_spot = spot.certain and spot.confidence >= max(_CERTAIN, self.params.min_probability)
+            if surely_a_spot and self._stamp - track.rests_since < self.params.hold_s:
                 kept.append(spot)
-        return told, kept
+        return confirmed, kept
 
     def _metre(self, u: float, v: float) -> float:
-        """[m] a pixel's length on the floor; NaN where that is not known."""
+        """Returns a pixel's length on the floor [m]; NaN where that is not known."""
         return metres_per_pixel(self._to_floor, u, v) if self._to_floor is not None else math.nan
 
     def _sizes(self, metre: float, camera: Camera) -> Tuple[float, float]:
-        """The least and the largest diameter [px] of a spot where a pixel is this long on the floor [m]."""
+        """Returns a spot's smallest and largest diameter [px] where a pixel is this long on the floor [m]."""
         if math.isnan(metre):
-            return _LEAST_PX, _WIDEST * camera.diagonal
-        least, largest = (0.001 / metre * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm))
-        return max(_LEAST_PX, least), largest + _SMEAR_PX
+            return _MIN_PX, _WIDEST * camera.diagonal
+        smallest, largest = (0.001 / metre * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm))
+        return max(_MIN_PX, smallest), largest + _SMEAR_PX
 
     def _wrong_size(self, blob: Blob, camera: Camera) -> str:
         metre = self._metre(blob.u, blob.v)
         if self._to_floor is not None and math.isnan(metre):
             return "off_floor"
-        least, largest = self._sizes(metre, camera)
-        return "too_small" if blob.diameter < least else "too_large" if blob.diameter > largest else ""
+        smallest, largest = self._sizes(metre, camera)
+        if blob.diameter < smallest:
+            return "too_small"
+        return "too_large" if blob.diameter > largest else ""
+
+
+def _same_blob(spot: Spot, other: Spot) -> bool:
+    """Tells whether two regions have led to the same blob."""
+    near = math.hypot(spot.u - other.u, spot.v - other.v) < 2.0
+    return near and bool(other.rejection) == bool(spot.rejection)
+
+
+def _is_followed_spot(spot: Spot, expected: Optional[Expected]) -> bool:
+    """Tells whether a spot is certainly the published one, where it was expected."""
+    if expected is None or not expected.published:
+        return False
+    return spot.certain and not spot.rejection and expected.holds(spot.u, spot.v)
 
 
 def _checked(image: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from vb_laser_detect.detection.projection import ProjectionParams
 
 
 @dataclass(frozen=True)
-class NodeParams(Parameters):
+class SpotDetectorNodeParams(Parameters):
     """The node's own parameters; see config/*.yaml."""
 
     camera: str = param("", doc="name of the camera")
@@ -46,12 +46,12 @@ class DetectorParams(Parameters):
 
     @classmethod
     def stationary(cls, **changes) -> "DetectorParams":
-        """For a camera that does not move."""
+        """Returns the parameters for a camera that does not move."""
         return cls(**changes)
 
     @classmethod
     def mobile(cls, **changes) -> "DetectorParams":
-        """For a camera on a robot."""
+        """Returns the parameters for a camera on a robot."""
         return cls(**{**dict(moving_camera=True, confirm_frames=3), **changes})
 
 
@@ -69,6 +69,6 @@ def check(values: Mapping[str, Any], where: str) -> None:
     Raises:
         ParameterError: for an unknown key, a wrong type, a value out of range.
     """
-    NodeParams.from_mapping(values, where, tuple(GROUPS))
+    SpotDetectorNodeParams.from_mapping(values, where, tuple(GROUPS))
     for name, group in GROUPS.items():
         group.from_mapping(values.get(name), f"{where.rstrip('/')}/{name}")

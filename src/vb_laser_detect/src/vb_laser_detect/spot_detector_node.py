@@ -21,11 +21,11 @@ from vb_core.ros.reconfigure import ReconfigureServer
 from vb_laser_detect.detection import projection
 from vb_laser_detect.detection.debug_image import draw
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
-from vb_laser_detect.detector_params import GROUPS, NodeParams
-from vb_laser_detect.detection.image_geometry import Frame, placed, search
+from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
+from vb_laser_detect.detection.image_geometry import ImageGeometry, locate_confirmed, search
 from vb_laser_detect.detection.image_format import PixelReader
-from vb_laser_detect.detection.projection import FloorPoint, FloorProjector, ProjectionParams
-from vb_laser_detect.ros.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, beside, decoded, is_rectified
+from vb_laser_detect.detection.projection import FloorPoint, FloorProjection, ProjectionParams
+from vb_laser_detect.ros.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, decode, is_rectified, sibling_topic
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 from vb_laser_detect.ros.time_server import TimeServer
 from vb_msgs.msg import DetectorStatus, LaserSpot
@@ -58,11 +58,11 @@ class SpotDetectorNode:
     Services:
         ~get_time (vb_msgs/GetTime): this computer's clock, for clock_check
     Parameters:
-        ~* NodeParams, ~detector/* DetectorParams, ~projection/* ProjectionParams. Their numbers and switches can be
+        ~* SpotDetectorNodeParams, ~detector/* DetectorParams, ~projection/* ProjectionParams. Their numbers and switches can be
         changed while it runs (dynamic_reconfigure, in the same namespaces). <robot>/robot_profile: how large a robot is.
     """
 
-    def __init__(self, params: NodeParams, detector: DetectorParams, projection_params: ProjectionParams) -> None:
+    def __init__(self, params: SpotDetectorNodeParams, detector: DetectorParams, projection_params: ProjectionParams) -> None:
         # one process per camera: threads within each would only fight for the cores
         cv2.setNumThreads(1)
         node.disable_heap_trimming()
@@ -70,9 +70,9 @@ class SpotDetectorNode:
             raise ParameterError(rospy.resolve_name("~camera"), "the camera's name must be set")
         self._params = params
         self._mobile = detector.moving_camera
-        self._projector = FloorProjector(projection_params, None, params.ignore_regions)
+        self._projector = FloorProjection(projection_params, None, params.ignore_regions)
         self._detector = SpotDetector(detector)
-        self._tuned = threading.Lock()  # parameters change between images, never within one
+        self._params_lock = threading.Lock()  # parameters change between images, never within one
         self._reader = PixelReader()
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()
@@ -80,15 +80,15 @@ class SpotDetectorNode:
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=20, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
-        self._placing = self._make_placing(image)
+        self._camera_geometry = self._make_camera_geometry(image)
         self._time_server = TimeServer()
         self._worker = Worker(self._mailbox, self._search)
-        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.hear, queue_size=20)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.note_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
-        self._tunings = [
-            ReconfigureServer(params, "~", self._retune),
-            ReconfigureServer(detector, "~detector", self._retune_detector, fixed=("moving_camera",)),
-            ReconfigureServer(projection_params, "~projection", self._retune_projection),
+        self._reconfigure_servers = [
+            ReconfigureServer(params, "~", self._set_node_params),
+            ReconfigureServer(detector, "~detector", self._set_detector_params, fixed=("moving_camera",)),
+            ReconfigureServer(projection_params, "~projection", self._set_projection_params),
         ]
         compressed = params.image_transport == "compressed"
         kind, topic = (CompressedImage, image + "/compressed") if compressed else (Image, image)
@@ -96,14 +96,14 @@ class SpotDetectorNode:
         # the buffer must hold a whole image, else rospy hands over images that are older than the newest one
         rospy.Subscriber(topic, kind, self._mailbox.put, queue_size=1, buff_size=2**24, tcp_nodelay=True)
 
-    def _make_placing(self, image: str) -> CameraGeometry:
+    def _make_camera_geometry(self, image: str) -> CameraGeometry:
         p, depth = self._params, None
         # image_rect, image_rect_color: the images are already undistorted
         rectified = is_rectified(image)
-        info = InfoTopic(rospy.resolve_name(p.camera_info or beside(image, "camera_info")), self._report, rectified)
+        info = InfoTopic(rospy.resolve_name(p.camera_info or sibling_topic(image, "camera_info")), self._report, rectified)
         if p.depth:
             topic = rospy.resolve_name(p.depth)
-            depth = DepthTopic(topic, rospy.resolve_name(p.depth_info or beside(topic, "camera_info")), self._report)
+            depth = DepthTopic(topic, rospy.resolve_name(p.depth_info or sibling_topic(topic, "camera_info")), self._report)
         return CameraGeometry(self._mobile, info, depth, self._projector, p, self._report)
 
     def close(self) -> None:
@@ -117,22 +117,22 @@ class SpotDetectorNode:
             self._report.fault(error)
 
     # ------------------------------------------------------------- dynamic_reconfigure
-    def _retune(self, params: NodeParams) -> None:
-        with self._tuned:
-            self._params = self._placing.params = params
+    def _set_node_params(self, params: SpotDetectorNodeParams) -> None:
+        with self._params_lock:
+            self._params = self._camera_geometry.params = params
 
-    def _retune_detector(self, params: DetectorParams) -> None:
-        with self._tuned:
-            self._detector.retune(params)
+    def _set_detector_params(self, params: DetectorParams) -> None:
+        with self._params_lock:
+            self._detector.set_params(params)
 
-    def _retune_projection(self, params: ProjectionParams) -> None:
-        with self._tuned:
+    def _set_projection_params(self, params: ProjectionParams) -> None:
+        with self._params_lock:
             self._projector.params = params
 
     # ------------------------------------------------------------- the search
     def _search(self, message: Any) -> None:
         try:
-            with self._tuned:
+            with self._params_lock:
                 self._search_image(message)
         except CodedError as error:
             self._report.fault(error)
@@ -145,7 +145,7 @@ class SpotDetectorNode:
         stamp = message.header.stamp
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
-        raw, encoding = decoded(message)
+        raw, encoding = decode(message)
         image = self._reader.read(raw, encoding)
         self._report.colour = image.ndim == 3 or encoding.startswith("bayer")
         frame_id = self._params.frame or message.header.frame_id
@@ -161,29 +161,29 @@ class SpotDetectorNode:
         elif shared is not None:
             self._report.fault(shared)
             spots, self._detector.backfilled = [], []
-        self._report.standing("" if unplaced is None else str(unplaced))
+        self._report.set_missing_input("" if unplaced is None else str(unplaced))
         for candidate in self._detector.candidates:
             # these are everyday events: counted, but not worth a warning
-            if candidate.refusal:
-                self._report.count(candidate.refusal)
+            if candidate.rejection:
+                self._report.count(candidate.rejection)
         # the first spots of a stroke come with their own times and places; what has no place was counted when seen
-        confirmed = placed(self._detector, spots, frame)
+        confirmed = locate_confirmed(self._detector, spots, frame)
         for where, spot in confirmed:
             self._spots.publish(self._message(spot, where.point(spot.u, spot.v), where.stamp))
-        self._report.recall(sum(where is not frame for where, _ in confirmed))
+        self._report.count_backfilled(sum(where is not frame for where, _ in confirmed))
         if frame is None and spots and unplaced is not None:
             self._report.fault(unplaced, missing=True)
             spots = []
-        self._report.frame(stamp, took, len(spots), image, frame_id, self._detector.confirmation_s)
+        self._report.count_image(stamp, took, len(spots), image, frame_id, self._detector.confirmation_s)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(image, encoding, message.header)
 
     def _place(
         self, frame_id: str, stamp: rospy.Time, image: np.ndarray
-    ) -> Tuple[Optional[Frame], Optional[CodedError]]:
-        """The image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
+    ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
+        """Returns the image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
         try:
-            return self._placing.frame(frame_id, stamp, image.shape), None
+            return self._camera_geometry.geometry_of(frame_id, stamp, image.shape), None
         except CodedError as error:
             if error.code != "no_camera_info":  # which may come late
                 self._report.fault(error, missing=True)
@@ -216,7 +216,7 @@ class SpotDetectorNode:
 def build() -> SpotDetectorNode:
     """Reads the parameters and makes the node."""
     return SpotDetectorNode(
-        parameters.read(NodeParams, "~", ignore=tuple(GROUPS)),
+        parameters.read(SpotDetectorNodeParams, "~", ignore=tuple(GROUPS)),
         parameters.read(DetectorParams, "~detector"),
         parameters.read(ProjectionParams, "~projection"),
     )

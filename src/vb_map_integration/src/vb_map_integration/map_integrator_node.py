@@ -448,7 +448,7 @@ def main() -> None:
         own, shared = (tuple(cls.__dataclass_fields__) for cls in (MapIntegratorNodeParams, IntegratorParams))
         params = parameters.read(MapIntegratorNodeParams, ignore=shared)
         integrator = parameters.read(IntegratorParams, ignore=own)
-        radii = [robot_profile.radius(name, integrator.robot_radius_m) for name in integrator.robots or [""]]
+        radii = [robot_profile.read_radius(name, integrator.robot_radius_m) for name in integrator.robots or [""]]
         return MapIntegratorNode(params, integrator.replace(robot_radius_m=max(radii)))
 
     node.run("map_integrator", build)

@@ -62,7 +62,7 @@ class CameraCoverageNode:
         self._started = rospy.Time.now()
         self._transforms = TransformLookup()
         self._publisher = rospy.Publisher(names.COVERAGE, OccupancyGridArray, queue_size=1, latch=True)
-        self._beat = node.Beat(LOOK_EACH)
+        self._beat = node.WakeTimer(LOOK_EACH)
         self._worker = node.Worker(self._beat, lambda _woken: self._look())
         self._subscribers = [
             rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, queue_size=1),

@@ -60,7 +60,7 @@ class RobotDispatcherNode:
 
     def __init__(self, profiles: Mapping[str, RobotProfile]) -> None:
         self._dispatcher = dispatcher = Dispatcher({name: profile.radius for name, profile in profiles.items()})
-        self._beat = node.Beat(PERIOD)
+        self._beat = node.WakeTimer(PERIOD)
         self._heard: Deque[Callable[[], None]] = deque()  # what the worker is to take in, in the order in which it came
         transforms = TransformLookup()
         self._viewpoint = rospy.Publisher("~viewpoint", PoseStamped, queue_size=1, latch=True)

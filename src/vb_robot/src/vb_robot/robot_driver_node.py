@@ -103,7 +103,7 @@ class RobotDriverNode:
         self._bad_goal_until = -1.0
         self._held_since: Dict[str, float] = {}
         self._told = (Command(), -1.0)
-        self._beat = node.Beat(1.0 / drivers.RATE)
+        self._beat = node.WakeTimer(1.0 / drivers.RATE)
         self._transforms = TransformLookup()
         self._camera = CameraView(
             profile.camera.info, self._base, profile.camera.max_range, self._transforms,

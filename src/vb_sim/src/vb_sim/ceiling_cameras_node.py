@@ -122,7 +122,7 @@ def build() -> CeilingCamerasNode:
     """Reads the parameters."""
     cv2.setNumThreads(1)
     node.disable_heap_trimming()
-    parameters.required("~world")
+    parameters.read_required("~world")
     params = parameters.read(CeilingCamerasParams)
     world = load_world(params.world)
     cameras = [world.camera(str(name)) for name in params.cameras] if params.cameras else list(world.cameras)

@@ -336,7 +336,7 @@ def clock_publisher() -> rospy.Publisher:
 
 def build() -> LabSimulatorNode:
     """Makes the node from the parameter server."""
-    parameters.required("~world")
+    parameters.read_required("~world")
     params = parameters.read(LabSimulatorParams)
     models = load_models(models_file(params.models))
     robot = read_section(models, "robot", RobotModel)

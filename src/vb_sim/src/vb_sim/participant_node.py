@@ -181,7 +181,7 @@ class ParticipantNode:
 
     def _command(self, script: ParticipantScript, action: Action) -> None:
         try:
-            response = commands.send(commands.order(action.command, action.source, 18.0), 3.0, 15.0)
+            response = commands.send(commands.make_request(action.command, action.source, 18.0), 3.0, 15.0)
             answer = CommandReply(response.success, response.code, response.message)
         except CodedError as error:
             answer = CommandReply(False, error.code, error.message)
@@ -211,7 +211,7 @@ class ParticipantNode:
 def build() -> ParticipantNode:
     """Makes the node from the parameter server."""
     for name in ("~world", "~scenario"):
-        parameters.required(name)
+        parameters.read_required(name)
     params = parameters.read(ParticipantParams, ignore=("finished",))
     world = load_world(params.world)
     model = read_section(load_models(models_file(params.models)), "participant", ParticipantModel)

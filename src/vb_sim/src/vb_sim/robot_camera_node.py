@@ -124,7 +124,7 @@ def build() -> RobotCameraNode:
     """Reads the parameters."""
     cv2.setNumThreads(1)
     node.disable_heap_trimming()
-    parameters.required("~world")
+    parameters.read_required("~world")
     params = parameters.read(RobotCameraParams)
     world = load_world(params.world)
     robot = world.robot(params.robot) if params.robot else world.robots[0]

@@ -44,7 +44,7 @@ class Buttons:
         self._params = params
         self._map = ButtonMap(params.mapping, params.by_state)
         self._state = "default"
-        self._orders = commands.Orders(params.source, self._on_answer)
+        self._orders = commands.CommandSender(params.source, self._on_answer)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1)
         rospy.Subscriber("joy", Joy, self._on_joy, queue_size=20)
 

@@ -47,7 +47,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
     wait_s = max(0.1, chosen.wait)
     try:
         # longer than the manager's own waits for its services, so that its answer arrives
-        answer = commands.send(commands.order(chosen.command, chosen.source, wait_s + 15.0), wait_s, 15.0)
+        answer = commands.send(commands.make_request(chosen.command, chosen.source, wait_s + 15.0), wait_s, 15.0)
     except CodedError as error:
         print(f"{sentences.say(error.code, error.values, chosen.language)} [{error.code}]", file=sys.stderr)
         return UNREACHABLE

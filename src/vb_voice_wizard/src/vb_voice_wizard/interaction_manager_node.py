@@ -115,7 +115,7 @@ class InteractionManager:
         with self._lock:
             self._publish()
         self._texts: node.Queue = node.Queue(20)
-        self._beat = node.Beat(_REPEATED_AFTER)
+        self._beat = node.WakeTimer(_REPEATED_AFTER)
         node.Worker(self._texts, lambda order: self._handle(order))
         node.Worker(self._beat, lambda _woken: self._on_beat())
         rospy.Subscriber(names.STOP, Bool, self._on_stop, queue_size=10)
@@ -238,7 +238,7 @@ class InteractionManager:
         except CodedError as error:
             # an unanswered request may have arrived; an error tells that no earlier one has
             with self._lock:
-                self._interaction.unanswered_save = error.code == "no_answer" or (error.code == "no_service" and unanswered)
+                self._interaction.unanswered_save = error.code == "no_response" or (error.code == "no_service" and unanswered)
             raise
         with self._lock:
             answer = self._interaction.finish_save(border_id, rospy.get_time())

@@ -40,7 +40,7 @@ _SILENT_S = 3.0  # a detector reports once a second, the microphone's level come
 _WORTH_TELLING = 0.1  # confidence of something spoken that was not understood
 # the nodes to watch, by a service that only they offer
 _WATCHED = (
-    ("interaction_manager", names.COMMAND), ("border_fusion", names.CANDIDATE), ("map_integrator", names.LIST_BORDERS)
+    ("interaction_manager", names.COMMAND), ("border_fusion", names.GET_DRAWN_BORDER), ("map_integrator", names.LIST_BORDERS)
 )
 
 
@@ -80,8 +80,8 @@ class WizardConsole:
             self._tell(note, NOTE)
         # a socket limit of this process: a master that hangs must not hang the watch for ever
         socket.setdefaulttimeout(5.0)
-        self._orders = commands.Orders(source, self._on_answer, answer_s=15.0)
-        node.Worker(node.Beat(_WATCH_S), lambda _woken: self._watch())
+        self._orders = commands.CommandSender(source, self._on_answer, answer_s=15.0)
+        node.Worker(node.WakeTimer(_WATCH_S), lambda _woken: self._watch())
 
     # ------------------------------------------------------------------ presence
     def _watch(self) -> None:
@@ -171,7 +171,7 @@ class WizardConsole:
         rospy.Subscriber(
             names.BORDERS, VirtualBorderArray, lambda message: self._show_newest("borders", message.borders), queue_size=1
         )
-        rospy.Subscriber(names.HEARD, SpeechCommand, self._on_heard, queue_size=5)
+        rospy.Subscriber(names.SPEECH_COMMANDS, SpeechCommand, self._on_heard, queue_size=5)
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=10)
         rospy.Subscriber(names.VOICE_LEVEL, Float32, self._on_level, queue_size=1)
@@ -194,7 +194,7 @@ class WizardConsole:
 
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
-            self._book.hear(message.source, map(notice_from_message, message.notices), time.monotonic())
+            self._book.update(message.source, map(notice_from_message, message.notices), time.monotonic())
 
     def _on_detector(self, message: DetectorStatus) -> None:
         with self._lock:

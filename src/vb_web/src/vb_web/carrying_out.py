@@ -31,7 +31,7 @@ from vb_msgs.srv import (
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import services
-from vb_core.ros.commands import order, send
+from vb_core.ros.commands import make_request, send
 from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_web.requests import Request
@@ -44,7 +44,7 @@ COMMAND_EXPIRES_S = 5.0
 _PATIENCE_S = 20.0
 _INTEGRATOR = "$map_integrator"
 _SENT = {"stop": "page_stop_sent", "resume": "page_resume_sent"}
-_UNREACHED = ("no_service", "no_answer")
+_UNREACHED = ("no_service", "no_response")
 
 
 class Carrier:
@@ -87,7 +87,7 @@ class Carrier:
             self._unheard_stop = ""
         elif command in ("undo", "redo") and not self._manager_there():
             return self._trigger(names.UNDO if command == "undo" else names.REDO)
-        wanted = order(command, source, COMMAND_EXPIRES_S)
+        wanted = make_request(command, source, COMMAND_EXPIRES_S)
         wanted.id = request.id  # the browser's: a request repeated after the page was restarted is carried out once
         try:
             return _answer(send(wanted))
@@ -103,7 +103,7 @@ class Carrier:
         source = self._unheard_stop
         if source and self._manager_there():
             try:
-                send(order("stop", source, COMMAND_EXPIRES_S))
+                send(make_request("stop", source, COMMAND_EXPIRES_S))
             except CodedError:
                 return  # asked again at the next call
             self._unheard_stop = ""

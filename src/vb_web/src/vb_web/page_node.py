@@ -154,7 +154,7 @@ class PageNode:
         rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses),
                       "" if local else f"; its codes are in {codes}")
         # wall time goes on when simulated time stops
-        self._beats = [node.Beat(_POSES_S), node.Beat(_HEALTH_S), node.Beat(_HEALTH_S)]
+        self._beats = [node.WakeTimer(_POSES_S), node.WakeTimer(_HEALTH_S), node.WakeTimer(_HEALTH_S)]
         # the last one waits for the manager's answer, which may take long: the others go on
         for beat, look in zip(self._beats, (self._look_at_robots, self._look_at_health, self._carrier.repeat_stop)):
             node.Worker(beat, lambda _woken, look=look: look())
@@ -285,7 +285,7 @@ class PageNode:
         if message.source == rospy.get_name():
             return  # the code is for the room: a viewer must not read the operator's
         with self._lock:
-            self._notices.hear(message.source, map(notice_from_message, message.notices[:50]), time.monotonic())
+            self._notices.update(message.source, map(notice_from_message, message.notices[:50]), time.monotonic())
         self._show_notices()
 
     def _show_notices(self) -> None:

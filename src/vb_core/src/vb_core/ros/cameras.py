@@ -10,7 +10,7 @@ from vb_core.errors import CodedError
 
 
 def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
-    """CameraInfo to CameraModel; inverse of `info_from_camera`.
+    """Converts CameraInfo to CameraModel; inverse of `info_from_camera`.
 
     Args:
         rectified: for images that are already undistorted (image_rect, image_rect_color): P describes them.
@@ -33,7 +33,7 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
 
 
 def info_from_camera(camera: CameraModel, stamp: rospy.Time, frame_id: str) -> CameraInfo:
-    """CameraModel to CameraInfo; inverse of `camera_from_info`."""
+    """Converts CameraModel to CameraInfo; inverse of `camera_from_info`."""
     info = CameraInfo()
     info.header.stamp = stamp
     info.header.frame_id = frame_id

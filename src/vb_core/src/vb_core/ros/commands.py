@@ -19,10 +19,11 @@ MANAGER = "$interaction_manager"
 _STOP = "stop"
 
 
-def order(command: str, source: str, valid_s: float, unclear: bool = False) -> CommandRequest:
-    """A command with its own id that expires.
+def make_request(command: str, source: str, valid_s: float, unclear: bool = False) -> CommandRequest:
+    """Makes the request for a command, with an id of its own and a time at which it expires.
 
     Args:
+        source: the input method that sends it.
         valid_s: [s] from now on, ROS time.
         unclear: whether it may have been misunderstood.
     """
@@ -38,17 +39,17 @@ def send(request: CommandRequest, wait_s: float = 1.0, answer_s: float = 12.0) -
     """Sends a command, and again if its answer is lost, for instance because the manager restarts.
 
     Raises:
-        CodedError: "no_service" or "no_answer", as `services.call`.
+        CodedError: "no_service" or "no_response", as `services.call`.
     """
     try:
         return services.call(names.COMMAND, Command, request, MANAGER, wait_s, answer_s)
     except CodedError as error:
-        if error.code != "no_answer" or isinstance(error.__cause__, TimeoutError):
+        if error.code != "no_response" or isinstance(error.__cause__, TimeoutError):
             raise
     return services.call(names.COMMAND, Command, request, MANAGER, wait_s, answer_s)
 
 
-class Orders:
+class CommandSender:
     """Sends commands one after the other from a separate thread; `stop` waits for no other.
 
     Args:
@@ -71,8 +72,12 @@ class Orders:
             node.Worker(line, self._give)
 
     def put(self, command: str, beside: Any = None, unclear: bool = False) -> bool:
-        """Queues a command; False if too many wait already and it is dropped."""
-        request = order(command, self._source, self._wait_s + self._answer_s, unclear)
+        """Queues a command; returns False if too many wait already and it is dropped.
+
+        Args:
+            beside: handed on to `on_answer`.
+        """
+        request = make_request(command, self._source, self._wait_s + self._answer_s, unclear)
         line = self._urgent if command == _STOP else self._waiting
         return line.put((request, beside))
 

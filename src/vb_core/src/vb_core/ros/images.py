@@ -26,7 +26,7 @@ _KINDS = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32S": "i4", "32F": 
 
 
 def _format(encoding: str) -> Tuple[np.dtype, int]:
-    """The type and number of a pixel's channels."""
+    """Returns the type and number of a pixel's channels."""
     kind, channels = _ENCODINGS.get(encoding, ("", 1))
     bayer, general = _BAYER.fullmatch(encoding), _GENERAL.fullmatch(encoding)
     if bayer:
@@ -39,7 +39,7 @@ def _format(encoding: str) -> Tuple[np.dtype, int]:
 
 
 def image_array(message: Image) -> np.ndarray:
-    """The image's pixels as they are: (H, W) or (H, W, C), no copy where the byte order allows it.
+    """Returns an image's pixels as they are, (H, W) or (H, W, C); copies only where the byte order requires it.
 
     Raises:
         CodedError: "bad_image" for an empty image, an unknown encoding, or too few bytes.
@@ -64,7 +64,7 @@ def image_array(message: Image) -> np.ndarray:
 
 
 def compressed_image_array(message: CompressedImage) -> np.ndarray:
-    """The pixels of a JPEG or PNG image: (H, W, 3) bgr, or (H, W).
+    """Decodes a JPEG or PNG image to pixels (H, W, 3) bgr, or (H, W).
 
     Raises:
         CodedError: "bad_image" if it cannot be decoded.
@@ -81,14 +81,16 @@ def compressed_image_array(message: CompressedImage) -> np.ndarray:
 
 
 def compressed_encoding(message: CompressedImage, image: np.ndarray) -> str:
-    """The encoding, as in sensor_msgs/Image, of a compressed image's pixels `compressed_image_array`."""
+    """Returns the encoding, as in sensor_msgs/Image, of the pixels that `compressed_image_array` decoded."""
     # "bayer_rggb8; jpeg compressed ..." where the driver says what was compressed
     of_driver = message.format.split(";")[0].strip()
-    return "bgr8" if image.ndim == 3 else of_driver if of_driver.startswith("bayer") else "mono8"
+    if image.ndim == 3:
+        return "bgr8"
+    return of_driver if of_driver.startswith("bayer") else "mono8"
 
 
 def image_message(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:
-    """Pixels to a message; inverse of `image_array`."""
+    """Converts pixels to a message; inverse of `image_array`."""
     image = np.ascontiguousarray(image)
     message = Image()
     message.header.stamp = stamp

@@ -25,7 +25,7 @@ BorderPreviewArray = numpy_msg(BorderPreview)
 
 # ----------------------------------------------------------------- maps
 def grid_from_message(message: OccupancyGrid) -> GridMap:
-    """OccupancyGrid to GridMap; inverse of `message_from_grid`.
+    """Converts OccupancyGrid to GridMap; inverse of `message_from_grid`.
 
     Raises:
         CodedError: "bad_map" if size and data do not match or the origin is not a planar pose.
@@ -42,7 +42,7 @@ def grid_from_message(message: OccupancyGrid) -> GridMap:
 
 
 def message_from_grid(grid: GridMap, stamp: rospy.Time, frame_id: str = "map") -> OccupancyGrid:
-    """GridMap to OccupancyGrid; inverse of `grid_from_message`. To be published as OccupancyGridArray."""
+    """Converts GridMap to OccupancyGrid; inverse of `grid_from_message`. To be published as OccupancyGridArray."""
     message = OccupancyGridArray()
     message.header.stamp = stamp
     message.header.frame_id = frame_id
@@ -56,43 +56,43 @@ def message_from_grid(grid: GridMap, stamp: rospy.Time, frame_id: str = "map") -
 
 # ----------------------------------------------------------------- poses and points
 def values_from_mapping(values: Mapping[str, Any]) -> List[KeyValue]:
-    """A sentence's values, for a message; inverse of `mapping_from_values`."""
+    """Converts a sentence's values for a message; inverse of `mapping_from_values`."""
     return [KeyValue(key=key, value=str(value)) for key, value in values.items()]
 
 
 def mapping_from_values(values: Iterable[KeyValue]) -> Dict[str, str]:
-    """A sentence's values, from a message; inverse of `values_from_mapping`."""
+    """Converts a sentence's values from a message; inverse of `values_from_mapping`."""
     return {value.key: value.value for value in values}
 
 
 def points_from_array(points: np.ndarray) -> List[Point]:
-    """(N, 2) or (N, 3) [m] to points; inverse of `array_from_points`."""
+    """Converts an array (N, 2) or (N, 3) [m] to points; inverse of `array_from_points`."""
     return [Point(float(p[0]), float(p[1]), float(p[2]) if len(p) > 2 else 0.0) for p in points]
 
 
 def array_from_points(points: Iterable[Point]) -> np.ndarray:
-    """Points to (N, 2) float64 [m], z is dropped; inverse of `points_from_array`."""
+    """Converts points to an array (N, 2) float64 [m] without z; inverse of `points_from_array`."""
     return np.array([(p.x, p.y) for p in points], dtype=float).reshape(-1, 2)
 
 
 def quaternion_message(quaternion) -> Quaternion:
-    """(x, y, z, w) to a message."""
+    """Converts a quaternion (x, y, z, w) to a message."""
     return Quaternion(*(float(value) for value in quaternion))
 
 
 def pose_from_2d(x: float, y: float, yaw: float) -> Pose:
-    """A planar pose [m, m, rad]; inverse of `pose_to_2d`."""
+    """Converts a planar pose [m, m, rad] to a message; inverse of `pose_to_2d`."""
     return Pose(Point(float(x), float(y), 0.0), quaternion_message(geometry.quaternion_from_yaw(yaw)))
 
 
 def pose_to_2d(pose: Pose) -> Tuple[float, float, float]:
-    """(x, y, yaw) [m, m, rad]; inverse of `pose_from_2d`."""
+    """Converts a message to a planar pose (x, y, yaw) [m, m, rad]; inverse of `pose_from_2d`."""
     q = pose.orientation
     return pose.position.x, pose.position.y, geometry.yaw_from_quaternion((q.x, q.y, q.z, q.w))
 
 
 def matrix_from_transform(message: Transform) -> np.ndarray:
-    """Transform to a 4x4 matrix; inverse of `transform_message`.
+    """Converts a transform to a 4x4 matrix; inverse of `transform_message`.
 
     Raises:
         CodedError: "bad_transform" if the rotation is zero or not finite.
@@ -106,7 +106,7 @@ def matrix_from_transform(message: Transform) -> np.ndarray:
 
 
 def transform_message(T: np.ndarray, parent: str, child: str, stamp: rospy.Time) -> TransformStamped:
-    """A 4x4 matrix T_parent_child to a stamped transform; inverse of `matrix_from_transform`."""
+    """Converts a 4x4 matrix T_parent_child to a stamped transform; inverse of `matrix_from_transform`."""
     message = TransformStamped()
     message.header.stamp = stamp
     message.header.frame_id = parent

@@ -25,8 +25,8 @@ def run(name: str, build: Callable[[], Any]) -> None:
 
     Args:
         name: the node's default name.
-        build: makes the node's object, whose class's docstring is the interface. A `CodedError` from it, for instance a bad parameter, is
-            logged as one line, and the process exits with status 1, as after `fail`.
+        build: makes the node's object, whose class's docstring is the interface. A `CodedError` from it, for instance a
+            bad parameter, is logged as one line, and the process exits with status 1, as after `fail`.
     """
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_interface(name, build))
@@ -62,7 +62,7 @@ def _log_without_registering() -> None:
 
 
 def _interface(name: str, build: Callable[[], Any]) -> str:
-    """What is known of a node without starting it: its class's docstring, and where its parameters are."""
+    """Describes a node without starting it: its class's docstring, and where its parameters are."""
     # with postponed evaluation an annotation is the class's name
     returned = build.__annotations__.get("return", "")
     class_ = build.__globals__.get(returned) if isinstance(returned, str) else returned
@@ -158,7 +158,7 @@ class Queue(Generic[T]):
         self._closed = False
 
     def put(self, item: T) -> bool:
-        """Adds an item; False if too many wait already, which the caller must report."""
+        """Adds an item; returns False if too many wait already, which the caller must report."""
         with self._condition:
             if len(self._items) >= self._size:
                 return False
@@ -174,7 +174,7 @@ class Queue(Generic[T]):
             return self._items.popleft() if self._items else None
 
     def close(self) -> None:
-        """Closes it: waiting items are still taken, then `take` returns None."""
+        """Closes the queue: waiting items are still taken, then `take` returns None."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()
@@ -184,11 +184,11 @@ MIN_LOOK_S = 0.002  # [s] of wall time between two looks at simulated time
 MAX_PACE = 20.0  # simulated seconds per second
 
 
-class Beat:
-    """A clock for a worker: `take` returns when something was announced, or after a period of wall or simulated time.
+class WakeTimer:
+    """Wakes a worker when something was announced, or after a period of wall or simulated time, whichever ends first.
 
-    Whichever ends first counts. A rospy.Timer follows simulated time, which may pause, and work that must not pause uses
-    this; where simulated time runs faster than real time, other nodes expect the work as often in their time.
+    A rospy.Timer follows simulated time, which may pause, and work that must not pause uses this; where simulated time
+    runs faster than real time, other nodes expect the work as often in their time.
     """
 
     def __init__(self, period: float) -> None:
@@ -203,7 +203,7 @@ class Beat:
         self._wake.set()
 
     def take(self) -> Optional[bool]:
-        """Waits; returns whether something was announced, None once closed."""
+        """Waits; returns whether something was announced, or None once closed."""
         if rospy.rostime.is_wallclock():
             woken = not self._closed and self._wake.wait(self._period)
         else:
@@ -249,7 +249,7 @@ def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread
 
 
 class Worker:
-    """A thread that handles the items of a Mailbox, Queue or Beat one after the other, and survives a faulty item.
+    """A thread that handles the items of a Mailbox, Queue or WakeTimer one after the other, and survives a faulty item.
 
     A `CodedError` is a faulty item. Anything else is a fault of the node: it ends with a traceback, and roslaunch
     restarts it; a node whose worker alone had died would run on deaf.
@@ -289,7 +289,7 @@ def await_input(what: str, arrived: Callable[[], bool], give_up_s: Optional[floa
     Args:
         what: for the log: "the map on /map".
         arrived: whether it is there.
-        give_up_s: [s] of wall time after which the node ends with "waited_in_vain", so that roslaunch restarts it;
+        give_up_s: [s] of wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
             None: never, because the node is useful without it or a restart would not help.
     """
     threading.Thread(target=_await, args=(what, arrived, give_up_s), daemon=True).start()
@@ -302,7 +302,7 @@ def _await(what: str, arrived: Callable[[], bool], give_up_s: Optional[float]) -
         if rospy.is_shutdown():
             return False
         if give_up_s is not None and now - began > give_up_s:
-            fail(CodedError("waited_in_vain", what=what, seconds=round(now - began)))
+            fail(CodedError("input_timeout", what=what, seconds=round(now - began)))
             return False
         if now - said > SAID_AFTER_S:
             rospy.logwarn("%s waits for %s", rospy.get_name(), what)
@@ -315,7 +315,7 @@ def _await(what: str, arrived: Callable[[], bool], give_up_s: Optional[float]) -
 def wait_for_clock() -> None:
     """Waits for the first time on /clock if simulated time is used; returns at once otherwise.
 
-    A node that has waited `GIVES_UP_AFTER_S` in vain ends with "waited_in_vain".
+    A node that has waited `GIVES_UP_AFTER_S` in vain ends with "input_timeout".
     """
     _await("the time on /clock, because /use_sim_time is set", _clock_runs, GIVES_UP_AFTER_S)
 

@@ -16,7 +16,7 @@ from vb_msgs.msg import NoticeArray
 
 
 def message_from_notice(notice: Notice) -> NoticeMessage:
-    """Inverse of `notice_from_message`; the English sentence is filled in."""
+    """Converts a notice to a message with its English sentence; inverse of `notice_from_message`."""
     values: List[KeyValue] = values_from_mapping(notice.values)
     return NoticeMessage(
         severity=int(notice.severity), code=notice.code, robot=notice.robot, border_id=notice.border_id,
@@ -25,7 +25,10 @@ def message_from_notice(notice: Notice) -> NoticeMessage:
 
 
 def notice_from_message(message: NoticeMessage) -> Notice:
-    """An unknown severity counts as an error: it may come from a newer version."""
+    """Converts a message to a notice; inverse of `message_from_notice`.
+
+    An unknown severity counts as an error: it may come from a newer version.
+    """
     known = message.severity in tuple(Severity)
     return Notice(
         message.code, Severity(message.severity) if known else Severity.ERROR, message.robot, message.border_id,
@@ -42,17 +45,17 @@ class NoticeListener:
         self._subscriber = rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
 
     def current(self) -> List[Notice]:
-        """Those that hold now, most severe first."""
+        """Returns the notices that hold now, most severe first."""
         with self._lock:
             return self._book.current(time.monotonic())
 
     def close(self) -> None:
-        """Listens no more."""
+        """Stops listening."""
         self._subscriber.unregister()
 
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
-            self._book.hear(message.source, map(notice_from_message, message.notices), time.monotonic())
+            self._book.update(message.source, map(notice_from_message, message.notices), time.monotonic())
 
 
 class NoticePublisher:

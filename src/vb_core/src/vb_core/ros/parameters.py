@@ -40,8 +40,8 @@ def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
     return params
 
 
-def required(name: str) -> object:
-    """A parameter that has no sensible default.
+def read_required(name: str) -> object:
+    """Reads a parameter that has no sensible default.
 
     Raises:
         ParameterError: if it is not set.

@@ -22,7 +22,7 @@ _LIMIT = {bool: (False, True), int: (-(2**31), 2**31 - 1), float: (-1e9, 1e9)}
 
 
 def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
-    """A parameter class's numbers and switches, as a compiled .cfg file describes them.
+    """Describes a parameter class's numbers and switches as a compiled .cfg file does.
 
     Args:
         params: their current values become the defaults.

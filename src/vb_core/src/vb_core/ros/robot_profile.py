@@ -8,8 +8,10 @@ from vb_core.robot_profile import RobotProfile
 PARAMETER = "robot_profile"
 
 
-def radius(robot: str, otherwise: float) -> float:
-    """[m] a robot's radius by its profile, or `otherwise` where no profile is set: for nodes that need nothing else.
+def read_radius(robot: str, otherwise: float) -> float:
+    """Reads a robot's radius [m] from its profile; returns `otherwise` where no profile is set.
+
+    For nodes that need nothing else of the profile.
 
     Args:
         robot: its name; empty for the only one.
@@ -19,10 +21,10 @@ def radius(robot: str, otherwise: float) -> float:
 
 
 def read(robot: str = "") -> RobotProfile:
-    """The profile of a robot; that of the node's own namespace without a name. TurtleBot 2's if none is set.
+    """Reads the profile of a robot; returns that of a TurtleBot 2 if none is set.
 
     Args:
-        robot: its name, which is its namespace.
+        robot: its name, which is its namespace; empty for the node's own namespace.
 
     Raises:
         ParameterError: names the key that is wrong.

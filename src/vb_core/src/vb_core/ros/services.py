@@ -11,7 +11,7 @@ from vb_core.errors import CodedError
 
 
 def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, answer_s: float = 5.0) -> Any:
-    """Calls a service; returns its response or raises an error within a known time.
+    """Calls a service; returns its response, or raises an error, within a known time.
 
     rospy itself waits without limit for a process that accepts the connection and hangs. The limits are
     wall time on purpose: whether a process answers does not depend on simulated time, which may stand still.
@@ -24,7 +24,7 @@ def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, 
         answer_s: [s] how long to wait for its response after that.
 
     Raises:
-        CodedError: "no_service" if no node offers it: nothing was sent. "no_answer" if the request was
+        CodedError: "no_service" if no node offers it: nothing was sent. "no_response" if the request was
             sent and no response came: it may or may not have been carried out.
     """
     answers: "queue.Queue" = queue.Queue()
@@ -44,6 +44,6 @@ def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, 
     except queue.Empty:
         response, error = None, TimeoutError(f"no response within {answer_s:g} s")
     if error is not None:
-        code = "no_answer" if sent.is_set() else "no_service"
+        code = "no_response" if sent.is_set() else "no_service"
         raise CodedError(code, who=who) from error
     return response

@@ -18,7 +18,7 @@ class TransformLookup:
         self._resting = False
 
     def lookup(self, target: str, source: str, stamp: rospy.Time, timeout_s: float = 0.1) -> np.ndarray:
-        """T_target_source at a time.
+        """Looks up T_target_source (4, 4) at a time.
 
         Args:
             stamp: when; rospy.Time(0) is the newest there is.
@@ -38,14 +38,14 @@ class TransformLookup:
         return matrix_from_transform(found.transform)
 
     def newest(self, target: str, source: str) -> rospy.Time:
-        """The time of the newest transform; zero for a fixed one, and if there is none."""
+        """Returns the time of the newest transform; zero for a fixed one, and if there is none."""
         try:
             return self._buffer.get_latest_common_time(target, source)
         except (tf2_ros.TransformException, rospy.ROSException):
             return rospy.Time(0)
 
-    def rest_on_static(self, target: str, source: str) -> bool:
-        """Stops listening to moving transforms if the chain from source to target is static.
+    def unsubscribe_if_static(self, target: str, source: str) -> bool:
+        """Stops listening to moving transforms if the chain from source to target is static; returns whether it is.
 
         A node beside a fixed camera would otherwise decode every robot's transforms for nothing. What is
         published later on /tf_static is still heard.

@@ -193,7 +193,7 @@ class _Player:
         if self._current and self._current != next_one:
             self._until(self._scheduler.now_ns + SETTLED_NS)
             request = GetDrawnBorderRequest(interaction_id=self._current)
-            answer = services.call(names.CANDIDATE, GetDrawnBorder, request, "$border_fusion")
+            answer = services.call(names.GET_DRAWN_BORDER, GetDrawnBorder, request, "$border_fusion")
             self._result.borders[self._current] = _border(answer)
         self._current = next_one
 

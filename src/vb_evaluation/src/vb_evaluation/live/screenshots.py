@@ -169,7 +169,7 @@ def _stored(world: World, drawn: Scenario) -> List[VirtualBorder]:
 def _say(seen: Observer, command: str, state: str) -> None:
     """Gives a command until its state has come: a person would say it again, too."""
     def said() -> bool:
-        commands.send(commands.order(command, "screenshots", PATIENCE_S), PATIENCE_S, PATIENCE_S)
+        commands.send(commands.make_request(command, "screenshots", PATIENCE_S), PATIENCE_S, PATIENCE_S)
         return wait_until(lambda: seen.state.name == state, 10.0)
 
     _until(said, f"the state {state}")

@@ -140,7 +140,7 @@ class LiveRun:
         timing = self._study.timing
         scheduler = Scheduler(START_NS)
         graph = Graph(scheduler, {
-            names.COMMAND: timing.command_s, names.CANDIDATE: timing.save_s, names.SPOTS: timing.spot_s})
+            names.COMMAND: timing.command_s, names.GET_DRAWN_BORDER: timing.save_s, names.SPOTS: timing.spot_s})
         cameras = METHODS[self._task.method](self._world)
         arguments = {
             "world": "study", "cameras": " ".join(cameras) or "none", "method": self._task.method,
@@ -175,7 +175,7 @@ class LiveRun:
             afterwards()
         else:
             with contextlib.suppress(CodedError):
-                commands.send(commands.order("cancel", "study", 5.0))
+                commands.send(commands.make_request("cancel", "study", 5.0))
         rospy.rostime.wallsleep(0.5)
         return True
 

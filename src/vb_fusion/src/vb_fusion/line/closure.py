@@ -25,7 +25,7 @@ CAME_BACK = 0.5  # opening in widths of the figure: the end is nearer to the sta
 
 
 @dataclass(frozen=True)
-class Closing:
+class Closure:
     """The decision on one line.
 
     Attributes:
@@ -43,8 +43,8 @@ class Closing:
     values: Dict[str, str] = field(default_factory=dict)
 
 
-def decide(points: np.ndarray, kind: str = "decide") -> Closing:
-    """Closed or open?
+def classify_closure(points: np.ndarray, kind: str = "decide") -> Closure:
+    """Decides whether a line is a polygon or a separating curve.
 
     Args:
         points: (M, 2) [m], the line as drawn, M >= 2.
@@ -57,7 +57,7 @@ def decide(points: np.ndarray, kind: str = "decide") -> Closing:
     straight = len(points) < 3 or length == 0.0
     if kind == "curve" or straight:
         code = "open_requested" if kind == "curve" else "open_two_points"
-        return Closing(False, code, apart, 0, end, _values(apart, length))
+        return Closure(False, code, apart, 0, end, _values(apart, length))
     first, last, opening = _without_overhang(points, length)
     cut = points[first : last + 1]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
@@ -76,12 +76,12 @@ def decide(points: np.ndarray, kind: str = "decide") -> Closing:
         else:
             code = "closed_cut" if last - first < end else "closed_gap"
     if code.startswith("open"):
-        return Closing(False, code, apart, 0, end, _values(apart, length))
-    return Closing(True, code, gap, first, last, _values(gap, kept))
+        return Closure(False, code, apart, 0, end, _values(apart, length))
+    return Closure(True, code, gap, first, last, _values(gap, kept))
 
 
 def _widest(points: np.ndarray) -> float:
-    """The greatest distance [m] between two of the points."""
+    """Returns the greatest distance [m] between two of the points."""
     hull = LineString(points).convex_hull
     corners = np.asarray(getattr(hull, "exterior", hull).coords)
     return float(cdist(corners, corners).max())
@@ -93,7 +93,7 @@ def _values(gap: float, length: float) -> Dict[str, str]:
 
 
 def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, float]:
-    """The points of the first and the last third of the line between which it is closed, and the opening [m] there.
+    """Finds the points, in the first and the last third of the line, between which it closes, and the opening [m] there.
 
     What is cut off must bring the ends nearer by half of its length: else the ends stay as they are.
     """
@@ -107,7 +107,10 @@ def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, floa
 
 
 def _closing_turn(points: np.ndarray, gap: float, lever: float) -> float:
-    """How far [deg] the line turns from its end to its start; its directions there are those over a lever [m]."""
+    """Returns the angle [deg] by which the line turns from its end to its start.
+
+    Its directions there are those over a lever [m].
+    """
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     inner = [np.array([np.interp(at, arc, axis) for axis in points.T]) for at in (lever, arc[-1] - lever)]
     across = points[0] - points[-1]

@@ -28,7 +28,7 @@ class CollectorParams(Parameters):
 
 
 @dataclass(frozen=True)
-class Spot:
+class FloorSpot:
     """One spot on the floor, in the map frame."""
 
     stamp: float  # [s] of the image
@@ -52,7 +52,7 @@ class SpotStore:
         self.kept = 0
         self.total = 0
 
-    def append(self, spot: Spot, camera: int) -> None:
+    def append(self, spot: FloorSpot, camera: int) -> None:
         """Keeps a spot seen by camera number `camera`."""
         if self.kept == len(self._data):
             rows = self._data[::2] if self.kept >= self._limit else self._data
@@ -106,7 +106,7 @@ class Collector:
         self._stores = {BORDER: SpotStore(self._params.max_spots), SEED: SpotStore(self._params.max_spots)}
 
     def set_state(self, state: str, interaction_id: str, entered: float) -> bool:
-        """Adopts a new state; True if a new interaction began.
+        """Adopts a new state; returns whether a new interaction began.
 
         Args:
             state: "default", "border", "seed" or "guide".
@@ -124,14 +124,14 @@ class Collector:
             self.state, self._entered = state, entered
         return fresh
 
-    def add(self, spot: Spot) -> str:
+    def add(self, spot: FloorSpot) -> str:
         """Adds a spot.
 
         Returns:
             "" if it was collected, else why it was ignored: "not_finite", "state" (no spots are wanted) or
             "before_state" (it was seen before the state was entered).
         """
-        reason = self._refusal(spot)
+        reason = self._rejection_reason(spot)
         # a jump back of the clock must not leave a camera seeing for ever
         self._last_seen[spot.camera] = spot.stamp
         if reason:
@@ -140,7 +140,7 @@ class Collector:
         self.restore(self.state, spot)
         return ""
 
-    def restore(self, state: str, spot: Spot) -> None:
+    def restore(self, state: str, spot: FloorSpot) -> None:
         """Adds a spot that was collected in "border" or "seed" before, whatever the state is now."""
         if state not in self._stores:
             return
@@ -148,7 +148,7 @@ class Collector:
             self._cameras.append(spot.camera)
         self._stores[state].append(spot, self._cameras.index(spot.camera))
 
-    def _refusal(self, spot: Spot) -> str:
+    def _rejection_reason(self, spot: FloorSpot) -> str:
         if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
             return "not_finite"
         if self.state not in self._stores:
@@ -162,8 +162,8 @@ class Collector:
         for store in self._stores.values():
             store.clear()
 
-    def seeing(self, now: float) -> List[str]:
-        """The cameras that see the spot at a time [s]."""
+    def cameras_seeing(self, now: float) -> List[str]:
+        """Returns the names of the cameras that see the spot at a time [s]."""
         return sorted(
             camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= self._params.seeing_s
         )
@@ -174,7 +174,7 @@ class Collector:
         return self._stores[BORDER].total, self._stores[SEED].total, sum(self.ignored.values())
 
     def collection(self) -> Collection:
-        """What was collected so far."""
+        """Returns what was collected so far."""
         border, seed = self._stores[BORDER], self._stores[SEED]
         return Collection(
             self.interaction_id, border.rows, seed.rows, list(self._cameras), border.total, seed.total

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import List, Optional, Tuple
 
 from vb_core.errors import CodedError
-from vb_fusion.spots.collector import Spot
+from vb_fusion.spots.collector import FloorSpot
 
-Entry = Tuple[str, Spot]
+Entry = Tuple[str, FloorSpot]
 
 
 class SpotLog:
@@ -69,11 +69,11 @@ class SpotLog:
             return file.read(1) == b"\n"
 
     def read(self, interaction_id: str) -> List[Entry]:
-        """The spots on record for an interaction; lines that cannot be read are left out."""
+        """Reads the spots on record for an interaction; lines that cannot be read are left out."""
         return self._read(interaction_id)[0]
 
     def _read(self, interaction_id: str) -> Tuple[List[Entry], int]:
-        """The spots on record, and how many lines could not be read; a last line that was cut short is no damage."""
+        """Reads the spots on record and counts unreadable lines; a last line that was cut short is not damage."""
         if self._path is None:
             return [], 0
         try:
@@ -94,13 +94,13 @@ class SpotLog:
                 continue
             try:
                 state, stamp, x, y, camera, confidence, mobile = json.loads(line)
-                spot = Spot(float(stamp), float(x), float(y), str(camera), float(confidence), bool(mobile))
+                spot = FloorSpot(float(stamp), float(x), float(y), str(camera), float(confidence), bool(mobile))
                 entries.append((str(state), spot))
             except (ValueError, TypeError):
                 damaged += number < len(lines)
         return entries, damaged
 
-    def append(self, state: str, spot: Spot) -> None:
+    def append(self, state: str, spot: FloorSpot) -> None:
         """Writes one spot; it is on disk after the next `flush`."""
         if self._file is None or self._written >= self._limit:
             return

@@ -1,7 +1,8 @@
 """Stage 0: the spots as they came, checked and put in the order of time.
 
-Everything after this works on sights. A sight is what one camera saw of one place within a moment: some ten a second
-from a camera that sees a hand draw, and more only where the pointer is quick. A million spots become a few thousand.
+Everything after this works on observations. An observation is what one camera saw of one place within a time bin: some
+ten a second from a camera that sees a hand draw, and more only where the pointer is quick. A million spots become a few
+thousand.
 """
 from __future__ import annotations
 
@@ -10,17 +11,17 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-from vb_fusion.chain import ExtractionError
+from vb_fusion.line.chain import ExtractionError
 
 TREMBLE = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
 LOCALISATION = 0.15  # [m] what a robot's pose may be off, differently every second
-MOMENT = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
+TIME_BIN = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
 FARTHEST = 1e5  # [m] from the origin: no floor is larger
 
 
 @dataclass(frozen=True)
-class Sights:
-    """What the cameras saw; arrays with one row per sight, ordered by time if there are stamps.
+class Observations:
+    """What the cameras saw; arrays with one row per observation, ordered by time if there are stamps.
 
     Attributes:
         points: (N, 2) [m].
@@ -38,34 +39,37 @@ class Sights:
     mobile: np.ndarray
     spots: np.ndarray
 
-    def select(self, rows) -> "Sights":
-        """The sights where rows (N,) is true, or with these indices."""
-        return Sights(*(getattr(self, column.name)[rows] for column in fields(self)))
+    def select(self, rows) -> "Observations":
+        """Returns the observations where rows (N,) is true, or those with these indices."""
+        return Observations(*(getattr(self, column.name)[rows] for column in fields(self)))
 
-    def followed_by(self, others: "Sights") -> "Sights":
-        """These and then the others."""
+    def followed_by(self, others: "Observations") -> "Observations":
+        """Returns these observations and then the others."""
         names = [column.name for column in fields(self)]
-        return Sights(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in names))
+        return Observations(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in names))
 
-    def moved(self, points: np.ndarray) -> "Sights":
-        """The same sights at other places (N, 2) [m]."""
+    def moved(self, points: np.ndarray) -> "Observations":
+        """Returns the same observations at other places (N, 2) [m]."""
         return replace(self, points=points)
 
 
-def moments(stamps: np.ndarray) -> np.ndarray:
-    """(N,) int, the moment of each stamp [s]; images come at round intervals, so a moment begins beside them."""
-    return np.floor(stamps / MOMENT + 0.031).astype(np.int64)
+def time_bins(stamps: np.ndarray) -> np.ndarray:
+    """Returns the number (N,) int of the time bin of each stamp [s].
+
+    Images come at round intervals, so a bin does not begin at a round time.
+    """
+    return np.floor(stamps / TIME_BIN + 0.031).astype(np.int64)
 
 
-def check(
+def make_observations(
     points: np.ndarray,
     stamps: Optional[Sequence[float]] = None,
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
     began: Optional[float] = None,
-) -> Sights:
-    """Spots as they came, one sight each; rows that are not finite, or are off any floor, are left out.
+) -> Observations:
+    """Makes one observation of each spot; rows that are not finite, or are off any floor, are left out.
 
     What the clock said does not matter, only the time since the drawing began: the same drawing gives the same border
     at any hour.
@@ -90,7 +94,7 @@ def check(
         if values is not None and len(values) != count:
             raise ExtractionError("bad_points", what=f"{count} {name} instead of {len(values)}")
     known = np.zeros(count, dtype=int) if cameras is None else np.asarray(cameras)
-    if known.dtype.kind not in "iu" or count and not 0 <= known.min() <= known.max() < 256:
+    if known.dtype.kind not in "iu" or (count and not 0 <= known.min() <= known.max() < 256):
         known = np.unique(known, return_inverse=True)[1]
     moving = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
     # a detector that reports 0 still saw something
@@ -102,14 +106,14 @@ def check(
         began = times[usable].min() if usable.any() else 0.0
     # in microseconds: a double that counts seconds since 1970 knows them no better
     times = np.round(times - began, 6)
-    return Sights(array, times, known, trust, moving, np.ones(count, dtype=int)).select(usable)
+    return Observations(array, times, known, trust, moving, np.ones(count, dtype=int)).select(usable)
 
 
-def condense(spots: Sights) -> Sights:
-    """Spots of one camera, moment and place become one sight; the result is in order of time, then of place."""
+def merge_observations(spots: Observations) -> Observations:
+    """Merges spots of one camera, time bin and place into one observation; orders them by time, then by place."""
     if len(spots.points) == 0:
         return spots
-    moment = moments(spots.stamps)
+    moment = time_bins(spots.stamps)
     cell = np.floor(spots.points / TREMBLE).astype(np.int64)
     cell -= cell.min(axis=0)
     width, height = (int(size) for size in cell.max(axis=0) + 1)
@@ -119,7 +123,7 @@ def condense(spots: Sights) -> Sights:
     weights = np.bincount(index, spots.weights)
     x, y, times = (np.bincount(index, spots.weights * values) / weights for values in (*spots.points.T, spots.stamps))
     order = np.lexsort((y, x, times))
-    return Sights(
+    return Observations(
         np.column_stack([x, y]), times, spots.cameras[first], weights, spots.mobile[first],
         np.bincount(index, spots.spots).astype(int),
     ).select(order)

@@ -17,8 +17,16 @@ SITE = 1.2 * TREMBLE  # [m] of the lattice: wider than a line trembles, narrower
 LONELY = 0.15  # of the usual company: strays have less
 
 
-def in_order(points: np.ndarray, widest_gap: float) -> np.ndarray:
-    """Indices of the points (N, 2) [m] that belong to the stroke, in the order of its path; empty if there is none."""
+def order_points(points: np.ndarray, widest_gap: float) -> np.ndarray:
+    """Orders bare points along the stroke.
+
+    Args:
+        points: (N, 2) [m]
+        widest_gap: [m] that may be missing between two points of the stroke.
+
+    Returns:
+        Indices of the points that belong to the stroke, in the order of its path; empty if there is none.
+    """
     cell = np.floor(points / SITE).astype(np.int64)
     cell -= cell.min(axis=0)
     _, site = np.unique(cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1], return_inverse=True)
@@ -45,7 +53,7 @@ def in_order(points: np.ndarray, widest_gap: float) -> np.ndarray:
 
 
 def _longest_path(at: np.ndarray, widest_gap: float) -> np.ndarray:
-    """Indices of the sites along the longest path of the minimum spanning trees."""
+    """Returns the indices of the sites along the longest path of the minimum spanning trees."""
     count = len(at)
     if count < 2:
         return np.zeros(0, dtype=int)

@@ -11,10 +11,10 @@ from typing import Optional, Sequence, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.chain import ExtractionError
-from vb_fusion.memory import Memory
-from vb_fusion.stroke.observations import MOMENT, TREMBLE, check, condense
-from vb_fusion.stroke.track import best_steps, find_places, path_to
+from vb_fusion.line.chain import ExtractionError
+from vb_fusion.resumable_loop import ResumableLoop
+from vb_fusion.stroke.observations import TIME_BIN, TREMBLE, make_observations, merge_observations
+from vb_fusion.stroke.track import find_best_steps, find_places, trace_path
 
 HAND = 1.5 * TREMBLE  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 MIN_SPOTS = 3
@@ -46,25 +46,25 @@ def extract_seed(
     Raises:
         ExtractionError: "no_spots", "no_seed" or "bad_points".
     """
-    seen = check(points, stamps, cameras, confidences, mobile)
+    seen = make_observations(points, stamps, cameras, confidences, mobile)
     if len(seen.points) == 0:
         raise ExtractionError("no_spots")
     if len(seen.points) < MIN_SPOTS:
         raise ExtractionError("no_seed", spots=len(seen.points), needed=MIN_SPOTS)
-    seen = seen if stamps is None else condense(seen)
+    seen = seen if stamps is None else merge_observations(seen)
     places = None if stamps is None else find_places(seen)
     at = seen.points if places is None else places.points
     spot, earlier = _spots_of_floor(at)
     gains, path = np.ones(len(at)), np.arange(len(at))
     if before is not None and len(before) >= MIN_SPOTS:
         # balanced trees take longer to make than to ask
-        floor = cKDTree(check(before).points, compact_nodes=False, balanced_tree=False)
+        floor = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
         known = floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND)[0][:, 0]
         gains[np.isfinite(known)] = KNOWN
     if places is not None:
-        gains *= places.cameras / (1.0 + MOMENT * earlier)
-        gain, previous = best_steps(at, places.stamps, gains, np.inf, PLACE, Memory())
-        path = path_to(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
+        gains *= places.cameras / (1.0 + TIME_BIN * earlier)
+        gain, previous = find_best_steps(at, places.stamps, gains, np.inf, PLACE, ResumableLoop())
+        path = trace_path(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
     dwelt = np.bincount(spot[path], gains[path])[spot[path]]
     # on its way it dwells nowhere for half as long
     last = int(np.argmax(dwelt)) if places is None else int(np.flatnonzero(dwelt >= 0.5 * dwelt.max())[-1])
@@ -76,7 +76,11 @@ def extract_seed(
 
 
 def _spots_of_floor(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """(P,) which spot of floor each place (P, 2) [m] belongs to, a HAND wide, and how many were there before it."""
+    """Groups places (P, 2) [m] into spots of floor a HAND wide.
+
+    Returns:
+        (P,) which spot of floor each place belongs to; (P,) how many places were there before it.
+    """
     spot, earlier = np.zeros(len(at), dtype=int), np.zeros(len(at), dtype=int)
     middles, seen = np.empty_like(at), np.zeros(len(at), dtype=int)
     count = 0

@@ -20,13 +20,13 @@ from typing import List, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.memory import Memory
-from vb_fusion.stroke.observations import MOMENT, TREMBLE, Sights, moments
+from vb_fusion.resumable_loop import ResumableLoop
+from vb_fusion.stroke.observations import TIME_BIN, TREMBLE, Observations, time_bins
 
 FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place covers
 BRISK = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
-BLINK = 3.0 * MOMENT  # [s] a pointer that moves is seen again within it
-REST = 20.0 * MOMENT  # [s] a hand seldom rests for longer; a bright thing stays
+BLINK = 3.0 * TIME_BIN  # [s] a pointer that moves is seen again within it
+REST = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 CROWD = 10  # places of one moment, the strongest ones: looking back reaches further than a BLINK, whatever glitters
 
@@ -37,42 +37,42 @@ class Places:
 
     points: np.ndarray  # (P, 2) [m]
     stamps: np.ndarray  # (P,) [s]
-    moments: np.ndarray  # (P,) int
+    bins: np.ndarray  # (P,) int
     cameras: np.ndarray  # (P,) how many cameras saw each
 
-    def until(self, moment: int) -> "Places":
-        """The places of earlier moments."""
-        count = int(np.searchsorted(self.moments, moment))
-        return Places(self.points[:count], self.stamps[:count], self.moments[:count], self.cameras[:count])
+    def until(self, time_bin: int) -> "Places":
+        """Returns the places of earlier time bins."""
+        count = int(np.searchsorted(self.bins, time_bin))
+        return Places(self.points[:count], self.stamps[:count], self.bins[:count], self.cameras[:count])
 
     def followed_by(self, others: "Places") -> "Places":
-        """These and then the others."""
+        """Returns these places and then the others."""
         return Places(
             np.vstack([self.points, others.points]),
             np.concatenate([self.stamps, others.stamps]),
-            np.concatenate([self.moments, others.moments]),
+            np.concatenate([self.bins, others.bins]),
             np.concatenate([self.cameras, others.cameras]),
         )
 
 
 @dataclass(frozen=True)
-class Track:
+class PointerTrack:
     """One stroke.
 
     Attributes:
         points: (K, 2) [m] the places of the track, in order of time.
-        sights: indices of the sights that belong to it.
+        observations: indices of the observations that belong to it.
         gain: [m] of floor that it explains, less what its jumps cost.
     """
 
     points: np.ndarray
-    sights: np.ndarray
+    observations: np.ndarray
     gain: float
 
 
-def find_places(seen: Sights) -> Places:
-    """The places of each moment: where cameras saw most, at most a CROWD of them."""
-    moment_of = moments(seen.stamps)
+def find_places(seen: Observations) -> Places:
+    """Finds the places of each time bin: where cameras saw most, at most a CROWD of them."""
+    moment_of = time_bins(seen.stamps)
     group = moment_of.copy()
     # apart where there is a gap along x, then along y, then along x again
     for axis in (0, 1, 0):
@@ -91,43 +91,45 @@ def find_places(seen: Sights) -> Places:
     return Places(np.column_stack([x, y])[order], time[order], moment[order], np.bincount(witnesses)[order])
 
 
-def find_tracks(seen: Sights, places: Places, widest_gap: float, shortest: float, known: Memory) -> List[Track]:
-    """The strokes that were drawn, the one that explains most first; empty if there is none.
+def find_tracks(
+    seen: Observations, places: Places, widest_gap: float, shortest: float, loop: ResumableLoop
+) -> List[PointerTrack]:
+    """Finds the strokes that were drawn, the one that explains most first; none if there is none.
 
     Args:
         seen: in order of time.
         places: what is at one place in them.
         widest_gap: [m] that may be missing between two places of one stroke.
         shortest: [m] of floor that a stroke explains.
-        known: the steps through places that were here before.
+        loop: the steps through places that were here before.
     """
     points, stamps = places.points, places.stamps
-    gain, previous = best_steps(points, stamps, floor_gains(points, stamps), widest_gap, TREMBLE, known)
-    tracks: List[Track] = []
+    gain, previous = find_best_steps(points, stamps, floor_gains(points, stamps), widest_gap, TREMBLE, loop)
+    tracks: List[PointerTrack] = []
     free = np.ones(len(points), dtype=bool)
     worth = gain
     while len(tracks) < 8 and free.any():
         end = int(np.argmax(np.where(free, worth, -np.inf)))
         if worth[end] < shortest:
             break
-        line = path_to(end, previous, free)
+        line = trace_path(end, previous, free)
         free[line] = False
         if len(line) > 1:
-            tracks.append(Track(points[line], _beside(seen, points[line], stamps[line]), float(worth[end])))
+            tracks.append(PointerTrack(points[line], _beside(seen, points[line], stamps[line]), float(worth[end])))
             free[free] = cKDTree(points[line]).query(points[free])[0] > FLOOR
         worth = _from_branch(gain, previous, free)
     return tracks
 
 
-def _beside(seen: Sights, line: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Indices of the sights beside a line of places at their own time."""
-    first, last = np.searchsorted(seen.stamps, (times[0] - MOMENT, times[-1] + MOMENT))
+def _beside(seen: Observations, line: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Returns the indices of the observations beside a line of places at their own time."""
+    first, last = np.searchsorted(seen.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))
     there = np.column_stack([np.interp(seen.stamps[first:last], times, axis) for axis in line.T])
     return first + np.flatnonzero(np.hypot(*(seen.points[first:last] - there).T) <= FLOOR)
 
 
 def _from_branch(gain: np.ndarray, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(P,) what the best track that ends at each place gains behind the last place that is not free."""
+    """Returns what (P,) the best track that ends at each place gains behind the last place that is not free."""
     root = np.zeros(len(gain))
     for place, (before, is_free) in enumerate(zip(previous.tolist(), free.tolist())):
         if is_free and before >= 0:
@@ -136,7 +138,7 @@ def _from_branch(gain: np.ndarray, previous: np.ndarray, free: np.ndarray) -> np
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
-    """(P,) [m] of floor that each place adds: all that see the same floor share it.
+    """Returns the floor (P,) [m] that each place adds: all that see the same floor share it.
 
     Places count for the four nodes of a lattice about them, by how near they are: continuous in place.
     """
@@ -157,7 +159,7 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     # a place alone has 4/9 of its own company on average
     new = 0.5 * FLOOR / np.maximum(0.75 * company, 1.0)
     # a thing that is not seen for longer than a BLINK was not there
-    there = np.bincount(node[order], np.where(first, MOMENT, np.minimum(pause, BLINK)))
+    there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, BLINK)))
     stay = there[node].reshape(4, -1).max(axis=0)
     gains = np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, REST / stay) ** 2
     # in tenths of a millimetre, so that what stays for long has got its gain for good; never quite nothing
@@ -165,7 +167,7 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
 
 
 def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """(P,) [m] of floor between a place and its neighbours in time, where the three are passed at one speed.
+    """Returns the floor (P,) [m] between a place and its neighbours in time, where the three are passed at one speed.
 
     A quick hand is seen so seldom that the places alone are less than the line. Strays do not form such rows.
     """
@@ -187,14 +189,17 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
     return swept
 
 
-def best_steps(
-    points: np.ndarray, stamps: np.ndarray, gains: np.ndarray, widest_gap: float, flick: float, known: Memory
+def find_best_steps(
+    points: np.ndarray, stamps: np.ndarray, gains: np.ndarray, widest_gap: float, flick: float, loop: ResumableLoop
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """Of the best track that ends at each of the places (P, 2) [m]: what it gains [m], and the place before.
+    """Finds the best track that ends at each of the places (P, 2) [m].
 
-    The cost of a jump beyond a flick grows with its logarithm; the place before is -1 where a track begins.
+    The cost of a jump beyond a flick grows with its logarithm.
+
+    Returns:
+        (P,) what the track gains [m], and (P,) the place before; -1 where a track begins.
     """
-    first, states = known.resume(np.column_stack([points, stamps, gains]), 2)
+    first, states = loop.resume(np.column_stack([points, stamps, gains]), 2)
     count = len(points)
     earlier = np.arange(first, count)[:, None] - np.arange(1, LOOK_BACK + 1)
     origin = np.maximum(earlier, 0)
@@ -213,8 +218,8 @@ def best_steps(
     return best, states[:, 1].astype(int)
 
 
-def path_to(end: int, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Indices of the places of the track that ends at a place, as far as they are free."""
+def trace_path(end: int, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Returns the indices of the places of the track that ends at a place, as far as they are free."""
     before = np.where(free[previous], previous, -1).tolist()
     path = [end]
     while before[path[-1]] >= 0:

@@ -25,13 +25,13 @@ PAPERS_MM = {
 _EDGE_MM = 8.0  # printers leave a margin
 _MODULE_PX = 2.3  # a marker's modules cannot be told apart when they are smaller in the image
 _MODULES = 6  # of a marker of DICT_4X4, with its black border
-_LEAST_CORNERS = 6
+_MIN_CORNERS = 6
 _SQUARES = (5, 4)  # along P1 to P2, and across; large ones, as it is seen from the ceiling
 _MARKER_SHARE = 0.75  # of a square's side
 
 
 def paper_size(paper: str) -> Tuple[float, float]:
-    """(width, height) [mm] of a sheet.
+    """Returns the size (width, height) [mm] of a sheet.
 
     Raises:
         CodedError: "unknown_paper".
@@ -49,7 +49,7 @@ class BoardParams(Parameters):
 
     @classmethod
     def for_paper(cls, paper: str) -> "BoardParams":
-        """The largest board that fits a sheet.
+        """Returns the largest board that fits a sheet.
 
         Raises:
             CodedError: "unknown_paper".
@@ -64,7 +64,7 @@ class BoardParams(Parameters):
         return _SQUARES[0] * self.square, _SQUARES[1] * self.square
 
     def opencv(self) -> "cv2.aruco.CharucoBoard":
-        """The board as OpenCV's object."""
+        """Returns the board as OpenCV's object."""
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
         return cv2.aruco.CharucoBoard(_SQUARES, self.square, self.square * _MARKER_SHARE, dictionary)
 
@@ -85,7 +85,7 @@ class BoardView:
 
 
 def draw_board(board: BoardParams, pixels_per_metre: float) -> np.ndarray:
-    """(H, W) uint8: the board without a margin. The upper left pixel's own corner is P1."""
+    """Draws the board without a margin, (H, W) uint8. The upper left pixel's own corner is P1."""
     width, height = (int(round(side * pixels_per_metre)) for side in board.size)
     return board.opencv().generateImage((width, height), marginSize=0, borderBits=1)
 
@@ -115,8 +115,8 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     found = 0 if ids is None else len(ids)
     if not found and not markers:
         raise CodedError("no_board")
-    if found < _LEAST_CORNERS:
-        raise CodedError("board_hidden", corners=found, least=_LEAST_CORNERS)
+    if found < _MIN_CORNERS:
+        raise CodedError("board_hidden", corners=found, least=_MIN_CORNERS)
     ids = ids.ravel()
     # refined once more: whether the detector counts pixels from their centres or their edges depends on its version
     # and within the white between corner and markers
@@ -127,7 +127,7 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
 
 
 def merge_views(views: Sequence[BoardView]) -> BoardView:
-    """One view of several of a board that did not move: each corner's median, of those seen in half of the views.
+    """Merges several views of a board that did not move: each corner's median, of those seen in half of the views.
 
     Raises:
         CodedError: "no_board" without a view; "board_moved" if corners wander by more than a pixel.
@@ -139,8 +139,8 @@ def merge_views(views: Sequence[BoardView]) -> BoardView:
         for number, pixel, corner in zip(view.ids, view.pixels, view.corners):
             seen.setdefault(int(number), (corner, []))[1].append(pixel)
     kept = {number: entry for number, entry in sorted(seen.items()) if len(entry[1]) >= 0.5 * len(views)}
-    if len(kept) < _LEAST_CORNERS:
-        raise CodedError("board_hidden", corners=len(kept), least=_LEAST_CORNERS)
+    if len(kept) < _MIN_CORNERS:
+        raise CodedError("board_hidden", corners=len(kept), least=_MIN_CORNERS)
     medians = np.array([np.median(pixels, axis=0) for _, pixels in kept.values()])
     spread = [np.linalg.norm(pixels - median, axis=1).mean() for (_, pixels), median in zip(kept.values(), medians)]
     if np.median(spread) > 1.0:
@@ -149,7 +149,7 @@ def merge_views(views: Sequence[BoardView]) -> BoardView:
 
 
 def corners_on_map(board: BoardParams, corners: np.ndarray, p1: Sequence[float], p2: Sequence[float]) -> np.ndarray:
-    """(N, 2) [m] of a board's corners in the map, with P1 and P2 at two places of the map [m].
+    """Returns a board's corners in the map, (N, 2) [m], with P1 and P2 at two places of the map [m].
 
     Raises:
         CodedError: "placement_mismatch" if the places are not as far apart as the points on the board.

@@ -22,13 +22,13 @@ class ClockOffset:
     offset: float
     uncertainty: float
 
-    def beyond(self, limit: float) -> bool:
-        """Whether the clocks are certainly farther apart than a limit [s]."""
+    def exceeds(self, limit: float) -> bool:
+        """Tells whether the clocks are certainly farther apart than a limit [s]."""
         return abs(self.offset) - self.uncertainty > limit
 
 
-def clock_offset(exchanges: Sequence[Exchange]) -> ClockOffset:
-    """The offset by the quickest exchange: network delays only add.
+def estimate_clock_offset(exchanges: Sequence[Exchange]) -> ClockOffset:
+    """Estimates the offset by the quickest exchange: network delays only add.
 
     Raises:
         CodedError: "no_exchange" without one that can be true.

@@ -32,7 +32,7 @@ class CameraConsistency:
     p95: float
 
     def describe(self) -> str:
-        """A line for a person."""
+        """Describes the pair to a person, in one line."""
         x, y = (100 * value for value in self.offset)
         return (
             f"{self.first} - {self.second}: {self.count} pairs, "
@@ -47,7 +47,7 @@ _GAP_PERIODS = 2.5
 _LONGEST_GAP_S = 0.5
 
 
-def agreement(sightings: Iterable[Sighting], least: int = 20) -> List[CameraConsistency]:
+def compare_cameras(sightings: Iterable[Sighting], least: int = 20) -> List[CameraConsistency]:
     """Compares each pair of cameras that saw the spot at the same time.
 
     Cameras do not take their images at the same time, and a spot moves: the second one's place is interpolated to the
@@ -83,11 +83,13 @@ def agreement(sightings: Iterable[Sighting], least: int = 20) -> List[CameraCons
     return found
 
 
-def suspect(pairs: Iterable[CameraConsistency], limit: float) -> str:
-    """The camera to calibrate again: the only one in every pair that is apart, and in none that agrees; "" if that is not one.
+def find_suspect(pairs: Iterable[CameraConsistency], limit: float) -> str:
+    """Finds the camera to calibrate again; returns "" if that is not a single one.
+
+    It is the only one in every pair that disagrees, and in none that agrees.
 
     Args:
-        pairs: as `agreement` finds them.
+        pairs: as `compare_cameras` finds them.
         limit: [m] a median above it is apart.
     """
     pairs = list(pairs)
@@ -98,7 +100,7 @@ def suspect(pairs: Iterable[CameraConsistency], limit: float) -> str:
 
 
 def _tracks(sightings: Iterable[Sighting]) -> Dict[str, np.ndarray]:
-    """Camera to (N, 3) [s, m, m], sorted by time; times with more than one spot are left out."""
+    """Collects each camera's spots, (N, 3) [s, m, m] sorted by time; times with more than one spot are left out."""
     collected: Dict[str, Dict[float, List[Tuple[float, float]]]] = {}
     for camera, stamp, x, y in sightings:
         if math.isfinite(stamp) and math.isfinite(x) and math.isfinite(y):

@@ -23,8 +23,8 @@ from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_laser_detect.detection.projection import floor_points
 
-LEAST_POINTS = 4
-_MOST_SETS = 200  # minimal sets tried; with 40 % wrong points 50 are enough for one without any, at 99.9 %
+MIN_POINTS = 4
+_MAX_SETS = 200  # minimal sets tried; with 40 % wrong points 50 are enough for one without any, at 99.9 %
 _PROMISING = 10  # of them are solved again, more exactly
 _SAME_PLACE = 0.005  # of the image's diagonal; points nearer to each other are one place, seen twice
 _SAME_PLACE_M = 0.01
@@ -32,13 +32,13 @@ _SAME_TURN = math.radians(2.0)  # solutions that differ by less are one
 _LIKELY = 9.0  # difference of chi square within which two poses are both plausible: 3 sigma
 _PIXEL_SIGMA = 0.3  # [px] of a point in the image
 _OUTLIER = 0.06  # [m] a point farther off on the floor does not count
-_LEAST_AGREEING = 0.6  # part of the points that has to agree on one pose
-_LEAST_AREA = 0.025  # of the image, that the points have to span
+_MIN_AGREEING = 0.6  # part of the points that has to agree on one pose
+_MIN_AREA = 0.025  # of the image, that the points have to span
 _MAX_FLOOR_SIGMA = 0.1  # [m] uncertainty on the floor, anywhere in the image
 
 
 @dataclass(frozen=True)
-class CalibrationParams(Parameters):
+class PoseEstimationParams(Parameters):
     """Accuracy of the person's measurements."""
 
     point_sigma: float = param(0.015, "m", above=0.0, high=0.5, doc="of a point in the map that is measured by itself")
@@ -46,7 +46,7 @@ class CalibrationParams(Parameters):
 
 
 @dataclass(frozen=True)
-class Observations:
+class Correspondences:
     """Points on the floor as one camera sees them.
 
     Attributes:
@@ -63,25 +63,25 @@ class Observations:
     placements: np.ndarray
 
     @staticmethod
-    def placed(parts: Sequence[Tuple[np.ndarray, np.ndarray]]) -> "Observations":
-        """(pixels, points) of each placement."""
+    def placed(parts: Sequence[Tuple[np.ndarray, np.ndarray]]) -> "Correspondences":
+        """Collects the points of several placements; each is (pixels, points)."""
         pixels, points = ([np.asarray(part[i], float).reshape(-1, 2) for part in parts] for i in (0, 1))
         if [len(part) for part in pixels] != [len(part) for part in points]:
             raise CodedError("bad_points")
         none = [np.zeros((0, 2))]
-        return Observations(np.vstack(none + pixels), np.vstack(none + points),
+        return Correspondences(np.vstack(none + pixels), np.vstack(none + points),
                             np.repeat(np.arange(len(parts)), [len(part) for part in points]))
 
     @staticmethod
-    def single(pixels: np.ndarray, points: np.ndarray) -> "Observations":
-        """Points that were measured one by one."""
+    def single(pixels: np.ndarray, points: np.ndarray) -> "Correspondences":
+        """Collects points that were measured one by one."""
         if len(pixels) != len(points):
             raise CodedError("bad_points")
-        return Observations.placed(list(zip(pixels, points)))
+        return Correspondences.placed(list(zip(pixels, points)))
 
-    def select(self, chosen: np.ndarray) -> "Observations":
-        """Some of them."""
-        return Observations(self.pixels[chosen], self.points[chosen], self.placements[chosen])
+    def select(self, chosen: np.ndarray) -> "Correspondences":
+        """Returns some of them, by indices or (N,) bool."""
+        return Correspondences(self.pixels[chosen], self.points[chosen], self.placements[chosen])
 
     def __len__(self) -> int:
         return len(self.points)
@@ -122,7 +122,7 @@ class PoseEstimate:
 
 
 def estimate_pose(
-    camera: CameraModel, observed: Observations, params: Optional[CalibrationParams] = None
+    camera: CameraModel, observed: Correspondences, params: Optional[PoseEstimationParams] = None
 ) -> PoseEstimate:
     """Finds the pose from where the camera sees the points.
 
@@ -131,11 +131,11 @@ def estimate_pose(
             determine a pose; "no_agreement" where no pose explains enough of them; "below_floor" if the camera would be
             under it; "ambiguous" if two poses explain them; "uncertain" if the pose is known too poorly.
     """
-    params = params or CalibrationParams()
+    params = params or PoseEstimationParams()
     check_points(camera, observed)
     start = _consensus(camera, observed)
     used = errors_on_floor(camera, start, observed) < _OUTLIER
-    if used.sum() < max(LEAST_POINTS, _LEAST_AGREEING * len(observed)):
+    if used.sum() < max(MIN_POINTS, _MIN_AGREEING * len(observed)):
         raise CodedError("no_agreement", agreeing=int(used.sum()), points=len(observed), cm=f"{100 * _OUTLIER:.0f}")
     check_points(camera, observed.select(used))
     # what agrees may change once all that agrees has been used
@@ -143,7 +143,7 @@ def estimate_pose(
         fit = _Fit(camera, observed.select(used), params, start)
         errors = errors_on_floor(camera, fit.T_map_camera, observed)
         agreeing = errors < _OUTLIER
-        if (agreeing == used).all() or agreeing.sum() < LEAST_POINTS:
+        if (agreeing == used).all() or agreeing.sum() < MIN_POINTS:
             break
         used, start = agreeing, fit.T_map_camera
     if fit.T_map_camera[2, 3] <= 0.0:
@@ -165,7 +165,7 @@ def estimate_pose(
     )
 
 
-def check_points(camera: CameraModel, observed: Observations) -> None:
+def check_points(camera: CameraModel, observed: Correspondences) -> None:
     """Refuses points that cannot determine any pose.
 
     Raises:
@@ -177,26 +177,26 @@ def check_points(camera: CameraModel, observed: Observations) -> None:
         raise CodedError("outside_image", size=f"{camera.width} x {camera.height}")
     near_px = _SAME_PLACE * math.hypot(camera.width, camera.height)
     different = min(_different(observed.points, _SAME_PLACE_M), _different(observed.pixels, near_px))
-    if different < LEAST_POINTS:
+    if different < MIN_POINTS:
         found = f"{different} different points of {len(observed)}"
-        raise CodedError("too_few_points", f"{found}; at least {LEAST_POINTS} are needed, 6 are good")
+        raise CodedError("too_few_points", f"{found}; at least {MIN_POINTS} are needed, 6 are good")
     for values in (observed.points, observed.pixels):
         along, across = np.linalg.svd(values - values.mean(axis=0), compute_uv=False)
         if across < 0.1 * along:
             raise CodedError("collinear")
     share = cv2.contourArea(cv2.convexHull(observed.pixels.astype(np.float32))) / (camera.width * camera.height)
-    if share < _LEAST_AREA:
-        raise CodedError("clustered", percent=f"{100 * share:.1f}", least=f"{100 * _LEAST_AREA:.1f}")
+    if share < _MIN_AREA:
+        raise CodedError("clustered", percent=f"{100 * share:.1f}", least=f"{100 * _MIN_AREA:.1f}")
 
 
 def _different(values: np.ndarray, near: float) -> int:
-    """How many of values (N, 2) are not near to an earlier one."""
+    """Counts the values (N, 2) that are not near to an earlier one."""
     apart = np.linalg.norm(values[:, None] - values[None], axis=2)
     return int((~np.triu(apart <= near, 1).any(axis=0)).sum())
 
 
-def errors_on_floor(camera: CameraModel, T_map_camera: np.ndarray, observed: Observations) -> np.ndarray:
-    """(N,) [m] between points and the floor points of their pixels; inf where a ray misses the floor."""
+def errors_on_floor(camera: CameraModel, T_map_camera: np.ndarray, observed: Correspondences) -> np.ndarray:
+    """Returns the distances (N,) [m] from points to the floor points of their pixels; inf where a ray misses the floor."""
     return _off_floor(T_map_camera, camera.rays(observed.pixels), observed.points)
 
 
@@ -206,13 +206,17 @@ def _off_floor(T_map_camera: np.ndarray, rays: np.ndarray, points: np.ndarray) -
 
 
 def floor_uncertainty(camera: CameraModel, T_map_camera: np.ndarray, covariance: np.ndarray) -> Tuple[float, float]:
-    """(middle, worst) [m] standard deviation of a floor point, in its worst direction, from a pose's uncertainty.
+    """Propagates a pose's uncertainty to the floor.
 
     Args:
         covariance: (6, 6) of a rotation vector and a shift, both in the camera's frame [rad, m].
+
+    Returns:
+        (middle, worst) [m] standard deviation of a floor point in its worst direction.
     """
     columns, rows = (np.array([0.05, 0.5, 0.95]) * (size - 1) for size in (camera.width, camera.height))
-    pixels, step = np.array([(u, v) for v in rows for u in columns]), 1e-5
+    pixels = np.array([(u, v) for v in rows for u in columns])
+    step = 1e-5
     axes = step * np.vstack([np.eye(6), -np.eye(6)])
     moved = [floor_points(camera, _moved(T_map_camera, axis), pixels)[:, :2] for axis in axes]
     derivative = (np.stack(moved[:6], axis=2) - np.stack(moved[6:], axis=2)) / (2 * step)
@@ -226,7 +230,7 @@ def floor_uncertainty(camera: CameraModel, T_map_camera: np.ndarray, covariance:
 
 
 def _moved(T_map_camera: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    """A pose turned by a rotation vector and shifted, (6,) [rad, m], both in the camera's own frame."""
+    """Returns a pose turned by a rotation vector and shifted, (6,) [rad, m], both in the camera's own frame."""
     return T_map_camera @ geometry.transform(cv2.Rodrigues(np.asarray(delta[:3], float))[0], delta[3:])
 
 
@@ -236,7 +240,7 @@ def _project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) 
 
 
 def _planar_poses(rays: np.ndarray, points: np.ndarray, polish: bool = False) -> List[np.ndarray]:
-    """T_map_camera of the one or two poses from which points (N, 2) of the floor lie on rays (N, 3).
+    """Finds the one or two poses T_map_camera from which points (N, 2) of the floor lie on rays (N, 3).
 
     IPPE uses a homography, which is poorly determined if three of four points are nearly collinear; `polish` adds
     least-squares steps, at twenty times the cost.
@@ -260,8 +264,8 @@ def _planar_poses(rays: np.ndarray, points: np.ndarray, polish: bool = False) ->
     return poses
 
 
-def _consensus(camera: CameraModel, observed: Observations) -> np.ndarray:
-    """T_map_camera of the pose that most points agree on.
+def _consensus(camera: CameraModel, observed: Correspondences) -> np.ndarray:
+    """Finds the pose T_map_camera that most points agree on.
 
     The cost of a point grows with its error up to the limit (MSAC; Torr and Zisserman, 2000): counting alone could not
     tell a good pose from a bad one that the same points just agree with.
@@ -282,16 +286,16 @@ def _consensus(camera: CameraModel, observed: Observations) -> np.ndarray:
     return best[0][1]
 
 
-def _minimal_sets(observed: Observations) -> List[np.ndarray]:
+def _minimal_sets(observed: Correspondences) -> List[np.ndarray]:
     """Sets of four points that span something; all of them where they are few, else a fixed random choice."""
     count = len(observed)
-    if math.comb(count, 4) <= _MOST_SETS:
+    if math.comb(count, 4) <= _MAX_SETS:
         return [np.array(chosen) for chosen in itertools.combinations(range(count), 4)]
     random = np.random.default_rng(0)
-    sets = [random.choice(count, 4, replace=False) for _ in range(4 * _MOST_SETS)]
+    sets = [random.choice(count, 4, replace=False) for _ in range(4 * _MAX_SETS)]
     # the wider a set is spread, the less its own noise matters
     spread = [cv2.contourArea(cv2.convexHull(observed.points[chosen].astype(np.float32))) for chosen in sets]
-    return [sets[i] for i in np.argsort(spread)[::-1][:_MOST_SETS]]
+    return [sets[i] for i in np.argsort(spread)[::-1][:_MAX_SETS]]
 
 
 class _Fit:
@@ -304,7 +308,7 @@ class _Fit:
     """
 
     def __init__(
-        self, camera: CameraModel, observed: Observations, params: CalibrationParams, start: np.ndarray
+        self, camera: CameraModel, observed: Correspondences, params: PoseEstimationParams, start: np.ndarray
     ) -> None:
         from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
 
@@ -326,7 +330,7 @@ class _Fit:
         return np.concatenate([whitening @ off[group].ravel() for group, whitening in self._placements])
 
     def _whitening(self, points: np.ndarray) -> np.ndarray:
-        """(2 N, 2 N): of a placement's errors in the image [px] it makes independent ones of 1."""
+        """Returns the matrix (2 N, 2 N) that makes a placement's errors in the image [px] independent, with deviation 1."""
         from_middle = points - points.mean(axis=0)
         if len(points) == 1:
             shift, turn = self._params.point_sigma, 0.0
@@ -340,8 +344,8 @@ class _Fit:
         return np.linalg.inv(np.linalg.cholesky(_PIXEL_SIGMA**2 * np.eye(2 * len(points)) + spread.T @ spread))
 
 
-def _refuse_if_ambiguous(camera: CameraModel, observed: Observations, params: CalibrationParams, fit: _Fit) -> None:
-    """A small or distant plane looks alike from two sides; the less likely one has to be clearly so."""
+def _refuse_if_ambiguous(camera: CameraModel, observed: Correspondences, params: PoseEstimationParams, fit: _Fit) -> None:
+    """Refuses a pose if another one is almost as likely: a small or distant plane looks alike from two sides."""
     for pose in _planar_poses(camera.rays(observed.pixels), observed.points):
         if _turn(pose, fit.T_map_camera) < _SAME_TURN:
             continue
@@ -351,5 +355,5 @@ def _refuse_if_ambiguous(camera: CameraModel, observed: Observations, params: Ca
 
 
 def _turn(a: np.ndarray, b: np.ndarray) -> float:
-    """[rad] between two poses."""
+    """Returns the angle [rad] between two poses."""
     return float(np.linalg.norm(cv2.Rodrigues(a[:3, :3].T @ b[:3, :3])[0]))

@@ -13,7 +13,7 @@ from typing import Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.blocks import BLOCK, Region, block_maxima, halved, mask_of_blocks, max_channel, sample_blocks
+from vb_laser_detect.detection.blocks import BLOCK, Region, block_maxima, halve, mask_of_blocks, max_channel, sample_blocks
 
 _DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
 _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
@@ -61,7 +61,7 @@ class Background:
         self._brightest: Optional[np.ndarray] = None
         self._images = 0  # since the keyframe, with motion
 
-    def guess(self, where: np.ndarray) -> None:
+    def fill_from_neighbourhood(self, where: np.ndarray) -> None:
         """Replaces blocks, (rows, columns) bool, by the median of their neighbourhood: the spot on them is no floor."""
         # edges of carpets, next to which spots are drawn, stay in a median; a Bayer image's places have their own
         floor = np.empty_like(self.image)
@@ -70,12 +70,17 @@ class Background:
             floor[place] = cv2.resize(cv2.medianBlur(means, _AROUND), floor[place].shape[1::-1])
         self._take(floor, where, 1.0)
 
-    def rise(self, image: np.ndarray, motion: Optional[np.ndarray], half: Optional[np.ndarray] = None) -> Tuple[np.ndarray, np.ndarray]:
-        """Each block's largest rise above the background, (rows, columns) uint8, and which became darker, bool.
+    def measure_rise(
+        self, image: np.ndarray, motion: Optional[np.ndarray], half: Optional[np.ndarray] = None
+    ) -> Tuple[np.ndarray, np.ndarray]:
+        """Compares an image with the background.
 
         Args:
             motion: (3, 3) maps the background's pixels to the image's; None: the camera is stationary.
             half: the image at half size, if the camera is not.
+
+        Returns:
+            Each block's largest rise above the background, (rows, columns) uint8; which became darker, bool.
         """
         self.motion, self.reference = motion, self.image
         if motion is None:
@@ -83,25 +88,25 @@ class Background:
             return rise, max_channel(cv2.subtract(self._sample, sample_blocks(image))) > _DARKER
         # at half size moving it costs a quarter, and fractions of a pixel matter less: to the nearest one it is moved
         if self._brightest is None:
-            self._brightest = cv2.dilate(halved(self.image), _SQUARE)
+            self._brightest = cv2.dilate(halve(self.image), _SQUARE)
         self.reference = image.copy()
-        shown = moved(self._brightest, _HALF @ motion @ np.diag((2.0, 2.0, 1.0)), half.copy(), cv2.INTER_NEAREST)
+        shown = warp(self._brightest, _HALF @ motion @ np.diag((2.0, 2.0, 1.0)), half.copy(), cv2.INTER_NEAREST)
         darker = cv2.subtract(sample_blocks(cv2.erode(shown, _SQUARE), BLOCK // 2), sample_blocks(half, BLOCK // 2))
         return block_maxima(half, shown, range(BLOCK // 2), BLOCK // 2), max_channel(darker) > _DARKER
 
-    def examine(self, regions: Sequence[Region], image: np.ndarray) -> None:
-        """Makes the reference of a moving camera exact around regions [px]; elsewhere it is the image."""
+    def refine_reference(self, regions: Sequence[Region], image: np.ndarray) -> None:
+        """Makes the reference of a moving camera exact around regions [px]; elsewhere it is the image itself."""
         for left, top, right, bottom in regions if self.motion is not None else ():
             part = (slice(max(0, top - _MARGIN), bottom + _MARGIN), slice(max(0, left - _MARGIN), right + _MARGIN))
             self.reference[part] = cv2.dilate(self._moved_part(part, image), _SQUARE)
 
     def _moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
-        """A part of the background as the camera sees it now; of the image where nothing was in view."""
+        """Returns a part of the background as the camera sees it now; of the image where nothing was in view."""
         there = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
-        return moved(self.image, there, image[part].copy(), cv2.INTER_CUBIC)
+        return warp(self.image, there, image[part].copy(), cv2.INTER_CUBIC)
 
-    def hot_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
-        """(rows, columns) bool: blocks whose rise is at least `least` and exceeds the block's own noise."""
+    def foreground_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
+        """Finds the blocks (rows, columns) bool whose rise is at least `least` and exceeds the block's own noise."""
         if not self._noise_known:
             # the second image's: the whole scene's
             middle = float(np.median(maxima))
@@ -115,7 +120,7 @@ class Background:
             self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
         return cv2.compare(maxima, cv2.max(self._limit, math.ceil(least)), cv2.CMP_GE) > 0
 
-    def learn(
+    def update(
         self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float, at_rest: bool = False,
     ) -> bool:
         """Adds a frame.
@@ -165,7 +170,8 @@ class Background:
             part = slice(top, top + high), slice(left, left + wide)
             rows, columns = (slice(one.start // BLOCK, one.stop // BLOCK) for one in part)
             cv2.copyTo(self._moved_part(part, image), mask_of_blocks(np.ascontiguousarray(spots[rows, columns]), high, wide), kept[part])
-        self.image, self._sample, self._brightest, self.motion = kept, sample_blocks(kept), None, None
+        self.image, self._sample = kept, sample_blocks(kept)
+        self._brightest = self.motion = None
         self._changed_s[:], self._images = 0.0, 0
         self._noise[:], self._deviation[:], self._limit = self._noise.mean(), self._deviation.mean(), None
 
@@ -184,8 +190,8 @@ class Background:
         self._brightest = None
 
 
-def moved(image: np.ndarray, motion: np.ndarray, into: np.ndarray, how: int) -> np.ndarray:
-    """An image after a motion (3, 3), in place of all pixels of another one that it covers."""
+def warp(image: np.ndarray, motion: np.ndarray, into: np.ndarray, how: int) -> np.ndarray:
+    """Warps an image by a motion (3, 3), in place of all pixels of another one that it covers."""
     if np.array_equal(motion[2], (0.0, 0.0, 1.0)):  # in half the time
         return cv2.warpAffine(image, motion[:2], into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)
     return cv2.warpPerspective(image, motion, into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)

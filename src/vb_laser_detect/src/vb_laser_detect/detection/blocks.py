@@ -14,13 +14,16 @@ Region = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and b
 
 
 def block_maxima(image: np.ndarray, background: np.ndarray, rows: Sequence[int] = range(BLOCK), block: int = BLOCK) -> np.ndarray:
-    """(H // block, W // block) uint8: each block's largest rise above the background, of any channel.
+    """Computes each block's largest rise above the background, of any channel.
 
     Band by band: what one step leaves is still in the processor's cache for the next, which saves more than half the time.
 
     Args:
         image, background: (H, W) or (H, W, C) uint8, contiguous. The difference is never stored at full size.
         rows: of each block, that are read.
+
+    Returns:
+        (H // block, W // block) uint8.
     """
     high = block * max(1, _BAND // image[0].nbytes)
     return cv2.vconcat([_band_maxima(image[top : top + high], background[top : top + high], rows, block)
@@ -47,20 +50,20 @@ def _band_maxima(image: np.ndarray, background: np.ndarray, rows: Sequence[int],
 
 
 def sample_blocks(image: np.ndarray, block: int = BLOCK) -> np.ndarray:
-    """One pixel of each block, always the same one: (H // block, W // block) or (H // block, W // block, C)."""
+    """Samples one pixel of each block, always the same one: (H // block, W // block) or (H // block, W // block, C)."""
     rows, columns = image.shape[0] // block, image.shape[1] // block
     # numpy copies three bytes no faster than thirty
     return cv2.resize(image[: rows * block, : columns * block], (columns, rows), interpolation=cv2.INTER_NEAREST)
 
 
-def halved(image: np.ndarray) -> np.ndarray:
-    """The whole blocks of an image at half its size."""
+def halve(image: np.ndarray) -> np.ndarray:
+    """Scales the whole blocks of an image to half their size."""
     height, width = (number // BLOCK * BLOCK for number in image.shape[:2])
     return cv2.resize(image[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
 
 
 def max_channel(image: np.ndarray) -> np.ndarray:
-    """(H, W) the largest channel of each pixel; cv2 does this fifty times faster than numpy's max."""
+    """Returns the largest channel (H, W) of each pixel; cv2 does this fifty times faster than numpy's max."""
     if image.ndim == 2:
         return image
     first, *others = cv2.split(image)
@@ -70,25 +73,28 @@ def max_channel(image: np.ndarray) -> np.ndarray:
 
 
 def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float) -> Tuple[slice, slice]:
-    """The rows and columns of a grid (rows, columns) of blocks within `reach` of a place [px]."""
+    """Returns the rows and columns of a grid (rows, columns) of blocks within `reach` of a place [px]."""
     top, bottom = int(max(0.0, v - reach)) // BLOCK, int(v + reach) // BLOCK + 1
     left, right = int(max(0.0, u - reach)) // BLOCK, int(u + reach) // BLOCK + 1
     return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
 
 
 def mask_of_blocks(blocks: np.ndarray, height: int, width: int) -> np.ndarray:
-    """(height, width) uint8 mask of the pixels whose block is set."""
+    """Returns a mask (height, width) uint8 of the pixels whose block is set."""
     rows, columns = blocks.shape
     mask = cv2.resize(blocks.view(np.uint8), (columns * BLOCK, rows * BLOCK), interpolation=cv2.INTER_NEAREST)
     rest = height - rows * BLOCK, width - columns * BLOCK
     return cv2.copyMakeBorder(mask, 0, rest[0], 0, rest[1], cv2.BORDER_CONSTANT) if any(rest) else mask
 
 
-def regions(maxima: np.ndarray, hot: np.ndarray, most: int) -> List[Tuple[Region, float]]:
-    """Regions of connected hot blocks, the brightest first: pixels (left, top, right, bottom) and the peak.
+def find_regions(maxima: np.ndarray, hot: np.ndarray, most: int) -> List[Tuple[Region, float]]:
+    """Finds regions of connected hot blocks, the brightest first.
 
     A large region is cut down to the parts above 60 % of its peak: a spot beside a person must not be lost in the
     person's region.
+
+    Returns:
+        Pixels (left, top, right, bottom) and the peak of each region.
     """
     # few blocks are hot, and they are close together: the rest is done only there
     x, y, wide, high = cv2.boundingRect(hot.view(np.uint8))

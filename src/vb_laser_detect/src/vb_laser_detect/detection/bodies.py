@@ -25,7 +25,7 @@ class Body:
     height: float
 
     def hides(self, origin: np.ndarray, floor: np.ndarray) -> bool:
-        """Whether a ray passes through it.
+        """Tells whether a ray passes through the body.
 
         Args:
             origin: (3,) [m] of the camera, above the floor.

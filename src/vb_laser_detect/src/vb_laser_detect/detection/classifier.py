@@ -21,14 +21,14 @@ VERSION = 1
 BUILT_IN = Path(__file__).resolve().parent / "spot_classifier.json"
 # features of the surroundings do not count against a spot that was seen until now and must be there; nor does colour,
 # which it has shown and other light may now hide
-_NOT_ASKED_AGAIN = ("darker", "fall", "busy", "chroma_mosaic")
+_IGNORED_WHEN_TRACKED = ("darker", "fall", "busy", "chroma_mosaic")
 
 
-class Verdict(NamedTuple):
+class Classification(NamedTuple):
     """How likely a blob is a spot, 0 ... 1, and the feature that lowers it most."""
 
     probability: float
-    against: str
+    rejection_reason: str
 
 
 class SpotClassifier:
@@ -42,21 +42,24 @@ class SpotClassifier:
     def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
         self.curves, self.intercept = curves, intercept
 
-    def judge(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Verdict:
-        """How likely a blob with these features is a spot; one that says nothing (NaN) adds nothing.
+    def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Classification:
+        """Weighs a blob's features; one that says nothing (NaN) adds nothing.
 
         Args:
             blob: itself; the curves do not use it.
             expected: a spot was seen until now and must be there.
+
+        Returns:
+            How likely it is a spot, and the feature that speaks most against it.
         """
-        logit, least, against = self.intercept, math.inf, ""
+        logit, least, reason = self.intercept, math.inf, ""
         for name, value in features.items():
-            if name in self.curves and not math.isnan(value) and not (expected and name in _NOT_ASKED_AGAIN):
+            if name in self.curves and not math.isnan(value) and not (expected and name in _IGNORED_WHEN_TRACKED):
                 part = float(np.interp(value, *self.curves[name]))
                 logit += part
                 if part < least:
-                    least, against = part, name
-        return Verdict(1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, logit)))), against)
+                    least, reason = part, name
+        return Classification(1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, logit)))), reason)
 
 
 @lru_cache(maxsize=None)

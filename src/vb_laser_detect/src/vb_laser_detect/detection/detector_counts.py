@@ -16,15 +16,15 @@ class DetectorCounts:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._frames: Deque[Tuple[float, float, float]] = deque()
-        self._refusals: Counter = Counter()
+        self._rejections: Counter = Counter()
         self._sums: Counter = Counter(processed=0, detected=0, spots=0)
 
-    def refuse(self, code: str) -> None:
+    def count_rejection(self, code: str) -> None:
         """Counts a rejected image or spot."""
         with self._lock:
-            self._refusals[code] += 1
+            self._rejections[code] += 1
 
-    def frame(self, now: float, stamp: float, search_s: float, spots: int) -> None:
+    def count_image(self, now: float, stamp: float, search_s: float, spots: int) -> None:
         """Counts a searched image.
 
         Args:
@@ -38,13 +38,13 @@ class DetectorCounts:
             self._frames.append((now, now - stamp, search_s))
             self._sums.update(processed=1, detected=int(spots > 0), spots=spots)
 
-    def recall(self, frames: int) -> None:
+    def count_backfilled(self, frames: int) -> None:
         """Counts earlier frames whose spot was published late, once it was confirmed."""
         with self._lock:
             self._sums.update(detected=frames, spots=frames)
 
     def summary(self, now: float) -> Dict[str, Any]:
-        """The counts since the start, rates and times over the last seconds, by the names in vb_msgs/DetectorStatus.
+        """Returns counts since the start and rates and times over the last seconds, named as in vb_msgs/DetectorStatus.
 
         Times are NaN where nothing happened.
         """
@@ -53,7 +53,7 @@ class DetectorCounts:
                 self._frames.popleft()
             frames = np.array(self._frames or [(now, np.nan, np.nan)], dtype=float)
             rate = len(self._frames) / max(now - frames[0, 0], 0.2)
-            refusals = dict(sorted(self._refusals.items()))
+            refusals = dict(sorted(self._rejections.items()))
             sums = dict(self._sums)
         latency, p95 = (1e3 * np.percentile(frames[:, 1], (50, 95))).tolist()
         search = 1e3 * float(np.median(frames[:, 2]))

@@ -81,31 +81,37 @@ def measure(
         _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > edge * peak).astype(np.uint8), connectivity=8)
         label = labels[at[1] + top - y0, at[0] + left - x0]
         bx, by, bw, bh, _ = stats[label].tolist()
-        problem = "too_faint" if peak < 4 else "too_large" if max(bw, bh) > largest else ""
-        if problem:
-            return Blob((left + right) / 2.0, (top + bottom) / 2.0, float(max(right - left, bottom - top)), problem)
+        if peak < 4 or max(bw, bh) > largest:
+            middle = (left + right) / 2.0, (top + bottom) / 2.0
+            return Blob(*middle, float(max(right - left, bottom - top)), "too_faint" if peak < 4 else "too_large")
         # the blob's surroundings must be in the window too
         pad = int(math.ceil(0.6 * max(bw, bh))) + 4
-        missing = max(pad - bx if x0 > 0 else 0, pad - (x1 - x0 - bx - bw) if x1 < width else 0,
-                      pad - by if y0 > 0 else 0, pad - (y1 - y0 - by - bh) if y1 < height else 0)
+        missing = max(
+            pad - bx if x0 > 0 else 0, pad - (x1 - x0 - bx - bw) if x1 < width else 0,
+            pad - by if y0 > 0 else 0, pad - (y1 - y0 - by - bh) if y1 < height else 0,
+        )
         if missing <= 0:
             break
         margin += missing
     sx, sy = max(0, bx - pad) & ~1, max(0, by - pad) & ~1
     part = slice(sy, by + bh + pad), slice(sx, bx + bw + pad)
-    mask, light, now, before = (labels[part] == label).view(np.uint8), smooth[part], now[part], before[part]
+    mask = (labels[part] == label).view(np.uint8)
+    light, now, before = smooth[part], now[part], before[part]
     area, elongation = _shape_of(mask)
-    moments, diameter = cv2.moments(cv2.copyTo(light, mask)), 2.0 * math.sqrt(area / math.pi)
+    diameter = 2.0 * math.sqrt(area / math.pi)
+    moments = cv2.moments(cv2.copyTo(light, mask))
+    u, v = moments["m10"] / moments["m00"] + x0 + sx, moments["m01"] / moments["m00"] + y0 + sy
     levels, floor = means_over(mask, camera.mosaic, now, before)
     tint = tint_of(mask, light, now, before, levels, floor) if len(levels) > 1 else None
-    level, ring = cv2.minMaxLoc(max_channel(now), mask)[1], _ring(mask, diameter)
+    level = cv2.minMaxLoc(max_channel(now), mask)[1]
+    ring = _ring(mask, diameter)
     channel = int(np.argmax(levels - floor)) if now.ndim == 3 else 0
     now, before = _plane(now, channel), _plane(before, channel)
     # a shadow that passes over a spot leaves about half of the light; what hides the floor is an object
     hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
     rim = cv2.subtract(cv2.dilate(mask, _SQUARE), cv2.erode(mask, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
-    return Blob(moments["m10"] / moments["m00"] + x0 + sx, moments["m01"] / moments["m00"] + y0 + sy, diameter, tint=tint, numbers={
+    return Blob(u, v, diameter, tint=tint, numbers={
         "elongation": elongation,
         "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.white),
         "level": level / camera.white,
@@ -123,7 +129,7 @@ def measure(
 
 # ------------------------------------------------------------------ colour
 def channels_of(image: np.ndarray, mosaic: bool) -> np.ndarray:
-    """(C, N) float32: the pixels of each channel; the four places in a Bayer image's pattern count as channels."""
+    """Returns the pixels (C, N) float32 of each channel; the four places in a Bayer image's pattern count as channels."""
     if mosaic:
         rows, columns = image.shape[0] // 2, image.shape[1] // 2
         image = image[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2).transpose(1, 3, 0, 2).reshape(4, -1)
@@ -133,7 +139,7 @@ def channels_of(image: np.ndarray, mosaic: bool) -> np.ndarray:
 
 
 def means_over(mask: np.ndarray, mosaic: bool, *images: np.ndarray) -> List[np.ndarray]:
-    """The mean (C,) of each channel of images over a mask (H, W), which must not be empty."""
+    """Returns the mean (C,) of each channel of images over a mask (H, W), which must not be empty."""
     weights = channels_of(mask, mosaic)
     if not weights.any(axis=1).all():
         weights = channels_of(cv2.dilate(mask, _SQUARE), mosaic)  # nine pixels hold all four places
@@ -143,7 +149,7 @@ def means_over(mask: np.ndarray, mosaic: bool, *images: np.ndarray) -> List[np.n
 def tint_of(
     blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray, level: np.ndarray, floor: np.ndarray
 ) -> np.ndarray:
-    """Each channel's share (C,) of a blob's light; 1 for the strongest, and for all of them if the light is white.
+    """Returns each channel's share (C,) of a blob's light: 1 for the strongest, 1 for all if the light is white.
 
     White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own colour
     and has that colour. Where the core is white, since it saturates every channel, the light around it must show the
@@ -181,13 +187,13 @@ def _share_of(rise: np.ndarray) -> np.ndarray:
 
 
 def chroma(tint: np.ndarray) -> float:
-    """How coloured a light is: 0 for white, 1 if a channel shows nothing of it."""
+    """Tells how coloured a light is: 0 for white, 1 if a channel shows nothing of it."""
     return float(1.0 - tint.min() / max(tint.max(), 1e-6))
 
 
 # ------------------------------------------------------------------ shape
 def _shape_of(blob: np.ndarray) -> Tuple[float, float]:
-    """Area [px], and the logarithm of the ratio of its axes."""
+    """Returns the area [px], and the logarithm of the ratio of its axes."""
     moments = cv2.moments(blob, binaryImage=True)
     area = moments["m00"]
     # a pixel is a square with its own second moments: without them a single pixel would have no extent
@@ -197,7 +203,7 @@ def _shape_of(blob: np.ndarray) -> Tuple[float, float]:
 
 
 def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
-    """A mask of what surrounds a blob, a little apart from it."""
+    """Returns a mask of what surrounds a blob, a little apart from it."""
     gap, thick = max(2, int(round(0.2 * diameter))), max(2, int(round(0.35 * diameter)))
     # dilating with a disc would cost its area for each pixel, a hundred times more for a person's clothes
     away = cv2.distanceTransform(cv2.compare(blob, 0, cv2.CMP_EQ), cv2.DIST_L2, cv2.DIST_MASK_5)

@@ -22,7 +22,7 @@ class PixelReader:
         self._bits = 8
 
     def read(self, image: np.ndarray, encoding: str) -> np.ndarray:
-        """(H, W) mono or Bayer, or (H, W, 3) colours, uint8.
+        """Converts an image to (H, W) mono or Bayer, or (H, W, 3) colours, uint8.
 
         Args:
             image: the message's pixels as they are.
@@ -45,7 +45,7 @@ class PixelReader:
 
 
 def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
-    """A bgr copy (H, W, 3) of an image as it came.
+    """Converts an image as it came to a bgr copy (H, W, 3).
 
     Args:
         encoding: as in sensor_msgs/Image.
@@ -61,7 +61,7 @@ def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
 
 
 def to_grey(image: np.ndarray, encoding: str) -> np.ndarray:
-    """(H, W) uint8 likewise."""
+    """Converts an image as it came to grey levels (H, W) uint8."""
     if image.ndim == 2 and encoding[:10] not in BAYER:
         return PixelReader().read(image, encoding)
     return cv2.cvtColor(to_bgr(image, encoding), cv2.COLOR_BGR2GRAY)

@@ -11,13 +11,13 @@ from vb_core.errors import CodedError
 from vb_laser_detect.detection import projection
 from vb_laser_detect.detection.bodies import Body
 from vb_laser_detect.detector import Spot, SpotDetector
-from vb_laser_detect.detection.projection import FloorPoint, FloorProjector
+from vb_laser_detect.detection.projection import FloorPoint, FloorProjection
 
 # a depth image (h, w), and its camera if that is known; (None, None) where there is none near the image's time
 DepthAt = Callable[[], Tuple[Optional[np.ndarray], Optional[CameraModel]]]
 
 
-class Frame:
+class ImageGeometry:
     """Places the pixels of one image on the floor. Most images hold no candidate and cost nothing here.
 
     Attributes:
@@ -33,7 +33,7 @@ class Frame:
     """
 
     def __init__(
-        self, camera: CameraModel, pose: Callable[[], np.ndarray], projector: FloorProjector,
+        self, camera: CameraModel, pose: Callable[[], np.ndarray], projector: FloorProjection,
         depth: Optional[DepthAt] = None, stamp: Any = None, bodies: Callable[[], Sequence[Body]] = tuple,
     ) -> None:
         self.stamp = stamp
@@ -53,7 +53,7 @@ class Frame:
         return self._ask_bodies()
 
     def to_floor(self, pixels: np.ndarray) -> np.ndarray:
-        """Pixels (N, 2) to the floor (N, 3) [m]; NaN without a pose, see `unplaced`."""
+        """Projects pixels (N, 2) to the floor (N, 3) [m]; NaN without a pose, see `unplaced`."""
         if self.unplaced is None:
             try:
                 return projection.floor_points(self._camera, self.pose, pixels, self._projector.params.floor_height)
@@ -64,7 +64,11 @@ class Frame:
         return np.full((len(pixels), 3), np.nan)
 
     def point(self, u: float, v: float) -> FloorPoint:
-        """The floor point of a pixel, computed once; CodedError where there is none, or "on_robot" if a body hides it."""
+        """Projects a pixel to the floor, once.
+
+        Raises:
+            CodedError: where there is no floor point; "on_robot" if a body hides it.
+        """
         if (u, v) not in self._points:
             where, at = (self._camera, self.pose, u, v), self._projector
             point = at.on_plane(*where) if self._depth is None else at.with_depth(*where, *self._depth())
@@ -73,8 +77,8 @@ class Frame:
             self._points[u, v] = point
         return self._points[u, v]
 
-    def refusal_at(self, u: float, v: float) -> str:
-        """Why no spot can be at a pixel, or ""."""
+    def rejection_at(self, u: float, v: float) -> str:
+        """Returns why no spot can be at a pixel, or ""."""
         try:
             self.point(u, v)
         except CodedError as error:
@@ -85,7 +89,7 @@ class Frame:
 
 
 def search(
-    detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optional[Frame], encoding: str = ""
+    detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optional[ImageGeometry], encoding: str = ""
 ) -> List[Spot]:
     """Searches one image; each spot's place is `frame.point(spot.u, spot.v)`.
 
@@ -98,15 +102,15 @@ def search(
     """
     detector.encoding = encoding or detector.encoding
     if frame is None:
-        detector.look_from(None)
+        detector.set_camera_pose(None)
     else:
-        detector.look_from(frame.to_floor, frame.refusal_at)
+        detector.set_camera_pose(frame.to_floor, frame.rejection_at)
     detector.tag = frame
     return detector.detect(image, stamp)
 
 
-def placed(detector: SpotDetector, spots: List[Spot], frame: Optional[Frame]) -> List[Tuple[Frame, Spot]]:
-    """The spots that a search has confirmed, each with its own image, the oldest first.
+def locate_confirmed(detector: SpotDetector, spots: List[Spot], frame: Optional[ImageGeometry]) -> List[Tuple[ImageGeometry, Spot]]:
+    """Returns the spots that a search has confirmed, each with its own image's geometry, the oldest first.
 
     Those of images without a known place are left out.
 

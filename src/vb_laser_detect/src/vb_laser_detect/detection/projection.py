@@ -77,19 +77,19 @@ def floor_points(camera: CameraModel, T_map_camera: np.ndarray, pixels: np.ndarr
 
 
 def pixels_of(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Pixels (N, 2) of points (N, 3) [m] in the map frame; inverse of `floor_points`. NaN behind the camera."""
+    """Projects points (N, 3) [m] in the map frame to pixels (N, 2); inverse of `floor_points`. NaN behind the camera."""
     return camera.project(geometry.apply(geometry.invert(T_map_camera), np.asarray(points, dtype=float).reshape(-1, 3)))
 
 
 def metres_per_pixel(to_floor: ToFloor, u: float, v: float) -> float:
-    """[m/px] floor length of a pixel, the mean over directions; NaN where the floor is not seen."""
+    """Returns the floor length of a pixel [m/px], the mean over directions; NaN where the floor is not seen."""
     here, right, below = np.asarray(to_floor(np.array([(u, v), (u + 1.0, v), (u, v + 1.0)])), dtype=float)[:, :2]
     along, down = right - here, below - here
     area = abs(float(along[0] * down[1] - along[1] * down[0]))
     return math.sqrt(area) if math.isfinite(area) and area > 0.0 else math.nan
 
 
-class FloorProjector:
+class FloorProjection:
     """Projects the spots of one camera.
 
     Args:
@@ -112,10 +112,10 @@ class FloorProjector:
         self._ignored = [_polygon(corners) for corners in ignored]
 
     def on_plane(self, camera: CameraModel, T_map_camera: np.ndarray, u: float, v: float) -> FloorPoint:
-        """The floor point of a pixel [px].
+        """Projects a pixel [px] to the floor plane.
 
         Raises:
-            CodedError: "outside_image", "misses_floor", "too_flat_view", "too_far", "ignored_region", "outside_map".
+            CodedError: "outside_image", "no_floor_intersection", "grazing_view", "too_far", "ignored_region", "outside_map".
         """
         p = self.params
         if not (math.isfinite(u) and math.isfinite(v)) or not camera.contains(np.array([[u, v]]))[0]:
@@ -123,12 +123,12 @@ class FloorProjector:
         point = floor_points(camera, T_map_camera, np.array([[u, v]]), p.floor_height)[0]
         origin = T_map_camera[:3, 3]
         if origin[2] <= p.floor_height or not np.isfinite(point).all():
-            raise CodedError("misses_floor", "the ray does not meet the floor in front of the camera")
+            raise CodedError("no_floor_intersection", "the ray does not meet the floor in front of the camera")
         ray = point - origin
         distance = float(np.linalg.norm(ray))
         incidence = math.degrees(math.acos(min(1.0, abs(ray[2]) / distance)))
         if incidence > p.max_incidence_deg:
-            raise CodedError("too_flat_view", f"the floor is seen at {incidence:.0f} degrees from its normal")
+            raise CodedError("grazing_view", f"the floor is seen at {incidence:.0f} degrees from its normal")
         if distance > p.max_range:
             raise CodedError("too_far", f"the point is {distance:.1f} m away")
         self._check_map(point)
@@ -144,7 +144,7 @@ class FloorProjector:
         depth: Optional[np.ndarray],
         depth_camera: Optional[CameraModel] = None,
     ) -> FloorPoint:
-        """The point that the depth image shows at a colour pixel [px].
+        """Projects a colour pixel [px] to the point that the depth image shows there.
 
         Args:
             depth: (h, w) float [m] or uint16 [mm], registered to the colour image and of any size; 0 and NaN are
@@ -194,7 +194,7 @@ def _polygon(corners: Sequence[Sequence[float]]) -> np.ndarray:
 
 
 def depth_at(depth: np.ndarray, pixel: np.ndarray, params: ProjectionParams) -> Optional[float]:
-    """Depth [m] at a pixel of the depth image, the median of its neighbourhood; None if there are only holes.
+    """Reads the depth [m] at a pixel of the depth image, the median of its neighbourhood; None if there are only holes.
 
     The floor is slanted in the image, so the median of a symmetric neighbourhood represents its middle.
     """

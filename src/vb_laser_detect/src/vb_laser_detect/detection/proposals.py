@@ -1,6 +1,6 @@
 """Regions worth examining: what became brighter than the scene was, for every camera.
 
-One idea: a moving camera is a stationary one over a background that moves along (`background`); `registration` estimates
+One idea: a moving camera is a stationary one over a background that moves along (`background`); `image_registration` estimates
 its motion. The first image of a scene is its background: what shines there may be a lamp, and only its motion can tell.
 Under a spot that was followed until a light was switched, the median of its surroundings replaces the floor.
 """
@@ -13,15 +13,15 @@ import cv2
 import numpy as np
 
 from vb_laser_detect.detection.background import Background
-from vb_laser_detect.detection.blocks import BLOCK, Region, blocks_around, halved, regions
+from vb_laser_detect.detection.blocks import BLOCK, Region, blocks_around, halve, find_regions
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.detection.registration import Registration, is_still
+from vb_laser_detect.detection.image_registration import ImageRegistration, is_still
 from vb_laser_detect.detection.tracking import Expected, Spot
 
-_LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
-_LEAST_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is smaller than a pixel
+_MIN_WHITE = 128.0  # [grey levels] no camera's white is darker
+_MIN_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is smaller than a pixel
 _SATURATED = 0.97
-_MOST = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
+_MAX_REGIONS = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.3  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
 _MAX_CHANGE_LOST = 0.12  # the same, for a moving camera whose motion is not known
 
@@ -31,7 +31,7 @@ class Proposal(NamedTuple):
 
     region: Region
     expected: Optional[Expected] = None
-    refusal: str = ""
+    rejection: str = ""
 
     @property
     def middle(self) -> Tuple[float, float]:
@@ -40,7 +40,7 @@ class Proposal(NamedTuple):
         return (left + right) / 2.0, (top + bottom) / 2.0
 
 
-class View(NamedTuple):
+class SearchedImage(NamedTuple):
     """An image, and what is known of the scene.
 
     Attributes:
@@ -57,8 +57,8 @@ class View(NamedTuple):
     changed: np.ndarray
     white: float
 
-    def busy(self, u: float, v: float, diameter: float) -> float:
-        """How much else changed in the image, apart from a blob and its own light."""
+    def change_elsewhere(self, u: float, v: float, diameter: float) -> float:
+        """Measures how much else changed in the image, apart from a blob and its own light."""
         own = blocks_around(self.changed.shape, u, v, 1.25 * diameter + BLOCK)
         return math.sqrt((np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])) / self.changed.size)
 
@@ -72,19 +72,19 @@ class Proposer:
     """
 
     def __init__(self, params: DetectorParams) -> None:
-        self.params, self.white = params, _LEAST_WHITE
+        self.params, self.white = params, _MIN_WHITE
         # if the camera may move its motion is found in the images
-        self._registration = Registration() if params.moving_camera else None
+        self._registration = ImageRegistration() if params.moving_camera else None
         self._background: Optional[Background] = None
         self._motion = np.eye(3)  # from the background's pixels to the last image's
         self._lost = self._at_rest = False
         self._half: Optional[np.ndarray] = None
 
-    def motion(self, image: np.ndarray) -> Optional[np.ndarray]:
-        """(3, 3) how the camera moved since the last image; None if it was stationary. Call it before `look`."""
+    def estimate_motion(self, image: np.ndarray) -> Optional[np.ndarray]:
+        """Estimates how the camera moved since the last image, (3, 3); None if it was stationary. Call it before `propose`."""
         if self._registration is None:
             return None
-        self._half = halved(image)
+        self._half = halve(image)
         found, before = self._registration.motion_to(image, self._half), self._motion
         # while it is not known the camera is taken to be where it was
         self._lost = found is None
@@ -95,7 +95,7 @@ class Proposer:
         self._at_rest = is_still(step, image.shape)
         return None if self._at_rest else step
 
-    def look(self, image: np.ndarray, expected: Sequence[Expected]) -> View:
+    def propose(self, image: np.ndarray, expected: Sequence[Expected]) -> SearchedImage:
         """Compares an image with the background.
 
         Args:
@@ -104,22 +104,22 @@ class Proposer:
         min_rise = self.params.min_rise
         if self._background is not None:
             still = np.array_equal(self._motion, np.eye(3))
-            rise, darker = self._background.rise(image, None if still else self._motion, self._half)
-            hot = self._background.hot_blocks(rise, min_rise)
+            rise, darker = self._background.measure_rise(image, None if still else self._motion, self._half)
+            hot = self._background.foreground_blocks(rise, min_rise)
             limit = _MAX_CHANGE_LOST if self._lost else _MAX_CHANGE
         else:
             self.white = max(self.white, float(image.max()))
         # a person close to the camera darkens much of the image too, and must not become its background
         if self._background is None or max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) > limit * hot.size:
             self._start(image, expected)
-            rise, darker = self._background.rise(image, None)
+            rise, darker = self._background.measure_rise(image, None)
             hot = rise >= min_rise
         background = self._background
-        proposals = self._rank(image, regions(rise, hot, 4 * _MOST), expected)
-        background.examine([one.region for one in proposals if not one.refusal], image)
+        proposals = self._rank(image, find_regions(rise, hot, 4 * _MAX_REGIONS), expected)
+        background.refine_reference([one.region for one in proposals if not one.rejection], image)
         # while the camera moves, what became darker is taken from the image at once
         changed = hot if background.motion is not None else hot | darker
-        return View(image, background.reference, proposals, rise, changed, self.white)
+        return SearchedImage(image, background.reference, proposals, rise, changed, self.white)
 
     def _rank(self, image: np.ndarray, found: Sequence[Tuple[Region, float]], expected: Sequence[Expected]) -> List[Proposal]:
         """Proposals of regions with their rise; notes the brightest value.
@@ -138,11 +138,11 @@ class Proposer:
         rated.sort(key=lambda one: (-min(one[1], _SATURATED * self.white), -one[2]))
         proposals = []
         # most of what a person's clothes leave is found too large at once, and must not use up all places
-        for region, level, _ in rated[: 2 * _MOST]:
-            spot = next((one for one in expected if one.part_of(region)), None)
-            proposals.append(Proposal(region, spot, "" if level >= _LEAST_LEVEL * self.white else "too_dark"))
+        for region, level, _ in rated[: 2 * _MAX_REGIONS]:
+            spot = next((one for one in expected if one.intersect(region)), None)
+            proposals.append(Proposal(region, spot, "" if level >= _MIN_LEVEL * self.white else "too_dark"))
         # published ones, other expected ones, the rest
-        return sorted(proposals, key=lambda one: 2 if one.refusal or one.expected is None else int(not one.expected.published))
+        return sorted(proposals, key=lambda one: 2 if one.rejection or one.expected is None else int(not one.expected.published))
 
     def _start(self, image: np.ndarray, expected: Sequence[Expected]) -> None:
         background = self._background = Background(image)
@@ -151,15 +151,15 @@ class Proposer:
             where = np.zeros(background.blocks, bool)
             for one in expected:
                 where[blocks_around(where.shape, one.u, one.v, one.reach)] = True
-            background.guess(where)
+            background.fill_from_neighbourhood(where)
 
     def _begin(self) -> None:
-        """The last image is the background's keyframe."""
+        """Makes the last image the background's keyframe."""
         self._motion = np.eye(3)
         if self._registration is not None:
             self._registration.take()
 
-    def learn(self, view: View, spots: Sequence[Spot], elapsed: float) -> None:
+    def update_background(self, view: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
         """Adds an image, except some spots.
 
         Args:
@@ -168,5 +168,5 @@ class Proposer:
         held = np.zeros_like(view.changed)
         for spot in spots:
             held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + BLOCK)] = True
-        if self._background.learn(view.image, view.rise, view.changed, held, elapsed, self._at_rest):
+        if self._background.update(view.image, view.rise, view.changed, held, elapsed, self._at_rest):
             self._begin()

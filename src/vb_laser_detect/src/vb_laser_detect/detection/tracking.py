@@ -44,7 +44,7 @@ class Spot:
         diameter: [px]
         confidence: 0 ... 1
         track: number of the spot in this camera's images; it stays while the spot is followed.
-        refusal: why it is not published, or "".
+        rejection: why it is not published, or "".
         certain: False if it was taken for a spot only since one was expected there.
         tint: what `features.tint_of` said; None: without colour.
         floor: (x, y) [m]; NaN where the pose is not known.
@@ -55,7 +55,7 @@ class Spot:
     diameter: float
     confidence: float = 0.0
     track: int = 0
-    refusal: str = ""
+    rejection: str = ""
     certain: bool = field(default=True, compare=False)
     tint: Optional[np.ndarray] = field(default=None, compare=False)
     floor: Sequence[float] = field(default=(math.nan, math.nan), compare=False)
@@ -85,11 +85,11 @@ class Expected(NamedTuple):
     published: bool
 
     def holds(self, u: float, v: float) -> bool:
-        """Whether a place [px] is within reach."""
+        """Tells whether a place [px] is within reach."""
         return math.hypot(u - self.u, v - self.v) <= self.reach
 
-    def part_of(self, region: Region) -> Optional[Region]:
-        """What is within reach of a region; None if nothing is."""
+    def intersect(self, region: Region) -> Optional[Region]:
+        """Returns the part of a region that is within reach; None if nothing is."""
         left, top = max(region[0], int(self.u - self.reach)), max(region[1], int(self.v - self.reach))
         right, bottom = min(region[2], int(self.u + self.reach) + 1), min(region[3], int(self.v + self.reach) + 1)
         return (left, top, right, bottom) if left < right and top < bottom else None
@@ -182,7 +182,7 @@ class SpotTracker:
         return tracks
 
     def _assign(self, spots: Sequence[Spot]) -> List[Track]:
-        """The track of each spot; the nearest pairs within reach, else a new one."""
+        """Assigns a track to each spot: the nearest pairs within reach, else a new one."""
         if not spots:
             return []
         places = np.array([(spot.u, spot.v, *spot.floor) for spot in spots])
@@ -223,7 +223,10 @@ class SpotTracker:
         # of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which looks like a colour; in
         # the mean over several images it does not
         shown = 0.0 if track.light is None else chroma(track.light)
-        least = _VIVID if self._stamp - track.since < _STEP_S else _PALE if self._camera.mosaic else 0.0
+        if self._stamp - track.since < _STEP_S:
+            least = _VIVID
+        else:
+            least = _PALE if self._camera.mosaic else 0.0
         track.confirmed = self.params.confirm_frames <= 1 or shown >= least
 
     def _choose(self, tracks: Sequence[Track]) -> None:

@@ -13,7 +13,7 @@ from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tu
 
 import numpy as np
 
-from vb_laser_detect.detection.classifier import VERSION, SpotClassifier, Verdict
+from vb_laser_detect.detection.classifier import VERSION, Classification, SpotClassifier
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.detection.features import Blob
 
@@ -27,13 +27,13 @@ _FOR = ("peak", "level", "edge", "chroma_mosaic")
 _UP_TO = {"diameter": math.log(0.01)}
 
 
-class Frame(NamedTuple):
+class LabelledFrame(NamedTuple):
     """One image of a clip or scene.
 
     Attributes:
         spots: (u, v) [px] of those in it.
         unclear: (u, v) [px] of what is neither asked for nor wrong: a pulse's first or last light.
-        geometry: (to_floor, place_check) for `SpotDetector.look_from`, or None.
+        geometry: (to_floor, place_check) for `SpotDetector.set_camera_pose`, or None.
     """
 
     stamp: float
@@ -51,17 +51,17 @@ class Examples(NamedTuple):
     names: Tuple[str, ...]
     groups: np.ndarray
 
-    def of(self, rows: np.ndarray) -> "Examples":
-        """Those of some rows, (N,) bool."""
+    def select(self, rows: np.ndarray) -> "Examples":
+        """Returns the examples of some rows, (N,) bool."""
         return Examples(self.values[rows], self.truth[rows], self.names, self.groups[rows])
 
-    def without(self, *groups: str) -> "Examples":
-        """All but those of some clips or scenes."""
-        return self.of(~np.isin(self.groups, groups))
+    def exclude(self, *groups: str) -> "Examples":
+        """Returns all examples but those of some clips or scenes."""
+        return self.select(~np.isin(self.groups, groups))
 
     @staticmethod
-    def joined(parts: Sequence["Examples"]) -> "Examples":
-        """All of several."""
+    def join(parts: Sequence["Examples"]) -> "Examples":
+        """Joins the examples of several clips and scenes."""
         return Examples(np.concatenate([p.values for p in parts]), np.concatenate([p.truth for p in parts]),
                         parts[0].names, np.concatenate([p.groups for p in parts]))
 
@@ -72,19 +72,19 @@ class Oracle(SpotClassifier):
     def __init__(self, reach: float) -> None:
         super().__init__({}, 0.0)
         self.reach = reach
-        self.frame: Optional[Frame] = None
+        self.frame: Optional[LabelledFrame] = None
         self.rows: List[Dict[str, float]] = []
         self.truth: List[bool] = []
 
-    def judge(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Verdict:
-        """The truth."""
+    def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Classification:
+        """Returns the truth."""
         if expected:
-            return Verdict(0.0, "known")  # the plain question was noted
+            return Classification(0.0, "known")  # the plain question was noted
         right = self._near(blob, self.frame.spots)
         if right or not self._near(blob, self.frame.unclear):
             self.rows.append(dict(features))
             self.truth.append(right)
-        return Verdict(1.0 if right else 0.0, "known")
+        return Classification(1.0 if right else 0.0, "known")
 
     def _near(self, blob: Blob, places: Iterable[Tuple[float, float]]) -> bool:
         return any(math.hypot(blob.u - u, blob.v - v) < self.reach for u, v in places)
@@ -98,14 +98,14 @@ def save_examples(examples: Examples, path: Path) -> None:
     part.replace(path)
 
 
-def kept_examples(files: Iterable[Path]) -> Examples:
-    """Examples of several clips and scenes that were kept."""
+def load_examples(files: Iterable[Path]) -> Examples:
+    """Loads the examples of several clips and scenes; inverse of `save_examples` for each."""
     parts = [Examples(data["values"], data["truth"], tuple(data["names"].tolist()), data["groups"]) for data in map(np.load, files)]
-    return Examples.joined([part for part in parts if len(part.truth)])
+    return Examples.join([part for part in parts if len(part.truth)])
 
 
-def collect(frames: Iterable[Frame], params: DetectorParams, group: str, reach: float, encoding: str = "") -> Examples:
-    """The examples of one clip or scene.
+def collect(frames: Iterable[LabelledFrame], params: DetectorParams, group: str, reach: float, encoding: str = "") -> Examples:
+    """Collects the examples of one clip or scene.
 
     Args:
         reach: [px] a blob so near to a spot's place is the spot.
@@ -116,7 +116,7 @@ def collect(frames: Iterable[Frame], params: DetectorParams, group: str, reach: 
     detector.encoding = encoding
     for frame in frames:
         oracle.frame = frame
-        detector.look_from(*(frame.geometry or (None, None)))
+        detector.set_camera_pose(*(frame.geometry or (None, None)))
         detector.detect(frame.image, frame.stamp)
     names = tuple(oracle.rows[0]) if oracle.rows else ()
     # what OpenCV sums in single precision depends on where its memory begins, far behind these digits
@@ -133,7 +133,8 @@ def fit(examples: Examples) -> SpotClassifier:
     """
     from scipy.optimize import minimize
 
-    truth, kinds = examples.truth, np.array([_kind(group) for group in examples.groups])
+    truth = examples.truth
+    kinds = np.array([_kind(group) for group in examples.groups])
     weights = np.where(truth, 1.0, _FALSE_COSTS)
     for kind in np.unique(kinds):
         of_kind = kinds == kind
@@ -177,7 +178,7 @@ def _kind(group: str) -> str:
 
 
 def logits(classifier: SpotClassifier, examples: Examples) -> np.ndarray:
-    """(N,) what the classifier says of each example, from all features."""
+    """Returns what (N,) the classifier says of each example, from all features."""
     total = np.full(len(examples.truth), classifier.intercept)
     for name, column in zip(examples.names, examples.values.T):
         if name in classifier.curves:
@@ -186,20 +187,20 @@ def logits(classifier: SpotClassifier, examples: Examples) -> np.ndarray:
 
 
 def fit_without(examples: Examples, groups: Sequence[str], parts: int) -> Dict[str, SpotClassifier]:
-    """For each of some clips or scenes a classifier that was fitted without it; so many parts are left out in turn."""
+    """Fits, for each of some clips or scenes, a classifier without it; so many parts are left out in turn."""
     result = {}
     for number in range(parts):
         out = list(groups)[number::parts]
-        judge = fit(examples.without(*out)) if out else None
+        judge = fit(examples.exclude(*out)) if out else None
         result.update({group: judge for group in out})
     return result
 
 
 def validate(examples: Examples) -> List[Tuple[str, np.ndarray, np.ndarray]]:
-    """(group, truth, logits) of each group, by classifiers that were fitted without it."""
+    """Returns (group, truth, logits) of each group, by classifiers that were fitted without it."""
     result = []
     for group, judge in fit_without(examples, np.random.default_rng(1).permutation(np.unique(examples.groups)), _FOLDS).items():
-        own = examples.of(examples.groups == group)
+        own = examples.select(examples.groups == group)
         result.append((str(group), own.truth, logits(judge, own)))
     return sorted(result, key=lambda one: one[0])
 
@@ -213,7 +214,7 @@ def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
 
 
 def _signs(name: str, knots: np.ndarray) -> np.ndarray:
-    """(K - 1,) which way each ramp between a feature's knots may go."""
+    """Returns which way each ramp between a feature's knots may go, (K - 1,)."""
     middles = 0.5 * (knots[1:] + knots[:-1])
     if name in _UP_TO:
         return np.where(middles < _UP_TO[name], 1.0, -1.0)
@@ -237,7 +238,7 @@ def _knots(column: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def _ramps(column: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """(N, K - 1): how far each value is up the ramp between two knots, 0 ... 1; 0 where nothing is known."""
+    """Returns how far each value is up the ramp between two knots, (N, K - 1) 0 ... 1; 0 where nothing is known."""
     if len(knots) < 2:
         return np.zeros((len(column), 0))
     part = (column[:, None] - knots[None, :-1]) / np.diff(knots)[None]

@@ -18,8 +18,8 @@ from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array
 from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.detection.bodies import Body
-from vb_laser_detect.detection.image_geometry import Frame
-from vb_laser_detect.detection.projection import FloorProjector
+from vb_laser_detect.detection.image_geometry import ImageGeometry
+from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 
 
@@ -28,8 +28,8 @@ _DOUBT_M = 0.05  # by which a robot's localisation may be off, as its driver tak
 _STALE_S = 0.5  # a robot whose newest pose is older was somewhere else by now, or is switched off
 
 
-def decoded(message: Any) -> Tuple[np.ndarray, str]:
-    """The pixels of a sensor_msgs/Image or CompressedImage, and their encoding.
+def decode(message: Any) -> Tuple[np.ndarray, str]:
+    """Decodes a sensor_msgs/Image or CompressedImage; returns its pixels and their encoding.
 
     Raises:
         CodedError: "bad_image"
@@ -40,13 +40,13 @@ def decoded(message: Any) -> Tuple[np.ndarray, str]:
     return image, compressed_encoding(message, image)
 
 
-def beside(topic: str, name: str) -> str:
-    """The topic of another name in the same namespace, as image_transport pairs image and camera_info."""
+def sibling_topic(topic: str, name: str) -> str:
+    """Returns the topic of another name in the same namespace, as image_transport pairs image and camera_info."""
     return topic.rsplit("/", 1)[0] + "/" + name
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether a topic's images have no distortion any more, as image_proc names them."""
+    """Tells whether a topic's images have no distortion any more, by the names that image_proc gives."""
     return "rect" in topic.rsplit("/", 1)[-1].split("_")
 
 
@@ -70,8 +70,8 @@ class InfoTopic:
         self._reason = f"no camera_info on {topic}"
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
 
-    def fitting(self, shape: Tuple[int, ...]) -> CameraModel:
-        """The model for images of this shape.
+    def model_for(self, shape: Tuple[int, ...]) -> CameraModel:
+        """Returns the model for images of this shape.
 
         Raises:
             CodedError: "no_camera_info" if none came yet, if it describes no camera, or one of another image size.
@@ -119,8 +119,8 @@ class DepthTopic:
         with self._lock:
             self._images.append(message)
 
-    def near(self, stamp: rospy.Time, age_s: float, colour_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
-        """The depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
+    def nearest(self, stamp: rospy.Time, age_s: float, colour_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
+        """Returns the depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
 
         Args:
             colour_frame: of the colour image; depth of another frame is not registered to it.
@@ -139,13 +139,13 @@ class DepthTopic:
             self._report.fault(error)
             return None, None
         try:
-            return depth, self._info.fitting(depth.shape)
+            return depth, self._info.model_for(depth.shape)
         except CodedError:  # registered depth images are seen by the colour camera, scaled to their size
             return depth, None
 
 
 def depth_array(message: Image) -> np.ndarray:
-    """(h, w) uint16 [mm] or float [m].
+    """Returns a depth image's readings, (h, w) uint16 [mm] or float [m].
 
     Raises:
         CodedError: "bad_depth" for another encoding, or without a single reading.
@@ -182,7 +182,7 @@ class Robots:
         return len(self._profiles)
 
     def bodies(self, stamp: rospy.Time) -> List[Body]:
-        """Where they were at a time.
+        """Returns where the robots were at a time.
 
         One whose pose has not arrived yet is taken to be larger by how far it may have driven since its last one.
         """
@@ -218,7 +218,7 @@ class CameraGeometry:
     """
 
     def __init__(
-        self, mobile: bool, info: InfoTopic, depth: Optional[DepthTopic], projector: FloorProjector, params: Any,
+        self, mobile: bool, info: InfoTopic, depth: Optional[DepthTopic], projector: FloorProjection, params: Any,
         report: DetectorDiagnostics,
     ) -> None:
         self.params = params
@@ -230,20 +230,20 @@ class CameraGeometry:
         self._pose_at: Optional[rospy.Time] = None
         self._unreachable = False
 
-    def frame(self, frame_id: str, stamp: rospy.Time, shape: Tuple[int, ...]) -> Frame:
-        """An image's geometry. A moving camera's pose is looked up only when it is asked for.
+    def geometry_of(self, frame_id: str, stamp: rospy.Time, shape: Tuple[int, ...]) -> ImageGeometry:
+        """Returns an image's geometry. A moving camera's pose is looked up only when it is asked for.
 
         Raises:
             CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
         """
-        camera = self._info.fitting(shape)
+        camera = self._info.model_for(shape)
         if self._mobile:
             self._check_reachable(frame_id, stamp)
             pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, self.params.tf_wait_s)
         else:
             pose = partial(np.copy, self._stationary_pose(frame_id))
-        depth = partial(self._depth.near, stamp, self.params.depth_age_s, frame_id) if self._depth is not None else None
-        return Frame(camera, pose, self._projector, depth, stamp, partial(self._robots.bodies, stamp))
+        depth = partial(self._depth.nearest, stamp, self.params.depth_age_s, frame_id) if self._depth is not None else None
+        return ImageGeometry(camera, pose, self._projector, depth, stamp, partial(self._robots.bodies, stamp))
 
     def _check_reachable(self, frame_id: str, stamp: rospy.Time) -> None:
         """Checks now and then that poses exist at all: an image without candidates does not need one."""
@@ -264,7 +264,7 @@ class CameraGeometry:
         try:
             pose = self._transforms.lookup(names.MAP_FRAME, frame_id, rospy.Time(0), 0.0)
             if not self._robots:
-                self._transforms.rest_on_static(names.MAP_FRAME, frame_id)
+                self._transforms.unsubscribe_if_static(names.MAP_FRAME, frame_id)
         except CodedError:
             # a camera that does not move stays where it was last seen, whatever became of its publisher
             if self._pose is None or frame_id != self._pose_frame:

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros.node import Mailbox
-from vb_laser_detect.calibration.file import require_own_frame
+from vb_laser_detect.calibration.calibration_file import require_own_frame
 from vb_laser_detect.detection.blocks import sample_blocks
 from vb_laser_detect.detection.detector_counts import DetectorCounts
 from vb_msgs.msg import DetectorStatus
@@ -84,10 +84,10 @@ class DetectorDiagnostics:
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
         self.colour = True
         self._mailbox = mailbox
-        self._statistics = DetectorCounts()
+        self._counts = DetectorCounts()
         self._lock = threading.Lock()
         self._faults: Dict[str, _Fault] = {}
-        self._standing = ""
+        self._missing_input = ""
         self._image: Optional[np.ndarray] = None
         self.debug_images = 0
         self._started = rospy.Time.now()
@@ -100,8 +100,8 @@ class DetectorDiagnostics:
 
     # ------------------------------------------------------------- what the node tells
     def count(self, code: str) -> None:
-        """An ordinary rejection: a candidate that is not a spot."""
-        self._statistics.refuse(code)
+        """Counts an ordinary rejection: a candidate that is not a spot."""
+        self._counts.count_rejection(code)
 
     def fault(self, error: CodedError, severe: bool = False, missing: bool = False) -> None:
         """Counts a fault of the input, shows it in the diagnostics, and logs it now and then.
@@ -110,26 +110,26 @@ class DetectorDiagnostics:
             severe: a fault of the program.
             missing: of an input that may only be late.
         """
-        self._statistics.refuse(error.code)
+        self._counts.count_rejection(error.code)
         with self._lock:
             known = self._faults.setdefault(error.code, _Fault())
             due = known.meet(error.message, rospy.Time.now(), time.monotonic(), _LASTS_S if missing else 0.0)
         if due:
             (rospy.logerr if severe else rospy.logwarn)("%s: %s", rospy.get_name(), error)
 
-    def standing(self, reason: str) -> None:
-        """Why no spot can be published yet; "" once all inputs are available."""
+    def set_missing_input(self, reason: str) -> None:
+        """Notes why no spot can be published yet; "" once all inputs are available."""
         with self._lock:
-            self._standing = reason
+            self._missing_input = reason
 
-    def hear(self, message: DetectorStatus) -> None:
-        """Reads other detectors' status."""
+    def note_detector(self, message: DetectorStatus) -> None:
+        """Notes another detector's status."""
         if message.camera != self._camera and not message.mobile and message.frame_id:
             with self._lock:
                 self._others[message.camera] = (message.frame_id, time.monotonic())
 
     def shared_frame(self, frame_id: str) -> Optional[CodedError]:
-        """Why a stationary camera cannot have this frame: another one has it, and a frame has one pose."""
+        """Returns why a stationary camera cannot have this frame: another one has it, and a frame has one pose."""
         if self._mobile:
             return None
         with self._lock:
@@ -140,31 +140,31 @@ class DetectorDiagnostics:
             return error.without_stack()
         return None
 
-    def frame(
+    def count_image(
         self, stamp: rospy.Time, search_s: float, spots: int, image: np.ndarray, frame_id: str, confirmation_s: float
     ) -> None:
         """Counts a searched image; at the images' rate a spot is confirmed after `confirmation_s`."""
         self._frame_id, self._confirmation_s = frame_id, confirmation_s
-        self._statistics.frame(rospy.Time.now().to_sec(), stamp.to_sec(), search_s, spots)
+        self._counts.count_image(rospy.Time.now().to_sec(), stamp.to_sec(), search_s, spots)
         self._image = image
 
-    def recall(self, frames: int) -> None:
+    def count_backfilled(self, frames: int) -> None:
         """Counts earlier images whose spots were published late, once confirmed."""
-        self._statistics.recall(frames)
+        self._counts.count_backfilled(frames)
 
     # ------------------------------------------------------------- what goes out
     def _publish(self, _event: Any) -> None:
         now = rospy.Time.now()
         self._status = DetectorStatus(
             header=rospy.Header(stamp=now), camera=self._camera, mobile=self._mobile, frame_id=self._frame_id,
-            received=self._mailbox.received, dropped=self._mailbox.dropped, **self._statistics.summary(now.to_sec()))
+            received=self._mailbox.received, dropped=self._mailbox.dropped, **self._counts.summary(now.to_sec()))
         self._publisher.publish(self._status)
         self._updater.force_update()
 
     def _diagnose(self, status: Any) -> Any:
         now, told = rospy.Time.now(), self._status
         with self._lock:
-            missing = [self._standing] if self._standing else []
+            missing = [self._missing_input] if self._missing_input else []
             faults = [(code, one.text) for code, one in self._faults.items() if abs((now - one.at).to_sec()) < _RECENT_S]
         recent = [f"{text} [{code}]" for code, text in faults]
         image = self._image

@@ -245,11 +245,11 @@ class Person:
         yield
         while self.percept.answered != self._number:
             if self.percept.now - asked > 20.0:
-                self.last_answer = CommandReply(False, "no_answer", "nobody answered")
+                self.last_answer = CommandReply(False, "no_response", "nobody answered")
                 break
             yield
         else:
-            self.last_answer = self.percept.answer or CommandReply(False, "no_answer", "nobody answered")
+            self.last_answer = self.percept.answer or CommandReply(False, "no_response", "nobody answered")
         self.doing = before
 
     def repeat_command(self, command: str, source: str = "participant", times: int = 6) -> Step:
@@ -439,10 +439,10 @@ class ParticipantScript:
                 # the display shows what would be restricted: looks at it, and means it
                 yield from self.person.react()
                 continue
-            if self.person.last_answer.code not in ("busy", "no_service", "no_answer", "save_unanswered"):
+            if self.person.last_answer.code not in ("busy", "no_service", "no_response", "save_unanswered"):
                 return
             # the node that should answer is being restarted; perhaps the border was saved all the same
             yield from self.person.wait(1.5)
-            if self.person.last_answer.code in ("no_answer", "save_unanswered") and self.person.percept.state == DEFAULT:
+            if self.person.last_answer.code in ("no_response", "save_unanswered") and self.person.percept.state == DEFAULT:
                 self.person.last_answer = CommandReply(True, "ok", "the display says that nothing is under way")
                 return

@@ -21,7 +21,7 @@ from vb_voice_wizard.interaction import UNDO
 
 _INTEGRATOR = "$map_integrator"
 
-UNANSWERED = ("no_service", "no_answer")  # codes of an absent service; any other is its own error
+UNANSWERED = ("no_service", "no_response")  # codes of an absent service; any other is its own error
 
 
 class BorderServices:
@@ -31,7 +31,7 @@ class BorderServices:
         border_name, occupancy: of every border.
         wait_s, answer_s: [s] wall time, how long to wait for an absent service, and for its answer.
 
-    Every method raises CodedError: "no_service" if the service is absent (nothing was sent), "no_answer" if it
+    Every method raises CodedError: "no_service" if the service is absent (nothing was sent), "no_response" if it
     did not answer (the request may have been done or not), or the service's own error.
     """
 
@@ -47,7 +47,7 @@ class BorderServices:
         """What a node tells people; returns what all nodes tell them now."""
         with self._lock:
             now = rospy.get_time()
-            self._book.hear(message.source, map(notice_from_message, message.notices), now)
+            self._book.update(message.source, map(notice_from_message, message.notices), now)
             return self._book.current(now)
 
     def candidate(self, interaction_id: str) -> VirtualBorder:
@@ -56,7 +56,7 @@ class BorderServices:
         Without any spot, a camera that is known to be faulty is the reason to name, not the laser.
         """
         request = GetDrawnBorderRequest(interaction_id=interaction_id)
-        response = self._ask(names.CANDIDATE, GetDrawnBorder, request, "$border_fusion")
+        response = self._ask(names.GET_DRAWN_BORDER, GetDrawnBorder, request, "$border_fusion")
         if response.code == "no_spots":
             with self._lock:
                 told = self._book.current(rospy.get_time())

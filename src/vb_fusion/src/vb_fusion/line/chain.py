@@ -44,5 +44,5 @@ class BorderChain:
 
     @property
     def reason(self) -> str:
-        """One English sentence that says why it is closed or open."""
+        """English sentence that says why it is closed or open."""
         return sentences.say(self.code, self.values) if self.code else ""

@@ -47,10 +47,10 @@ def drawn():
     return path + np.random.default_rng(1).normal(0.0, 0.005, path.shape)
 
 
-class WaysToCommand(unittest.TestCase):
+class InputMethods(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        rospy.init_node("ways_to_command")
+        rospy.init_node("input_methods")
         cls.now = 1000.0
         cls.clock = rospy.Publisher("/clock", Clock, queue_size=1, latch=True)
         cls.map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
@@ -66,7 +66,7 @@ class WaysToCommand(unittest.TestCase):
         cls.set_time(cls.now)
         cls.map.publish(message_from_grid(room(), rospy.Time.from_sec(cls.now)))
         cls.maps.wait(lambda message: True, "the first map")
-        for name in (names.COMMAND, names.CANDIDATE, names.PREVIEW_BORDER):
+        for name in (names.COMMAND, names.GET_DRAWN_BORDER, names.PREVIEW_BORDER):
             rospy.wait_for_service(name, 60)
         for publisher in (cls.spots, cls.joy, cls.audio, cls.text):
             wait_until(publisher.get_num_connections, f"somebody who listens to {publisher.name}")
@@ -194,4 +194,4 @@ class WaysToCommand(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rostest.rosrun("vb_bringup", "ways_to_command", WaysToCommand)
+    rostest.rosrun("vb_bringup", "input_methods", InputMethods)

@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
 if TYPE_CHECKING:  # a node that only publishes poses does without OpenCV
-    from vb_laser_detect.calibration.pose import Observations, PoseEstimate
+    from vb_laser_detect.calibration.pose import Correspondences, PoseEstimate
 
 _HEAD = """\
 # Pose of the ceiling camera '{camera}' in the map, written by calibrate_camera.
@@ -42,14 +42,14 @@ class CameraPose:
 
 
 def calibration_path(folder: str, camera: str) -> Path:
-    """The path of a camera's file."""
+    """Returns the path of a camera's file."""
     return Path(folder).expanduser() / f"{camera}.yaml"
 
 
-def document(
-    pose: CameraPose, estimate: PoseEstimate, observed: Observations, method: str, date: str
+def make_document(
+    pose: CameraPose, estimate: PoseEstimate, observed: Correspondences, method: str, date: str
 ) -> Mapping[str, Any]:
-    """Everything that a calibration file holds; lengths in metres unless the key says otherwise."""
+    """Collects everything that a calibration file holds; lengths in metres unless the key says otherwise."""
 
     def numbers(values: Any, digits: int) -> List[float]:
         return [round(float(value), digits) for value in np.ravel(values)]
@@ -129,8 +129,8 @@ def load(path: Path) -> CameraPose:
     return CameraPose(camera, parent, frame, geometry.transform(rotation, translation), focal)
 
 
-def frames_in(folder: str) -> Dict[str, str]:
-    """The frame of each camera that a calibration in the folder is for."""
+def read_frames(folder: str) -> Dict[str, str]:
+    """Reads the frame of each camera that a calibration in the folder is for."""
     frames = {}
     for path in sorted(Path(folder).expanduser().glob("*.yaml")):
         with contextlib.suppress(CodedError):

@@ -8,19 +8,28 @@ from __future__ import annotations
 
 import numpy as np
 
-from vb_fusion.line.stations import Stroke
-from vb_fusion.memory import Memory
+from vb_fusion.line.resampling import ResampledStroke
+from vb_fusion.resumable_loop import ResumableLoop
 from vb_fusion.stroke.observations import TREMBLE
 
 DETAIL = 1.5 * TREMBLE**3  # [m^3] squared distance times length that a corner must explain
 
 
-def fit_line(stroke: Stroke, joined: bool, known: Memory) -> np.ndarray:
-    """The vertices (M, 2) [m] of the line; if it is joined, it goes on from its last vertex to the first."""
+def fit_line(stroke: ResampledStroke, joined: bool, loop: ResumableLoop) -> np.ndarray:
+    """Fits straight sides to a stroke.
+
+    Args:
+        stroke: what is fitted.
+        joined: whether the line continues from its last vertex to the first.
+        loop: the loop of the call before, of the same drawing.
+
+    Returns:
+        The line's vertices (M, 2) [m].
+    """
     x, y = (stroke.points - stroke.points[0]).T
     terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
     sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
-    starts = _divide(stroke, sums, known)
+    starts = _divide(stroke, sums, loop)
     if joined and len(starts) > 3:
         # the side in which the drawing began and ended is one side
         last, first = sums[:, -1] - sums[:, starts[-1]], sums[:, starts[1]]
@@ -28,11 +37,11 @@ def fit_line(stroke: Stroke, joined: bool, known: Memory) -> np.ndarray:
         goes_on = (np.diff(away) > -2.0 * TREMBLE).all()
         if goes_on and _misfit(last + first) < _misfit(last) + _misfit(first) + DETAIL:
             starts = starts[1:]
-    return _fitted(stroke, starts, joined and len(starts) > 2)
+    return _fit_vertices(stroke, starts, joined and len(starts) > 2)
 
 
-def _divide(stroke: Stroke, sums: np.ndarray, known: Memory) -> np.ndarray:
-    """The first station of each side."""
+def _divide(stroke: ResampledStroke, sums: np.ndarray, loop: ResumableLoop) -> np.ndarray:
+    """Divides a stroke into sides; returns the first station of each."""
     x, y = stroke.points.T
     count = len(x)
     # people mark corners by stopping: where the spot was seen more than twice as long as usual, less detail will do;
@@ -41,7 +50,7 @@ def _divide(stroke: Stroke, sums: np.ndarray, known: Memory) -> np.ndarray:
     rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
     corner = DETAIL * np.clip(2.0 / rest, 0.25, 1.0)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    first, states = known.resume(np.column_stack([x, y, stroke.weights, corner]), 2)
+    first, states = loop.resume(np.column_stack([x, y, stroke.weights, corner]), 2)
     best = np.append(0.0, states[:, 0])
     for end in range(first + 1, count + 1):
         cost = best[:end] + _misfit(sums[:, end, None] - sums[:, :end])
@@ -58,14 +67,18 @@ def _divide(stroke: Stroke, sums: np.ndarray, known: Memory) -> np.ndarray:
 
 
 def _misfit(sums: np.ndarray) -> np.ndarray:
-    """[m^3] squared distance from the best straight line, times the length, for sums (6, ...): 1, x, y, xx, yy, xy."""
+    """Returns the squared distance from the best straight line, times the length [m^3].
+
+    Args:
+        sums: (6, ...) of 1, x, y, xx, yy and xy.
+    """
     w, x, y, xx, yy, xy = sums
     xx, yy, xy = xx - x * x / w, yy - y * y / w, xy - x * y / w
     return np.maximum(0.5 * (xx + yy - np.hypot(xx - yy, 2.0 * xy)), 0.0)
 
 
-def _fitted(stroke: Stroke, starts: np.ndarray, joined: bool) -> np.ndarray:
-    """The vertices where the sides between them are least far from the stations, by weighted least squares."""
+def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> np.ndarray:
+    """Moves the vertices to where the sides between them are nearest to the stations, by weighted least squares."""
     at = stroke.points
     vertices = 0.5 * (at[starts - 1] + at[starts])
     if not joined:

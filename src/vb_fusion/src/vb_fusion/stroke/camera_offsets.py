@@ -15,30 +15,30 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import spsolve
 
-from vb_fusion.stroke.observations import LOCALISATION, TREMBLE, Sights, moments
+from vb_fusion.stroke.observations import LOCALISATION, TREMBLE, Observations, time_bins
 
 KEPT = math.exp(-1.0 / 10.0)  # of a robot's error is the same a second later: localisation corrects itself within metres
 
 
-def without_offsets(seen: Sights) -> Sights:
-    """The sights without their cameras' offsets; an offset common to all cameras cannot be known.
+def remove_offsets(seen: Observations) -> Observations:
+    """Removes the cameras' offsets from observations; an offset common to all cameras cannot be known.
 
-    A sight is the pointer's place in its moment and the offset of its camera. The places are eliminated: what is left
-    are the differences from the mean of the moment.
+    An observation is the pointer's place in its time bin plus the offset of its camera. The places are eliminated: what
+    is left are the differences from the mean of the bin.
     """
     cameras = int(seen.cameras.max()) + 1
-    moment = moments(seen.stamps)
+    moment = time_bins(seen.stamps)
     second = np.where(seen.mobile, (moment - moment.min()) // 10 + 1, 0)
     offset = second * cameras + seen.cameras
     unknown = (int(second.max()) + 1) * cameras
-    # the sights of a moment follow one another
+    # the observations of a moment follow one another
     row = np.cumsum(np.append(0, np.diff(moment) != 0))
     in_moment = csr_matrix((np.ones(len(row)), (row, offset)), shape=(int(row[-1]) + 1, unknown))
     share = diags(1.0 / np.bincount(row)) @ in_moment
     # each equation in units of its deviation: a difference as a hand trembles, an offset as the camera is placed
     robots = np.unique(seen.cameras[seen.mobile])
-    firmness = _firmness(unknown, robots + cameras * np.arange(1, unknown // cameras)[:, None])
-    equations = diags(np.bincount(offset, minlength=unknown)) + firmness - in_moment.T @ share
+    prior = _prior_weight(unknown, robots + cameras * np.arange(1, unknown // cameras)[:, None])
+    equations = diags(np.bincount(offset, minlength=unknown)) + prior - in_moment.T @ share
     apart = np.column_stack(
         [np.bincount(offset, axis, unknown) - share.T @ np.bincount(row, axis) for axis in seen.points.T]
     )
@@ -47,8 +47,8 @@ def without_offsets(seen: Sights) -> Sights:
     return seen.moved(seen.points - found[offset])
 
 
-def _firmness(unknown: int, seconds: np.ndarray) -> csr_matrix:
-    """How firmly offsets are held: near zero, and those of robots near what they are a second before and after.
+def _prior_weight(unknown: int, seconds: np.ndarray) -> csr_matrix:
+    """Weighs how firmly offsets are held: near zero, and those of robots near what they are a second before and after.
 
     Args:
         unknown: number of offsets.

@@ -17,8 +17,8 @@ from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 
 from vb_bringup.lab import (
-    CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk,
-    check_map, check_navigation, check_nodes, check_robot, standing,
+    CameraInfoObservation, CameraObservation, CheckLine, CheckState, MapObservation, NavigationObservation, RobotObservation,
+    check_cameras, check_disk, check_map, check_navigation, check_nodes, check_robot, lines_from_notices,
 )
 from vb_core import names
 from vb_core.errors import CodedError
@@ -32,7 +32,7 @@ _DETECTOR = "spot_detector"
 _IMAGE_TYPES = {"sensor_msgs/Image": Image, "sensor_msgs/CompressedImage": CompressedImage}
 
 
-class Graph:
+class NodeGraph:
     """Which nodes run, and their publications and subscriptions, at one moment."""
 
     def __init__(self) -> None:
@@ -47,11 +47,11 @@ class Graph:
         self.nodes: Set[str] = {node for _, nodes in published + subscribed + services for node in nodes}
 
     def subscriptions(self, node: str, kinds: Sequence[str]) -> List[str]:
-        """The topics of these types that a node subscribes to."""
+        """Returns the topics of these types that a node subscribes to."""
         return [topic for topic in self._subscriptions[node] if self.types.get(topic) in kinds]
 
 
-class Stream:
+class ObservedTopic:
     """A topic observed for a while: its messages' times and ages, and one whole message."""
 
     def __init__(self, topic: str, kind: Any) -> None:
@@ -73,14 +73,14 @@ class Stream:
             self._raw = message._buff
 
     def rate(self) -> float:
-        """[1/s]; 0 if nothing arrived."""
+        """Returns how many messages arrive per second [1/s]; 0 if none did."""
         with self._lock:
             if len(self._times) < 2:
                 return len(self._times) / (time.monotonic() - self._began)
             return (len(self._times) - 1) / max(self._times[-1] - self._times[0], 1e-6)
 
     def age(self) -> float:
-        """[s] from a message's stamp to its arrival, of the quickest one; negative: from the future.
+        """Returns the time [s] from a message's stamp to its arrival, of the quickest one; negative: from the future.
 
         A busy computer delays some messages; clocks that differ shift all of them.
         """
@@ -88,7 +88,7 @@ class Stream:
             return min(self._ages, default=0.0)
 
     def message(self) -> Optional[Any]:
-        """The newest message; None if none arrived or it is not of the right type."""
+        """Returns the newest message; None if none arrived or it is not of the right type."""
         with self._lock:
             raw = self._raw
         if raw is None:
@@ -103,9 +103,9 @@ class Stream:
         self._subscriber.unregister()
 
 
-def probe(seconds: float) -> List[Line]:
+def observe_lab(seconds: float) -> List[CheckLine]:
     """Listens to cameras, scans and notices for some seconds, looks at everything else, and judges it."""
-    graph = Graph()
+    graph = NodeGraph()
     told = NoticeListener()
     transforms = TransformLookup()
     robots = _robots()
@@ -113,23 +113,23 @@ def probe(seconds: float) -> List[Line]:
     detectors = {node: {"camera": node.split("/")[-1][len(_DETECTOR):].strip("_"), **_parameters(node)}
                  for node in [*running, *_missing_detectors(running)]}
     images = {node: _image_topic(graph, node, found) for node, found in detectors.items()}
-    streams: Dict[str, Stream] = {}
+    streams: Dict[str, ObservedTopic] = {}
     for topic, kind in images.values():
-        streams[topic] = Stream(topic, kind)
-        streams[_beside(topic)] = Stream(_beside(topic), CameraInfo)
+        streams[topic] = ObservedTopic(topic, kind)
+        streams[_info_topic(topic)] = ObservedTopic(_info_topic(topic), CameraInfo)
     for robot in robots:
-        streams[_within(robot, "scan")] = Stream(_within(robot, "scan"), LaserScan)
+        streams[_within(robot, "scan")] = ObservedTopic(_within(robot, "scan"), LaserScan)
         for name in ("camera/rgb/image_raw", "camera/depth_registered/image_raw"):
-            streams.setdefault(_within(robot, name), Stream(_within(robot, name), Image))
+            streams.setdefault(_within(robot, name), ObservedTopic(_within(robot, name), Image))
     for topic, kind in ((names.PHYSICAL_MAP, OccupancyGrid), (names.MAP_WITH_BORDERS, OccupancyGrid),
                         (names.BORDERS, VirtualBorderArray)):
-        streams[topic] = Stream(topic, kind)
+        streams[topic] = ObservedTopic(topic, kind)
     rospy.rostime.wallsleep(seconds)
 
     poses = _CalibrationFiles(graph)
     cameras = [_camera(graph, node, detectors[node], images[node][0], streams, transforms, poses) for node in detectors]
     # one that was just being started again has no name for a moment
-    running_now = graph.nodes | Graph().nodes
+    running_now = graph.nodes | NodeGraph().nodes
     lines = check_nodes([node for node in NEEDED_NODES if node not in running_now])
     lines += check_cameras(cameras)
     lines += check_map(_map(graph, streams))
@@ -142,11 +142,14 @@ def probe(seconds: float) -> List[Line]:
         if driven or move_base in graph.nodes:
             lines += check_navigation(_navigation(graph, move_base))
     voice = any(node.split("/")[-1] == "voice_commands" for node in graph.nodes)
-    lines.append(Line("voice", State.OK, "lab_voice_ok" if voice else "lab_voice_off"))
+    lines.append(CheckLine("voice", CheckState.OK, "lab_voice_ok" if voice else "lab_voice_off"))
     display = next((node for node in sorted(graph.nodes) if node.split("/")[-1] in ("smart_display", "rviz")), "")
     waits = display and rospy.get_param(f"{display}/waits_for_screen", False)
-    code = "lab_display_waits" if waits else "lab_display_ok" if display else "lab_display_off"
-    lines.append(Line("display", State.WARNING if waits else State.OK, code, {"node": display}))
+    if waits:
+        code = "lab_display_waits"
+    else:
+        code = "lab_display_ok" if display else "lab_display_off"
+    lines.append(CheckLine("display", CheckState.WARNING if waits else CheckState.OK, code, {"node": display}))
     place = Path(str(rospy.get_param("/map_integrator/store_dir", "~"))).expanduser()
     while not place.exists():
         place = place.parent
@@ -154,7 +157,7 @@ def probe(seconds: float) -> List[Line]:
     for stream in streams.values():
         stream.close()
     told.close()
-    return lines + standing(told.current(), lines)
+    return lines + lines_from_notices(told.current(), lines)
 
 
 def _robots() -> List[str]:
@@ -167,7 +170,7 @@ def _within(robot: str, name: str) -> str:
 
 
 def _missing_detectors(running: Sequence[str]) -> List[str]:
-    """The detectors that should run, by the cameras that the lab was started with, and do not."""
+    """Lists the detectors that should run, by the cameras that the lab was started with, and do not."""
     expected = [f"/{_DETECTOR}_{name}" for name in str(rospy.get_param("/lab_monitor/cameras", "")).split()]
     return [node for node in expected if node not in running]
 
@@ -177,13 +180,13 @@ def _parameters(node: str) -> Mapping[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _beside(topic: str) -> str:
+def _info_topic(topic: str) -> str:
     whole = topic[: -len("/compressed")] if topic.endswith("/compressed") else topic
     return whole.rsplit("/", 1)[0] + "/camera_info"
 
 
-def _image_topic(graph: Graph, node: str, parameters: Mapping[str, Any]) -> Tuple[str, Any]:
-    """What the detector really listens to, remappings included; else what its parameters say."""
+def _image_topic(graph: NodeGraph, node: str, parameters: Mapping[str, Any]) -> Tuple[str, Any]:
+    """Finds the topic that the detector really listens to, remappings included; else the one in its parameters."""
     found = [topic for topic in graph.subscriptions(node, list(_IMAGE_TYPES)) if "depth" not in topic]
     if found:
         return found[0], _IMAGE_TYPES[graph.types[found[0]]]
@@ -197,8 +200,8 @@ def _image_topic(graph: Graph, node: str, parameters: Mapping[str, Any]) -> Tupl
 class _CalibrationFiles:
     """The files whose poses camera_poses publishes."""
 
-    def __init__(self, graph: Graph) -> None:
-        from vb_laser_detect.calibration import file as calibration_file
+    def __init__(self, graph: NodeGraph) -> None:
+        from vb_laser_detect.calibration import calibration_file
 
         self._files = calibration_file
         node = next((node for node in graph.nodes if node.split("/")[-1] == "camera_poses"), "")
@@ -206,8 +209,8 @@ class _CalibrationFiles:
         self._folder = str(found.get("folder", ""))
         self._cameras = str(found.get("cameras", "")).split()
 
-    def look(self, camera: str) -> Mapping[str, Any]:
-        """What CameraSeen says of a camera's file; nothing if others publish the pose."""
+    def describe(self, camera: str) -> Mapping[str, Any]:
+        """Returns what CameraObservation holds of a camera's file; nothing if others publish the pose."""
         if not self._folder or camera not in self._cameras:
             return {}
         path = self._files.calibration_path(self._folder, camera)
@@ -219,8 +222,8 @@ class _CalibrationFiles:
         return {"file": str(path), "file_frame": found.frame, "file_focal": found.focal}
 
 
-def _other_images(graph: Graph, topic: str) -> List[str]:
-    """Topics of images beside one that nobody publishes: what the driver calls its images."""
+def _other_images(graph: NodeGraph, topic: str) -> List[str]:
+    """Lists topics of images beside one that nobody publishes: what the driver calls its images."""
     name = topic.strip("/").split("/")[0]
     return sorted(
         other for other, nodes in graph.publishers.items()
@@ -228,22 +231,22 @@ def _other_images(graph: Graph, topic: str) -> List[str]:
 
 
 def _camera(
-    graph: Graph, node: str, parameters: Mapping[str, Any], topic: str, streams: Mapping[str, Stream],
+    graph: NodeGraph, node: str, parameters: Mapping[str, Any], topic: str, streams: Mapping[str, ObservedTopic],
     transforms: TransformLookup, poses: _CalibrationFiles,
-) -> CameraSeen:
+) -> CameraObservation:
     name = str(parameters.get("camera", node))
-    image, info = streams[topic].message(), streams[_beside(topic)].message()
+    image, info = streams[topic].message(), streams[_info_topic(topic)].message()
     pixels = _pixels(image)
     frame = str(parameters.get("frame", "")) or (image.header.frame_id if image is not None else "")
-    return CameraSeen(
+    return CameraObservation(
         name=name, topic=topic, publishers=graph.publishers.get(topic, []), others=_other_images(graph, topic),
         rate=streams[topic].rate(),
         age=streams[topic].age(), width=pixels.shape[1], height=pixels.shape[0],
         encoding=getattr(image, "encoding", "") or getattr(image, "format", ""), frame=frame,
         bright=float((pixels >= 250).mean()) if pixels.size else 0.0,
-        info=None if info is None else CameraInfoSeen(info.width, info.height, float(info.K[0]), float(info.P[0])),
+        info=None if info is None else CameraInfoObservation(info.width, info.height, float(info.K[0]), float(info.P[0])),
         detector=node if node in graph.nodes else "",
-        has_pose=bool(frame) and _transform_age(transforms, frame) is not None, **poses.look(name),
+        has_pose=bool(frame) and _transform_age(transforms, frame) is not None, **poses.describe(name),
     )
 
 
@@ -257,7 +260,7 @@ def _pixels(image: Optional[Any]) -> np.ndarray:
 
 
 def _transform_age(transforms: TransformLookup, frame: str) -> Optional[float]:
-    """[s] how old the newest transform from a frame to the map is; 0 for a fixed one, None if there is none."""
+    """Returns the age [s] of the newest transform from a frame to the map; 0 for a fixed one, None if there is none."""
     try:
         transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0))
     except CodedError:
@@ -266,11 +269,11 @@ def _transform_age(transforms: TransformLookup, frame: str) -> Optional[float]:
     return 0.0 if newest.is_zero() else (rospy.Time.now() - newest).to_sec()
 
 
-def _robot(robot: str, streams: Mapping[str, Stream], transforms: TransformLookup) -> RobotSeen:
+def _robot(robot: str, streams: Mapping[str, ObservedTopic], transforms: TransformLookup) -> RobotObservation:
     scan = streams[_within(robot, "scan")].message()
     color = streams[_within(robot, "camera/rgb/image_raw")].message()
     depth = streams[_within(robot, "camera/depth_registered/image_raw")].message()
-    return RobotSeen(
+    return RobotObservation(
         name=robot, pose_age=_transform_age(transforms, f"{robot}/base_link" if robot else "base_link"),
         scan_topic=_within(robot, "scan"),
         scan_deg=0.0 if scan is None else float(np.degrees(scan.angle_max - scan.angle_min)),
@@ -279,21 +282,21 @@ def _robot(robot: str, streams: Mapping[str, Stream], transforms: TransformLooku
     )
 
 
-def _navigation(graph: Graph, node: str) -> NavigationSeen:
+def _navigation(graph: NodeGraph, node: str) -> NavigationObservation:
     maps = graph.subscriptions(node, ["nav_msgs/OccupancyGrid"])
     found = _parameters(node)
     clears = bool(found.get("make_plan_clear_costmap", True)) and "global_costmap" in found
-    return NavigationSeen(node.strip("/"), node in graph.nodes, maps, clears)
+    return NavigationObservation(node.strip("/"), node in graph.nodes, maps, clears)
 
 
-def _map(graph: Graph, streams: Mapping[str, Stream]) -> MapSeen:
+def _map(graph: NodeGraph, streams: Mapping[str, ObservedTopic]) -> MapObservation:
     physical, virtual = streams[names.PHYSICAL_MAP].message(), streams[names.MAP_WITH_BORDERS].message()
     borders = streams[names.BORDERS].message()
     publishers = graph.publishers.get(names.PHYSICAL_MAP, [])
     if physical is None:
-        return MapSeen(file=str(rospy.get_param("/map_server/map_yaml", "")), publishers=publishers)
+        return MapObservation(file=str(rospy.get_param("/map_server/map_yaml", "")), publishers=publishers)
     found = [] if borders is None else borders.borders
-    return MapSeen(
+    return MapObservation(
         shape=(physical.info.height, physical.info.width), resolution=physical.info.resolution, publishers=publishers,
         with_borders=virtual is not None and (virtual.info.width, virtual.info.height)
         == (physical.info.width, physical.info.height),

@@ -10,7 +10,7 @@ from typing import Optional
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.blocks import halved
+from vb_laser_detect.detection.blocks import halve
 
 _WIDTH = 240  # [px] at least, of the images in which corners are followed
 _CORNERS, _FEWEST = 48, 12  # looked for; needed to know a motion
@@ -23,7 +23,7 @@ _FLOW = dict(winSize=(11, 11), criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRIT
 _HALF = np.diag((0.5, 0.5, 1.0))
 
 
-class Registration:
+class ImageRegistration:
     """Motion of one camera's images since a keyframe."""
 
     def __init__(self) -> None:
@@ -33,7 +33,9 @@ class Registration:
         self._motion = self._step = np.eye(3)  # since the keyframe, and since the image before the last
 
     def motion_to(self, image: np.ndarray, half: np.ndarray) -> Optional[np.ndarray]:
-        """(3, 3) maps pixels of the keyframe to those of this image; None: unknown. The first image is a keyframe.
+        """Estimates the motion (3, 3) from pixels of the keyframe to those of this image; None if it is not known.
+
+        The first image is a keyframe.
 
         Args:
             image: (H, W) or (H, W, 3) uint8.
@@ -41,7 +43,7 @@ class Registration:
         """
         grey, scale = (half, 0.5) if half.shape[1] >= _WIDTH else (image, 1.0)
         while grey.shape[1] >= 2 * _WIDTH:
-            grey, scale = halved(grey), 0.5 * scale
+            grey, scale = halve(grey), 0.5 * scale
         self._latest = grey if grey.ndim == 2 else cv2.cvtColor(grey, cv2.COLOR_BGR2GRAY)
         if self._keyframe is None or self._keyframe.shape != self._latest.shape:
             self.take()
@@ -63,7 +65,7 @@ class Registration:
         self._motion = np.eye(3)
 
     def _follow(self) -> Optional[np.ndarray]:
-        """The motion since the keyframe: first where it leads on as before, if that fails wherever it may lead."""
+        """Finds the motion since the keyframe: first where it leads on as before, if that fails wherever it may lead."""
         if len(self._corners) < _FEWEST:
             return None
         for ahead, levels in ((self._step @ self._motion, 0), (self._motion, 2)):
@@ -96,7 +98,7 @@ class Registration:
         return motion if known else None
 
     def _explains(self, motion: np.ndarray) -> bool:
-        """Whether the images differ less after the motion than before: objects that move together do not count."""
+        """Tells whether the images differ less after the motion than before: things that move together do not count."""
         now, before = (cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
                        for picture in (self._latest, self._keyframe))
         moved = cv2.warpPerspective(before, _HALF @ motion @ np.diag((2.0, 2.0, 1.0)), now.shape[::-1],
@@ -106,6 +108,6 @@ class Registration:
 
 
 def is_still(motion: np.ndarray, shape: tuple) -> bool:
-    """Whether a motion moves no place of an image of this shape."""
+    """Tells whether a motion moves no place of an image of this shape."""
     corners = np.array([[(0, 0), (shape[1], 0), (0, shape[0]), (shape[1], shape[0])]], float)
     return bool(np.abs(cv2.perspectiveTransform(corners, motion) - corners).max() < _STILL_PX)

@@ -10,10 +10,10 @@ import numpy as np
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_laser_detect.calibration.pose import LEAST_POINTS, CalibrationParams, Observations, PoseEstimate, estimate_pose
+from vb_laser_detect.calibration.pose import MIN_POINTS, Correspondences, PoseEstimate, PoseEstimationParams, estimate_pose
 
 _HOLD_S = 2.0  # a spot is held this long before a point is taken
-_LEAST_SIGHTINGS = 5
+_MIN_SIGHTINGS = 5
 _STILL_PX = 3.0
 _SAME_PLACE_PX = 15.0  # what is shown nearer to an earlier place was not moved
 
@@ -25,7 +25,7 @@ class HeldSpot:
         self._sightings: Deque[Tuple[float, float, float]] = deque(maxlen=500)
         self._newest = -math.inf
 
-    def see(self, stamp: float, spots: Sequence[Tuple[float, float]]) -> None:
+    def add(self, stamp: float, spots: Sequence[Tuple[float, float]]) -> None:
         """Adds an image's detections [s], [px], even if there are none."""
         if stamp < self._newest:
             self._sightings.clear()
@@ -33,13 +33,13 @@ class HeldSpot:
         self._sightings.extend((stamp, u, v) for u, v in spots)
 
     def place(self) -> Tuple[float, float]:
-        """(u, v) [px] of the spot in the images of the last two seconds.
+        """Returns the place (u, v) [px] of the spot in the images of the last two seconds.
 
         Raises:
             CodedError: "no_spot" if it was not seen often enough, "spot_moves" if it was not still.
         """
         recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_S])
-        if len(recent) < _LEAST_SIGHTINGS:
+        if len(recent) < _MIN_SIGHTINGS:
             raise CodedError("no_spot")
         middle = np.median(recent, axis=0)
         away = np.linalg.norm(recent - middle, axis=1)
@@ -48,10 +48,10 @@ class HeldSpot:
         return float(middle[0]), float(middle[1])
 
 
-class Session:
+class CalibrationSession:
     """Places on the floor that a camera was shown: a spot on each, or a board's corners."""
 
-    def __init__(self, camera: CameraModel, params: CalibrationParams) -> None:
+    def __init__(self, camera: CameraModel, params: PoseEstimationParams) -> None:
         self._camera, self._params = camera, params
         self._placed: List[Tuple[np.ndarray, np.ndarray]] = []
 
@@ -59,9 +59,9 @@ class Session:
         return len(self._placed)
 
     @property
-    def observed(self) -> Observations:
+    def observed(self) -> Correspondences:
         """All points so far."""
-        return Observations.placed(self._placed)
+        return Correspondences.placed(self._placed)
 
     def add(self, pixels: np.ndarray, points: np.ndarray) -> None:
         """Adds a place: a point's, or several points', (N, 2) in the image [px] and in the map [m].
@@ -76,19 +76,19 @@ class Session:
         self._placed.append((pixels, points))
 
     def undo(self) -> bool:
-        """Removes the last place."""
+        """Removes the last place; returns whether there was one."""
         return bool(self._placed) and self._placed.pop() is not None
 
     def solve(self) -> PoseEstimate:
-        """The camera's pose; raises what `estimate_pose` raises."""
+        """Estimates the camera's pose; raises what `estimate_pose` raises."""
         return estimate_pose(self._camera, self.observed, self._params)
 
-    def progress(self) -> str:
-        """A line with the result of the places so far, or with what is missing."""
+    def describe_progress(self) -> str:
+        """Describes the result of the places so far, or what is missing, in one line."""
         points = len(self.observed)
         count = f"{len(self)} place{'' if len(self) == 1 else 's'}"
-        if points < LEAST_POINTS:
-            return f"{count}; at least {LEAST_POINTS} are needed"
+        if points < MIN_POINTS:
+            return f"{count}; at least {MIN_POINTS} are needed"
         try:
             estimate = self.solve()
         except CodedError as error:
@@ -100,8 +100,8 @@ class Session:
                 + f"; a spot is certain to {middle:.1f} cm in the middle, {worst:.1f} cm at the worst place")
 
 
-def describe(estimate: PoseEstimate, observed: Observations) -> List[str]:
-    """Lines that show the result to a person."""
+def describe(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
+    """Describes the result to a person, in lines."""
     T = estimate.T_map_camera
     tilt = math.degrees(math.acos(max(-1.0, min(1.0, -float(T[2, 2])))))
     right = math.degrees(math.atan2(T[1, 0], T[0, 0]))
@@ -126,7 +126,7 @@ def describe(estimate: PoseEstimate, observed: Observations) -> List[str]:
 
 
 def parse_numbers(text: str, count: int) -> Optional[List[float]]:
-    """The numbers of a line that has exactly this many, separated by spaces or commas; None otherwise."""
+    """Reads the numbers of a line that has exactly this many, separated by spaces or commas; returns None otherwise."""
     try:
         values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:

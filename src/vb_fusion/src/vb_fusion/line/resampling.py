@@ -1,6 +1,6 @@
 """Stage 3: the stations of the stroke.
 
-The sights, in the order in which they were drawn, become stations a hand's tremble apart: a spot held still is one
+The observations, in the order in which they were drawn, become stations a hand's tremble apart: a spot held still is one
 station, however long. What is drawn again over the end of the stroke is merged into it.
 """
 from __future__ import annotations
@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.memory import Memory
+from vb_fusion.resumable_loop import ResumableLoop
 from vb_fusion.stroke.observations import TREMBLE
 
 
 @dataclass(frozen=True)
-class Stroke:
+class ResampledStroke:
     """Stations along a stroke, in the order in which they were drawn.
 
     Attributes:
@@ -33,13 +33,19 @@ class Stroke:
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMBLE
 
 
-def make_stroke(sights: np.ndarray, trust: np.ndarray, known: Memory) -> Stroke:
-    """The stations of sights (N, 2) [m] with weights (N,), N >= 3; what was drawn twice at the end is merged."""
-    # what two cameras see in turn is not a movement: a mean over three sights
-    wide = np.pad(np.column_stack([sights * trust[:, None], trust]), ((1, 1), (0, 0)), mode="edge")
+def make_stroke(observations: np.ndarray, trust: np.ndarray, loop: ResumableLoop) -> ResampledStroke:
+    """Resamples observations evenly along the stroke; what was drawn twice at the end is merged.
+
+    Args:
+        observations: (N, 2) [m], N >= 3, in order.
+        trust: (N,) their weights.
+        loop: the loop of the call before, of the same drawing.
+    """
+    # what two cameras see in turn is not a movement: a mean over three observations
+    wide = np.pad(np.column_stack([observations * trust[:, None], trust]), ((1, 1), (0, 0)), mode="edge")
     total = wide[:-2] + wide[1:-1] + wide[2:]
     calm = total[:, :2] / total[:, 2:]
-    first, states = known.resume(calm, 1)
+    first, states = loop.resume(calm, 1)
     station = states[:, 0]
     # from the beginning of the last station on
     first = int(np.searchsorted(station[:first], station[first - 1])) if first else 0
@@ -49,19 +55,19 @@ def make_stroke(sights: np.ndarray, trust: np.ndarray, known: Memory) -> Stroke:
             number, seen, x, y = number + 1, 0, 0.0, 0.0
         seen, x, y = seen + 1, x + px, y + py
         station[row] = number
-    stroke = _means(sights, trust, station.astype(int))
+    stroke = _means(observations, trust, station.astype(int))
     # the line ends where the spot was seen first and last
     stroke.points[[0, -1]] = calm[[0, -1]]
-    return _merged(stroke)
+    return _merge_repeats(stroke)
 
 
-def _means(points: np.ndarray, trust: np.ndarray, station: np.ndarray) -> Stroke:
+def _means(points: np.ndarray, trust: np.ndarray, station: np.ndarray) -> ResampledStroke:
     total = np.bincount(station, trust)
-    return Stroke(np.column_stack([np.bincount(station, trust * axis) / total for axis in points.T]), total)
+    return ResampledStroke(np.column_stack([np.bincount(station, trust * axis) / total for axis in points.T]), total)
 
 
-def _merged(stroke: Stroke) -> Stroke:
-    """The stroke as far as it goes on to new floor: a line or ring that is drawn twice is one, seen twice as often."""
+def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
+    """Ends the stroke where it no longer reaches new floor: a line drawn twice is one line, seen twice as often."""
     at = stroke.points
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
     earlier, later = cKDTree(at).query_pairs(2.0 * TREMBLE, output_type="ndarray").T

@@ -11,7 +11,7 @@ from typing import Tuple
 import numpy as np
 
 
-class Memory:
+class ResumableLoop:
     """The state of a loop after each of the rows that it has seen."""
 
     def __init__(self) -> None:
@@ -19,15 +19,15 @@ class Memory:
         self._states = np.zeros((0, 0))
 
     def resume(self, rows: np.ndarray, width: int) -> Tuple[int, np.ndarray]:
-        """Where the loop goes on.
+        """Finds the row at which the loop continues.
 
         Args:
             rows: (N, k) what the loop runs over.
             width: of a state.
 
         Returns:
-            The first row that the loop has to run over, and (N, width) the states after each row; those of the rows
-            before it are there, the loop fills in the others.
+            The first row that the loop has to run over, and the states (N, width) after each row. Those of earlier rows
+            are filled in; the loop fills in the others.
         """
         same = min(len(self._rows), len(rows))
         changed = np.not_equal(self._rows[:same], rows[:same]).ravel() if same else np.zeros(0, dtype=bool)
