@@ -243,7 +243,7 @@ def large():
         page.wait_ready()
         shown = time.monotonic() - began
         size = page.run(
-            """return performance.getEntriesByType("resource").
+            """return performance.getEntriesByType("resource")
                .filter((e) => e.name.includes("picture/map")).map((e) => e.encodedBodySize)[0]"""
         )
         frames = page.driver.execute_async_script("""const done = arguments[0], map = window.virtualBorders.map;
