@@ -16,8 +16,8 @@ from vb_core.notices import Notice, Severity
 from vb_core.parameters import param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
-from vb_core.ros.notices import NoticePublisher
-from vb_msgs.msg import BorderProgress, InteractionState, NoticeArray, VirtualBorderArray
+from vb_core.ros.notices import NoticeListener, NoticePublisher
+from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard.dialogue import persistence
@@ -65,8 +65,7 @@ class InteractionManager:
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
         /virtual_borders/stop (std_msgs/Bool): on `stop` and `resume`, before anything else; not latched, the state has it too.
-        /virtual_borders/notices (vb_msgs/NoticeArray): robots_stopped, stop_memory_lost, interaction_ends_soon,
-            no_spot_seen.
+        /virtual_borders/notices (vb_msgs/NoticeArray): stopped, stop_memory_lost, interaction_ends_soon, no_spot_seen.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
             border and seed, and again when they, the map or the borders in it change.
 
@@ -105,10 +104,11 @@ class InteractionManager:
         self._beaten, self._revived = time.monotonic(), float("-inf")
         self._recall()
 
+        told = NoticeListener().current
         self._neighbours = BorderServices(
-            params.border_name, params.occupancy, params.service_wait, params.service_answer
+            params.border_name, params.occupancy, params.service_wait, params.service_answer, told
         )
-        self._preview = Previewer(self._neighbours)
+        self._preview = Previewer(self._neighbours, told)
         self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10)  # not latched: an old word must never come again
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
@@ -121,7 +121,6 @@ class InteractionManager:
         rospy.Subscriber(names.STOP, Bool, self._on_stop, queue_size=10)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._preview.on_borders, queue_size=1)
-        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
         rospy.Subscriber("/virtual_borders/command_text", String, self._on_text, queue_size=10)
         self._service = rospy.Service(names.COMMAND, Command, self._on_command)
 
@@ -140,9 +139,6 @@ class InteractionManager:
                 self._interaction.count_spots(
                     message.border_spots, message.seed_spots, message.ignored_spots, rospy.get_time())
         self._preview.on_progress(message)
-
-    def _on_notices(self, message: NoticeArray) -> None:
-        self._preview.on_notices(self._neighbours.on_notices(message))
 
     def _on_stop(self, message: Bool) -> None:
         sender = message._connection_header.get("callerid", "")
@@ -360,7 +356,7 @@ class InteractionManager:
     def _what_to_say(self) -> List[Notice]:
         said = []
         if self._interaction.stopped:
-            code = "stop_memory_lost" if self._memory_lost else "robots_stopped"
+            code = "stop_memory_lost" if self._memory_lost else "stopped"
             said.append(Notice(code, Severity.WARNING, values={"by": self._interaction.stopped_by}))
         if self._interaction.ends:
             said.append(Notice("interaction_ends_soon", Severity.WARNING))
