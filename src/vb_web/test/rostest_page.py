@@ -23,7 +23,7 @@ from std_msgs.msg import Bool
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from accessibility import faults_of  # noqa: E402
 from phone import PATIENCE_S, PHONE, WALL, Browser  # noqa: E402
-from vb_core import names  # noqa: E402
+from vb_core import names, sentences  # noqa: E402
 from vb_core.notices import Notice, Severity  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, mapping_from_values  # noqa: E402
 from vb_core.ros.notices import NoticePublisher  # noqa: E402
@@ -219,6 +219,11 @@ class PageTest(unittest.TestCase):
         self.browser.click("#stop")
         until(lambda: self.heard[names.STATE].stopped and self.heard[names.STOP].data, "stop")
         self.browser.wait_text("#banners", "All robots are stopped")
+        # a stop of all robots stands there, so neither the answer nor a notice says it again
+        self.browser.wait("document.getElementById('toast').dataset.code == 'stopped'"
+                          " && window.virtualBorders.view.notices.some((one) => one.code == 'stopped')", what="the answer and the notice")
+        self.assertEqual(self.browser.text("#toast"), "")
+        self.assertNotIn("topped", self.browser.text("#notices"))
         self.browser.click("#dialog button", "Close")
         self.browser.click("#stop")
         until(lambda: not self.heard[names.STATE].stopped and not self.heard[names.STOP].data, "go on")
@@ -260,8 +265,11 @@ class PageTest(unittest.TestCase):
             self.browser.wait_text("#borders", "No borders yet")
             other.wait_text("#borders", "Noch keine Grenzen")
             notices = NoticePublisher()
-            notices.set([Notice("interaction_ends_soon", Severity.WARNING)])
+            notices.set([Notice("interaction_ends_soon", Severity.WARNING),
+                         Notice("robot_leaves_border", values={"who": sentences.robot(""), "border": "Rug"})])
             self.browser.wait_text("#notices", "dropped soon")
+            self.browser.wait_text("#notices", "The robot leaves Rug by itself.")
+            other.wait_text("#notices", "Der Roboter verlässt Rug von selbst.")
             other.wait("document.querySelector('#notices li')", what="the notice")
             self.assertNotIn("dropped soon", other.text("#notices"))
             notices.close()

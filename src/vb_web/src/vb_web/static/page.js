@@ -43,9 +43,14 @@ function fill(parent, children) {
   if (key) { const again = parent.querySelector(`[data-key="${CSS.escape(key)}"]`); if (again) again.focus({ preventScroll: true }); }
 }
 
-function toast(text, bad = false) {
+// An answer that stands as a notice, which stays as long as it holds, is not said twice.
+function dropStanding() { if ((view.notices || []).some((notice) => notice.code === $("toast").dataset.code)) $("toast").textContent = ""; }
+
+function toast(text, bad = false, code = "") {
   clearTimeout(toastTimer);
   $("toast").textContent = text;
+  $("toast").dataset.code = code;
+  dropStanding();
   $("toast").classList.toggle("bad", bad);
   toastTimer = setTimeout(() => { $("toast").textContent = ""; }, bad ? 9000 : 4500);
 }
@@ -53,7 +58,7 @@ function toast(text, bad = false) {
 async function ask(action, fields, done = null) {
   const answer = await link.ask(action, fields);
   if (answer.ok && done) toast(say(done));
-  else if (!answer.ok || action === "command") toast(words.tell(answer), !answer.ok);
+  else if (!answer.ok || action === "command") toast(words.tell(answer), !answer.ok, answer.code);
   return answer;
 }
 
@@ -386,8 +391,9 @@ function drawBanners() {
 const sourceName = (source) => { const [kind, rest] = String(source || "").split(" "); return words.has(`page_source_${kind}`) ? say(`page_source_${kind}`) + (rest ? ` ${rest}` : "") : source; };
 
 function drawNotices() {
-  const state = view.state || {}, inBanner = { robots_stopped: state.stopped, interaction_ends_soon: state.ends };
+  const state = view.state || {}, inBanner = { stopped: state.stopped, interaction_ends_soon: state.ends };
   fill($("notices"), (view.notices || []).filter((notice) => !inBanner[notice.code]).map((notice) => element("li", { class: ["info", "warning", "error"][notice.severity] || "error" }, words.tell(notice))));
+  dropStanding();
 }
 
 function drawHealth() {
