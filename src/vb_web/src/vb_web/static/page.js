@@ -8,6 +8,8 @@ import { MapView, distance, inside, make, middle, pairs, simplify } from "./map.
 
 const $ = (id) => document.getElementById(id);
 const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
+// what a person does in each state: the code of the answer that led there, so that it stands here and is not said twice
+const DOES = { border: "draw_border", seed: "point_seed", guide: "guide" };
 const COMMANDS = ["save", "define_seed", "define_border", "guide_robot", "cancel"];
 const words = new Words();
 const view = {};
@@ -43,8 +45,12 @@ function fill(parent, children) {
   if (key) { const again = parent.querySelector(`[data-key="${CSS.escape(key)}"]`); if (again) again.focus({ preventScroll: true }); }
 }
 
-// An answer that stands as a notice, which stays as long as it holds, is not said twice.
-function dropStanding() { if ((view.notices || []).some((notice) => notice.code === $("toast").dataset.code)) $("toast").textContent = ""; }
+// An answer that stands on the page, for instance as a notice, is not said twice.
+function dropStanding() {
+  const standing = [...(view.notices || []).map((notice) => notice.code), DOES[document.body.dataset.state]];
+  if ($("laser-refused").textContent) standing.push(view.state.last.code);
+  if (standing.includes($("toast").dataset.code)) $("toast").textContent = "";
+}
 
 function toast(text, bad = false, code = "") {
   clearTimeout(toastTimer);
@@ -196,7 +202,7 @@ function drawReview() {
   if (mode !== "review") {
     const done = mode === "draw" && taps.length > 1 ? button("page_finish", () => begin([...taps], taps.length > 2 ? "polygon" : "curve"), "primary") : null;
     const close = mode === "side" && draft.points.length > 2 ? button("page_close_line", () => { draft.kind = "polygon"; draft.seed = middle(draft.points); setMode("review"); }) : null;
-    return fill(box, [element("h2", {}, say(`page_title_${mode}`)), element("p", { class: "muted" }, say(`page_help_${mode}`)), element("div", { class: "row" }, cancel, close, done)]);
+    return fill(box, [element("h2", {}, say(mode === "wall" ? "page_wall" : `page_title_${mode}`)), mode === "side" ? null : element("p", { class: "muted" }, say(`page_help_${mode}`)), element("div", { class: "row" }, cancel, close, done)]);
   }
   const name = element("input", { maxlength: 60, value: draft.name, placeholder: say("page_name_free"), "data-key": "name", autocomplete: "off" });
   name.addEventListener("input", () => { draft.name = name.value; });
@@ -225,7 +231,7 @@ function choose(id) {
 }
 
 function why(border) {
-  const idle = !border.enabled ? "page_off" : border.reason && !border.acting ? `page_reason_${border.reason}` : "";
+  const idle = !border.enabled ? "page_reason_disabled" : border.reason && !border.acting ? `page_reason_${border.reason}` : "";
   const kind = border.zone === "slow" ? say("page_slow_at", { speed: words.number(border.max_speed, 2) }) : border.zone === "avoid" ? say("page_zone_avoid") : "";
   const first = idle ? say(words.has(idle) ? idle : border.reason) : border.kind === "wall" ? say("page_wall") : `${words.number(border.area, 2)} m²`;
   return [first, kind, border.schedule && scheduleText(border.schedule)].filter(Boolean).join(" · ");
@@ -336,7 +342,7 @@ function confirmSave() {
     await ask("command", { command: "save" });
     $("dialog").close();
   }, "primary");
-  show(say("page_confirm_title"), preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)),
+  show(say("page_title_review"), preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)),
     ...issues(preview.issues), element("div", { class: "row" }, closeButton("page_back"), go));
 }
 
@@ -354,7 +360,7 @@ function drawState() {
   $("stop").disabled = !online;
   $("laser").hidden = !state && !there;
   const given = new Set(there && state ? state.commands : []);
-  $("laser-text").textContent = there ? say(`page_laser_${state ? state.name : "absent"}`) : say("page_manager_gone");
+  $("laser-text").textContent = say(!there ? "page_manager_gone" : !state ? "page_laser_absent" : DOES[state.name] || "page_laser_default");
   // also of a command by voice or from another phone: this is why nothing happened
   const refused = there && state && state.name !== "default" && state.last.command && !state.last.ok ? words.tell(state.last) : "";
   if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
@@ -364,6 +370,7 @@ function drawState() {
   const preview = there && state && state.name !== "default" && view.preview && view.preview.available ? view.preview : null;
   fill($("preview"), preview ? [preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)), ...issues(preview.ok ? preview.issues : [])] : []);
   if (mode === "look") map.picture("region", preview && preview.region ? preview.region : "");
+  dropStanding();
 }
 
 function drawBanners() {
