@@ -12,7 +12,7 @@ from vb_voice_wizard.dialogue import border_services
 def neighbours(monkeypatch):
     """Makes the services, with a border_fusion that has seen no spot, of what people are told."""
     monkeypatch.setattr(services, "call", lambda *_arguments, **_more: GetDrawnBorderResponse(code="no_spots"))
-    return lambda *notices: border_services.BorderServices("border", 1.0, 1.0, 1.0, lambda: list(notices))
+    return lambda *notices: border_services.BorderServices(1.0, 1.0, 1.0, lambda: list(notices))
 
 
 def refusal(neighbours, *notices):

@@ -2,13 +2,12 @@
 from __future__ import annotations
 
 import threading
-import time
 import traceback
 from dataclasses import dataclass
 from typing import Any, Dict, List, Optional, Tuple
 
 import rospy
-from std_msgs.msg import Bool, String
+from std_msgs.msg import Bool
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.files import append_line
@@ -30,10 +29,6 @@ from vb_voice_wizard.dialogue.previewer import Previewer
 
 # [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
 _REPEATED_AFTER = 0.1
-# [s] a process idle for this long hung: a text that waited meanwhile is no longer wanted
-_HUNG = 5.0
-# [s] after a hang, until everything that waited meanwhile has arrived
-_AFTERMATH = 1.0
 
 
 @dataclass(frozen=True)
@@ -43,7 +38,6 @@ class ManagerParams(InteractionParams):
     log_file: str = param("~/.ros/virtual_borders/interactions.jsonl")
     state_file: str = param("~/.ros/virtual_borders/interaction_state.json")
     method: str = param("nrs")
-    border_name: str = param("")
     occupancy: float = param(1.0, "", low=0.0, high=1.0)
     service_wait: float = param(2.0, "s", above=0.0, high=10.0)
     service_answer: float = param(5.0, "s", above=0.0, high=60.0)
@@ -53,8 +47,6 @@ class InteractionManager:
     """Takes commands, owns the state, and saves the border when the person says so.
 
     Subscribed topics:
-        /virtual_borders/command_text (std_msgs/String): a command as text, "define_border" or "define border";
-            its answer is in the state.
         /virtual_borders/stop (std_msgs/Bool): true stops every robot, false lets them drive; from any node.
         /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and
             seed so far, for the preview; whether drawing goes on.
@@ -101,33 +93,26 @@ class InteractionManager:
         self._memory_lost = False
         self._cameras: List[str] = []
         self._cameras_of = ""
-        self._beaten, self._revived = time.monotonic(), float("-inf")
         self._recall()
 
         told = NoticeListener().current
-        self._neighbours = BorderServices(
-            params.border_name, params.occupancy, params.service_wait, params.service_answer, told
-        )
+        self._neighbours = BorderServices(params.occupancy, params.service_wait, params.service_answer, told)
         self._preview = Previewer(self._neighbours, told)
         self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10)  # not latched: an old word must never come again
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
         with self._lock:
             self._publish()
-        self._texts: node.Queue = node.Queue(20)
         self._beat = node.Beat(_REPEATED_AFTER)
-        node.Worker(self._texts, lambda order: self._handle(order))
         node.Worker(self._beat, lambda _woken: self._on_beat())
         rospy.Subscriber(names.STOP, Bool, self._on_stop, queue_size=10)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._preview.on_borders, queue_size=1)
-        rospy.Subscriber("/virtual_borders/command_text", String, self._on_text, queue_size=10)
         self._service = rospy.Service(names.COMMAND, Command, self._on_command)
 
     def close(self) -> None:
         """Ends the workers."""
         self._beat.close()
-        self._texts.close()
         self._preview.close()
 
     # ------------------------------------------------------------------ inputs
@@ -149,18 +134,6 @@ class InteractionManager:
                 return
         self._handle(CommandRequest(command=STOP if message.data else RESUME, source=sender.strip("/")))
 
-    def _on_text(self, message: String) -> None:
-        order, now = CommandRequest(command=message.data, source="text"), time.monotonic()
-        if normalise(order.command) == STOP:
-            self._handle(order)
-        elif now - self._beaten > _HUNG or now - self._revived < _AFTERMATH:
-            # a text has no stamp: one that arrives at the end of a hang may be minutes old
-            with self._lock:
-                self._interaction.expired(order.command, order.source, rospy.get_time())
-                self._changed()
-        elif not self._texts.put(order):
-            rospy.logwarn_throttle(5.0, "interaction_manager: too many commands as text at once, some are lost")
-
     def _on_command(self, request: CommandRequest) -> CommandResponse:
         answer = self._handle(request)
         return CommandResponse(
@@ -168,10 +141,6 @@ class InteractionManager:
         )
 
     def _on_beat(self) -> None:
-        now = time.monotonic()
-        if now - self._beaten > _HUNG:
-            self._revived = now
-        self._beaten = now
         with self._lock:
             if self._interaction.end_if_idle(rospy.get_time()):
                 self._changed()

@@ -25,7 +25,7 @@ class BorderServices:
     """Calls the services.
 
     Args:
-        border_name, occupancy: of every border.
+        occupancy: of every border.
         wait_s, answer_s: [s] wall time, how long to wait for an absent service, and for its answer.
         told: returns all that people are told now.
 
@@ -33,10 +33,7 @@ class BorderServices:
     did not answer (the request may have been done or not), or the service's own error.
     """
 
-    def __init__(
-        self, border_name: str, occupancy: float, wait_s: float, answer_s: float, told: Callable[[], List[Notice]]
-    ) -> None:
-        self._border_name = border_name
+    def __init__(self, occupancy: float, wait_s: float, answer_s: float, told: Callable[[], List[Notice]]) -> None:
         self._occupancy = occupancy
         self._wait_s = wait_s
         self._answer_s = answer_s
@@ -56,7 +53,6 @@ class BorderServices:
         _check(response)
         border = response.border
         border.id = ""
-        border.name = self._border_name
         border.occupancy = self._occupancy
         border.enabled = True
         return border
