@@ -222,8 +222,6 @@ class PageNode:
                 "resolution": number(prior.resolution, 6),
                 "origin": origin,
                 "cells": base.cells,
-                "width": base.width,
-                "height": base.height,
                 "floor": pictures.floor_cells(prior) if self._params.cameras else 0,
             },
         )
