@@ -296,6 +296,14 @@ class PageTest(unittest.TestCase):
         self.assertFalse(self.browser.run("return document.querySelectorAll('#events img').length || window.evil || 0"))
         self.assertIn(evil, [json.loads(line)["values"].get("text") for line in self.events.read_text().splitlines()])
 
+    def test_6b_a_picture_that_is_not_there_yet_is_asked_for_again(self):
+        """The floor comes from cameras, which may start after the page was opened."""
+        self.browser.run("window.virtualBorders.map.picture('floor', 'floor.webp?early')")
+        self.browser.wait("performance.getEntriesByType('resource').filter((one) => one.name.endsWith('floor.webp?early')).length > 1",
+                          what="the second request")
+        self.browser.run("window.virtualBorders.map.picture('floor', '')")
+        self.browser.faults()  # the browser's console has each failed request
+
     # last: the page that it starts asks every browser for a code
     def test_7_the_page_comes_back_after_it_was_killed_and_in_a_network_asks_for_the_code_on_the_display(self):
         self.store_carpet()

@@ -145,8 +145,14 @@ export class MapView {
     if (image.dataset.url === url) return;
     image.dataset.url = url;
     if (!url) { image.classList.remove("there"); image.removeAttribute("src"); return; }
+    this.fetchPicture(image, url, 1000);
+  }
+
+  // Asks for a picture, and again as long as it is wanted and cannot be had: cameras may come later than the page.
+  fetchPicture(image, url, pause) {
     const next = new Image();  // the one before stays until the new one is there
     next.onload = () => { if (image.dataset.url === url) { image.src = url; image.decode().catch(() => 0).then(() => { image.classList.add("there"); this.lay(); }); } };
+    next.onerror = () => setTimeout(() => { if (image.dataset.url === url) this.fetchPicture(image, url, Math.min(2 * pause, 60000)); }, pause);
     next.src = url;
   }
 

@@ -530,7 +530,6 @@ $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());
 $("floor-button").addEventListener("click", () => setFloor(!floorOn));
-$("floor").addEventListener("error", () => setFloor(false));
 $("study-form").addEventListener("submit", (event) => { event.preventDefault(); const { participant, condition } = event.target.elements; ask("study", { participant: participant.value, condition: condition.value }, "page_noted"); });
 $("mark-form").addEventListener("submit", async (event) => { event.preventDefault(); const text = event.target.elements.text; if ((await ask("mark", { text: text.value || say("page_mark") }, "page_noted")).ok) text.value = ""; });
 $("health").addEventListener("toggle", () => { if (!$("health").open) watch(""); });
