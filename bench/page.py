@@ -454,7 +454,7 @@ def carpet():
 
     world = load_world(TOP / "src" / "vb_sim" / "worlds" / "lab.yaml")
     corners = next(patch for patch in world.patches if patch.name == "carpet").footprint()
-    stroke = resample_chain(np.vstack([corners, corners[:1]]), 0.2)[:-1]
+    stroke = resample_chain(np.vstack([corners, corners[:1]]), 0.2)[:-1].tolist()
     lines = []
     with ExitStack() as stack:
         port, _ = start(stack, simulation=True)
