@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import base64
+import contextlib
 import json
 import os
 import random
@@ -26,6 +27,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import urllib.request
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -447,17 +449,24 @@ def pictures(folder):
     return [f"{len(list(target.glob('*.png')))} screenshots"]
 
 
+def has_floor(port):
+    """Whether the page has a picture of the floor: the cameras run."""
+    with contextlib.suppress(OSError):
+        return urllib.request.urlopen(f"http://127.0.0.1:{port}/floor.webp", timeout=30).status == 200
+
+
 def carpet():
     from phone import PHONE, WALL, Browser
-    from vb_core.geometry import resample_chain
     from vb_sim.room.world import load_world
 
     world = load_world(TOP / "src" / "vb_sim" / "worlds" / "lab.yaml")
     corners = next(patch for patch in world.patches if patch.name == "carpet").footprint()
-    stroke = resample_chain(np.vstack([corners, corners[:1]]), 0.2)[:-1].tolist()
+    sides = zip(corners, np.roll(corners, -1, axis=0))
+    stroke = np.vstack([np.linspace(*side, 6, endpoint=False) for side in sides]).tolist()
     lines = []
     with ExitStack() as stack:
         port, _ = start(stack, simulation=True)
+        wait(lambda: has_floor(port), "the cameras")
         for kind, size, language, name, none in (("phone", PHONE, "en", "Rug", "No borders yet"),
                                                  ("wall", WALL, "de", "Teppich", "Noch keine Grenzen")):
             began = time.monotonic()
@@ -470,7 +479,7 @@ def carpet():
 
             try:
                 page.wait_ready()
-                page.wait("document.getElementById('floor').classList.contains('there')", what="the floor with the carpet")
+                page.wait("document.getElementById('floor').classList.contains('there')", what="the carpet")
                 page.click("#draw")
                 page.stroke(stroke)
                 page.wait_text("#review", "m\u00b2")

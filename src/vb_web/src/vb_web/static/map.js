@@ -152,7 +152,7 @@ export class MapView {
   fetchPicture(image, url, pause) {
     const next = new Image();  // the one before stays until the new one is there
     next.onload = () => { if (image.dataset.url === url) { image.src = url; image.decode().catch(() => 0).then(() => { image.classList.add("there"); this.lay(); }); } };
-    next.onerror = () => setTimeout(() => { if (image.dataset.url === url) this.fetchPicture(image, url, Math.min(2 * pause, 60000)); }, pause);
+    next.onerror = () => setTimeout(() => { if (image.dataset.url === url) this.fetchPicture(image, url, Math.min(2 * pause, 8000)); }, pause);
     next.src = url;
   }
 

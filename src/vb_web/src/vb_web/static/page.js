@@ -14,7 +14,7 @@ const COMMANDS = ["save", "define_seed", "define_border", "guide_robot", "cancel
 const words = new Words();
 const view = {};
 const hello = { role: "nobody" };
-let online = false, mode = "look", draft = null, taps = [], chosenCorner = null, check = null, checking = 0, chosenBorder = null, floorOn = false, watched = "", toastTimer = 0;
+let online = false, mode = "look", draft = null, taps = [], chosenCorner = null, check = null, checking = 0, chosenBorder = null, floorOn = false, floorSeers = "", watched = "", toastTimer = 0;
 
 // ----------------------------------------------------------------- small things
 function element(tag, attributes = {}, ...children) {
@@ -442,6 +442,13 @@ function drawStudy() {
   for (const key of ["participant", "condition"]) if (document.activeElement !== form.elements[key]) form.elements[key].value = (view.study || {})[key] || "";
 }
 
+// A camera that comes or goes changes what there is to see of the floor.
+function refreshFloor() {
+  const seeing = view.cameras.filter((one) => one.there && one.hz).map((one) => one.name).join();
+  if (floorOn && seeing !== floorSeers) setFloor(true);
+  floorSeers = seeing;
+}
+
 function setFloor(on) {
   floorOn = on;
   $("floor-button").setAttribute("aria-pressed", String(on));
@@ -459,7 +466,7 @@ const DRAW = {
   borders() { drawBorders(); drawBanners(); }, state() { drawState(); drawBanners(); drawNotices(); }, health() { drawState(); drawBanners(); },
   progress(section) { map.setProgress(section); }, preview: drawState, robots(section) { map.setRobots(section); }, spots(section) { map.setSpots(section); },
   level(section) { $("level").hidden = section === null; $("level").querySelector("meter").value = section === null ? -60 : section; },
-  notices: drawNotices, cameras: drawHealth, diagnostics: drawHealth, events: drawEvents, study: drawStudy,
+  notices: drawNotices, cameras() { drawHealth(); refreshFloor(); }, diagnostics: drawHealth, events: drawEvents, study: drawStudy,
 };
 
 // ----------------------------------------------------------------- beginning
