@@ -64,7 +64,7 @@ export function middle(polygon) {
 export class MapView {
   // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index)
   constructor(words, on) {
-    Object.assign(this, { words, on, view: { x: 0, y: 0, scale: 50 }, info: null, placed: [], borders: [], fitted: false, pointers: new Map(), drawing: false, cursor: null, spotTimers: {} });
+    Object.assign(this, { words, on, view: { x: 0, y: 0, scale: 50 }, info: null, borders: [], pointers: new Map(), drawing: false, cursor: null });
     this.element = $("map");
     this.world = $("world"); this.placedGroup = $("placed"); this.handleGroup = $("handles");
     this.layers = {};

@@ -4,7 +4,7 @@
 // side to be restricted; "review" moves corners of the draft.
 "use strict";
 import { Link, Words } from "./link.js";
-import { MapView, distance, inside, make, middle, pairs, simplify } from "./map.js";
+import { MapView, distance, inside, middle, pairs, simplify } from "./map.js";
 
 const $ = (id) => document.getElementById(id);
 const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
@@ -220,7 +220,6 @@ function drawReview() {
     draft.zone === "slow" ? element("label", {}, element("span", {}, say("page_speed")), speed) : null,
     element("div", { class: "row" }, draft.kind === "wall" ? null : button("page_other_side", () => setMode("side")), corner ? button("page_remove_corner", removeCorner) : null),
   ]);
-  if (name.dataset.typed) name.focus();
 }
 
 // ----------------------------------------------------------------- borders
