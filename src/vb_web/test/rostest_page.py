@@ -219,6 +219,9 @@ class PageTest(unittest.TestCase):
         self.browser.click("#stop")
         until(lambda: self.heard[names.STATE].stopped and self.heard[names.STOP].data, "stop")
         self.browser.wait_text("#banners", "All robots are stopped")
+        self.assertGreaterEqual(self.browser.run(
+            "window.scrollTo(0, 300); return document.getElementById('banners').getBoundingClientRect().top"), 0)  # wherever one is
+        self.browser.run("window.scrollTo(0, 0)")
         # a stop of all robots stands there, so neither the answer nor a notice says it again
         self.browser.wait("document.getElementById('toast').dataset.code == 'stopped'"
                           " && window.virtualBorders.view.notices.some((one) => one.code == 'stopped')", what="the answer and the notice")
