@@ -8,6 +8,8 @@
     python3 bench/page.py hostile       10,000 malformed or hostile messages and requests against the real nodes
     python3 bench/page.py axe FILE      axe-core (its axe.min.js) on the page in both sizes, light and dark
     python3 bench/page.py pictures DIR  screenshots to be looked at: both sizes and languages, dark, no spot seen, stopped
+    python3 bench/page.py carpet        a border round the carpet of the simulated lab, from opening the page to saved: on a
+                                        phone in English, on a wall display in German; makes the pictures in docs/images/page
 
 Each starts a roscore and the nodes that it needs on free ports of loopback, stops by itself, and appends a line to
 docs/results/page.md.
@@ -17,6 +19,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import base64
+import contextlib
 import json
 import os
 import random
@@ -24,6 +27,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import urllib.request
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -45,8 +49,8 @@ LAUNCH = """<launch>
 LAB_MAP = f'<node pkg="vb_sim" type="map_server" name="map_server"><param name="world" value="{TOP}/src/vb_sim/worlds/lab.yaml"/></node>'
 
 
-def start(stack, lab=True):
-    """Roscore and nodes; returns (page's port, state folder)."""
+def start(stack, lab=True, simulation=False):
+    """Roscore and nodes, or the whole simulated lab without a display; returns (page's port, state folder)."""
     from vb_evaluation.processes import Child, free_port
 
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench_page_")))
@@ -55,7 +59,8 @@ def start(stack, lab=True):
     os.environ["ROS_LOG_DIR"] = str(folder / "log")
     launch = folder / "bench.launch"
     launch.write_text(LAUNCH.format(map=LAB_MAP if lab else "", state=folder, port=port))
-    stack.callback(Child(["roslaunch", "-p", str(master), str(launch)], folder / "out.txt").stop)
+    simulated = [str(TOP / "launch" / "simulation.launch"), "rviz:=false", f"state:={folder}", f"page_port:={port}"]
+    stack.callback(Child(["roslaunch", "-p", str(master), *(simulated if simulation else [str(launch)])], folder / "out.txt").stop)
     import rosgraph
     import rospy
 
@@ -243,7 +248,7 @@ def large():
         page.wait_ready()
         shown = time.monotonic() - began
         size = page.run(
-            """return performance.getEntriesByType("resource").
+            """return performance.getEntriesByType("resource")
                .filter((e) => e.name.includes("picture/map")).map((e) => e.encodedBodySize)[0]"""
         )
         frames = page.driver.execute_async_script("""const done = arguments[0], map = window.virtualBorders.map;
@@ -444,9 +449,64 @@ def pictures(folder):
     return [f"{len(list(target.glob('*.png')))} screenshots"]
 
 
+def has_floor(port):
+    """Whether the page has a picture of the floor: the cameras run."""
+    with contextlib.suppress(OSError):
+        return urllib.request.urlopen(f"http://127.0.0.1:{port}/floor.webp", timeout=30).status == 200
+
+
+def carpet():
+    from phone import PHONE, WALL, Browser
+    from vb_sim.room.world import load_world
+
+    world = load_world(TOP / "src" / "vb_sim" / "worlds" / "lab.yaml")
+    corners = next(patch for patch in world.patches if patch.name == "carpet").footprint()
+    sides = zip(corners, np.roll(corners, -1, axis=0))
+    stroke = np.vstack([np.linspace(*side, 6, endpoint=False) for side in sides]).tolist()
+    lines = []
+    with ExitStack() as stack:
+        port, _ = start(stack, simulation=True)
+        wait(lambda: has_floor(port), "the cameras")
+        for kind, size, language, name, none in (("phone", PHONE, "en", "Rug", "No borders yet"),
+                                                 ("wall", WALL, "de", "Teppich", "Noch keine Grenzen")):
+            began = time.monotonic()
+            page = Browser(f"http://127.0.0.1:{port}/", size, language, dark=kind == "wall")
+
+            def take():
+                clip = {"x": 0, "y": 0, "width": size[0], "height": size[1], "scale": 0.75}
+                found = page.driver.execute_cdp_cmd("Page.captureScreenshot", {"format": "jpeg", "quality": 85, "clip": clip})
+                (TOP / "docs" / "images" / "page" / f"{kind}.jpg").write_bytes(base64.b64decode(found["data"]))
+
+            try:
+                page.wait_ready()
+                page.wait("document.getElementById('floor').classList.contains('there')", what="the carpet")
+                page.click("#draw")
+                page.stroke(stroke)
+                page.wait_text("#review", "m\u00b2")
+                if kind == "phone":
+                    page.run("window.scrollTo(0, 0)")
+                    take()
+                page.driver.find_element("css selector", "#review input[data-key=name]").send_keys(name)
+                page.click("#review .primary")
+                page.wait_text("#borders", name)
+                seconds = time.monotonic() - began
+                if kind == "wall":
+                    page.wait("!document.getElementById('toast').textContent")
+                    page.click("#health summary")
+                    page.wait_text("#cameras", "robot")
+                    take()
+                page.click("#undo")
+                page.wait_text("#borders", none)
+            finally:
+                page.close()
+            lines.append(f"the carpet of the simulated lab, {size[0]} x {size[1]}, {language}: opened, drawn with a finger, named, saved "
+                         f"after {seconds:.0f} s; by a program, which need not read or think")
+    return lines
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("cost", "browser", "large", "hostile", "axe", "pictures"))
+    parser.add_argument("what", choices=("cost", "browser", "large", "hostile", "axe", "pictures", "carpet"))
     parser.add_argument("file", nargs="?")
     given = parser.parse_args()
     lines = globals()[given.what](*([given.file] if given.what in ("axe", "pictures") else []))

@@ -11,7 +11,6 @@ import rospy
 import rostest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src" / "vb_voice_wizard" / "test"))
@@ -57,7 +56,6 @@ class InputMethods(unittest.TestCase):
         cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=500)
         cls.joy = rospy.Publisher("/joy", Joy, queue_size=10)
         cls.audio = rospy.Publisher("/virtual_borders/voice/audio", Audio, queue_size=200)
-        cls.text = rospy.Publisher("/virtual_borders/command_text", String, queue_size=5)
         cls.state = Newest(names.STATE, InteractionState)
         cls.progress = Newest(names.PROGRESS, BorderProgress)
         cls.preview = Newest(names.PREVIEW, BorderPreview)
@@ -68,7 +66,7 @@ class InputMethods(unittest.TestCase):
         cls.maps.wait(lambda message: True, "the first map")
         for name in (names.COMMAND, names.GET_DRAWN_BORDER, names.PREVIEW_BORDER):
             rospy.wait_for_service(name, 60)
-        for publisher in (cls.spots, cls.joy, cls.audio, cls.text):
+        for publisher in (cls.spots, cls.joy, cls.audio):
             wait_until(publisher.get_num_connections, f"somebody who listens to {publisher.name}")
         cls.found = {}
 
@@ -153,7 +151,6 @@ class InputMethods(unittest.TestCase):
     # ------------------------------------------------------------------ the ways
     def test_all_ways_end_in_the_same_border(self):
         self.interact("service", lambda command: rospy.ServiceProxy(names.COMMAND, Command)(command=command, source="service"))
-        self.interact("text", self.text.publish)
         self.interact("buttons", self.press)
         terminal = Terminal()
         terminal.shows("READY")

@@ -49,6 +49,14 @@ def test_feature_packages_meet_at_vb_msgs_only(package):
         assert not others, f"{path.relative_to(TOP)} imports {others}"
 
 
+def test_a_fault_in_a_thread_is_never_silent():
+    """A thread that `vb_core.ros.node` starts ends its node at a fault, with a traceback; a raw one would end alone."""
+    raw = {path.name for package in ("vb_voice_wizard", "vb_feedback", "vb_web")
+           for path in TOP.glob(f"src/{package}/src/**/*.py") if "Thread(" in path.read_text(encoding="utf-8")}
+    # one only empties a pipe, one hands its fault to the node
+    assert raw == {"audio_sources.py", "server.py"}
+
+
 @pytest.mark.parametrize("package", FEATURES + ("vb_core", "vb_sim", "vb_evaluation"))
 def test_manifests_name_what_is_imported(package):
     manifest = ElementTree.parse(str(TOP / "src" / package / "package.xml"))

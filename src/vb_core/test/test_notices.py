@@ -24,6 +24,14 @@ def test_the_most_severe_comes_first():
     assert [notice.code for notice in book.current(0.0)] == ["y", "z", "x"]
 
 
+def test_a_stop_of_all_robots_is_not_said_again_of_each_one():
+    book = NoticeBook()
+    book.update("driver", [Notice("robot_stopped", robot="r1")], 0.0)
+    assert [notice.code for notice in book.current(0.0)] == ["robot_stopped"]
+    book.update("manager", [Notice("stopped")], 0.0)
+    assert [notice.code for notice in book.current(0.0)] == ["stopped"]
+
+
 def test_a_sentence_by_language_or_else_the_message():
     notice = Notice("no_response", values={"who": "lidar"}, message="of another version")
     assert notice.sentence("de") == "lidar antwortet nicht."

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
-from vb_feedback.display.layout import Box, fit, fit_text, fit_texts, place_labels, place_words, plain, text_width, wrap
+from vb_feedback.display.layout import Box, fit, fit_texts, place_labels, place_words, plain, text_width, wrap
 from vb_feedback.display.rviz_fonts import is_drawn, overlay
 
 sizes = st.floats(0.5, 200.0)
@@ -54,7 +54,7 @@ def test_wrapped_lines_fit_and_lose_nothing(sentence, width):
 @settings(max_examples=40, deadline=None)
 @given(st.lists(words, min_size=1, max_size=60), st.floats(5.0, 40.0), st.floats(1.0, 4.0))
 def test_text_never_leaves_its_box(sentence, width, height):
-    text, size = fit_text(" ".join(sentence), (1.0, 0.8, 0.5), width, height)
+    (text,), size = fit_texts([" ".join(sentence)], (1.0, 0.8, 0.5), width, height)
     lines = text.count("\n") + 1
     assert text_width(text, size) <= width
     assert (1.0 + 1.2 * (lines - 1)) * size <= height + 1e-9
@@ -73,7 +73,7 @@ def test_texts_share_their_box(sentences):
 
 
 def test_short_text_gets_the_largest_letters():
-    assert fit_text("Saved.", (2.0, 1.0), 50.0, 3.0) == ("Saved.", 2.0)
+    assert fit_texts(["Saved."], (2.0, 1.0), 50.0, 3.0) == (["Saved."], 2.0)
 
 
 def test_words_stand_beside_each_other_centred():

@@ -39,13 +39,13 @@ def test_what_save_would_do():
 def test_what_others_say_is_said_whatever_its_words():
     held = [
         Held("robot_in_a_newer_version", Severity.ERROR, message="Der Roboter steht im Teppich."),
-        Held("robots_stopped", Severity.WARNING), Held("robots_stopped", Severity.WARNING, robot="b"),
+        Held("stopped", Severity.WARNING), Held("stopped", Severity.WARNING, robot="b"),
         Held("robot_coming_along", Severity.INFO, message="It comes."),
     ]
     assert texts(of_others(held, "en")) == [
-        ("Der Roboter steht im Teppich.", True), ("Robots are stopped. Say resume to let them drive.", True), ("It comes.", False),
+        ("Der Roboter steht im Teppich.", True), ("Stopped: no robot drives until you say resume.", True), ("It comes.", False),
     ]
-    assert "angehalten" in texts(of_others(held, "de"))[1][0]
+    assert "Angehalten" in texts(of_others(held, "de"))[1][0]
     assert len(of_others([Held(f"code_{number}") for number in range(9)], "en")) == 3
 
 

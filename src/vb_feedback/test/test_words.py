@@ -79,6 +79,13 @@ def test_state_and_commands_are_said():
     }
 
 
+def test_an_answer_that_stands_as_a_notice_is_said_once():
+    layout = fit(LAB, 16 / 9)
+    stopped, more = Notice("Stopped: no robot drives.", True), Notice("The spot is seen.")
+    found = said(words(layout, PanelContent("seed", 1.0, (), True, stopped.text, (), (stopped, more))))
+    assert [found[name] for name in found if "answer" in name or "notice" in name] == [stopped.text, more.text]
+
+
 def test_a_refusal_stands_out_for_every_eye():
     layout = fit(LAB, 16 / 9)
     good, bad = (words(layout, PanelContent("seed", 1.0, (), success, "Why not.")) for success in (True, False))

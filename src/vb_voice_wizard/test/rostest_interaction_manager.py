@@ -13,7 +13,7 @@ import unittest
 
 import rospy
 import rostest
-from std_msgs.msg import Bool, String
+from std_msgs.msg import Bool
 from vb_core import names, sentences
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import message_from_notice
@@ -42,7 +42,6 @@ class InteractionManagerTest(unittest.TestCase):
         cls.stub.offer()
         cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, queue_size=1, latch=True)
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, queue_size=1, latch=True)
-        cls.text = rospy.Publisher("/virtual_borders/command_text", String, queue_size=5)
         cls.state = Newest("/virtual_borders/state", InteractionState)
         cls.preview = Newest("/virtual_borders/preview", BorderPreview)
         cls.node = Process("interaction_manager", "__name:=interaction_manager", *ARGUMENTS)
@@ -337,14 +336,6 @@ class InteractionManagerTest(unittest.TestCase):
         finally:
             timer.shutdown()
             notices.unregister()
-
-    def test_a_command_as_text(self):
-        wait_until(lambda: self.text.get_num_connections(), "the subscriber")
-        self.text.publish("Guide robot")
-        # an earlier test may have left a state Guide that is still on its way
-        self.state.wait(lambda message: message.name == "guide" and message.last_source == "text", "Guide by text")
-        self.text.publish("dance")
-        self.state.wait(lambda message: message.last_code == "unknown_command", "an answer to nonsense")
 
     def test_a_killed_node_goes_on_where_it_was(self):
         stop = Newest("/virtual_borders/stop", Bool)

@@ -127,10 +127,10 @@ def test_stop_cameras_notices_and_the_microphone_are_shown():
     view = drawing()
     view.state.stopped, view.state.stopped_by, view.state.confirm_save, view.ends_in_s = True, "voice", True, 45.0
     view.detectors, view.level_db = (("green", 24.6), ("red", 0.0)), -31.7
-    view.notices = (Notice("robots_stopped", Severity.WARNING), Notice("of_a_newer_version", Severity.ERROR, message="Look!"))
+    view.notices = (Notice("stopped", Severity.WARNING), Notice("of_a_newer_version", Severity.ERROR, message="Look!"))
     text = screen(view, 100)
     for word in ("STOPPED", "by voice", "ends in 0:45", "save again to confirm", "red silent, green 25/s", "-32 dB",
-                 "! Robots are stopped.", "! Look!"):
+                 "! Stopped: no robot drives", "! Look!"):
         assert word in text, word
     assert "STOPPED" in screen(view, 30)
 

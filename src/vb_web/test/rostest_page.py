@@ -23,7 +23,7 @@ from std_msgs.msg import Bool
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from accessibility import faults_of  # noqa: E402
 from phone import PATIENCE_S, PHONE, WALL, Browser  # noqa: E402
-from vb_core import names  # noqa: E402
+from vb_core import names, sentences  # noqa: E402
 from vb_core.notices import Notice, Severity  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, mapping_from_values  # noqa: E402
 from vb_core.ros.notices import NoticePublisher  # noqa: E402
@@ -219,6 +219,14 @@ class PageTest(unittest.TestCase):
         self.browser.click("#stop")
         until(lambda: self.heard[names.STATE].stopped and self.heard[names.STOP].data, "stop")
         self.browser.wait_text("#banners", "All robots are stopped")
+        self.assertGreaterEqual(self.browser.run(
+            "window.scrollTo(0, 300); return document.getElementById('banners').getBoundingClientRect().top"), 0)  # wherever one is
+        self.browser.run("window.scrollTo(0, 0)")
+        # a stop of all robots stands there, so neither the answer nor a notice says it again
+        self.browser.wait("document.getElementById('toast').dataset.code == 'stopped'"
+                          " && window.virtualBorders.view.notices.some((one) => one.code == 'stopped')", what="the answer and the notice")
+        self.assertEqual(self.browser.text("#toast"), "")
+        self.assertNotIn("topped", self.browser.text("#notices"))
         self.browser.click("#dialog button", "Close")
         self.browser.click("#stop")
         until(lambda: not self.heard[names.STATE].stopped and not self.heard[names.STOP].data, "go on")
@@ -260,8 +268,11 @@ class PageTest(unittest.TestCase):
             self.browser.wait_text("#borders", "No borders yet")
             other.wait_text("#borders", "Noch keine Grenzen")
             notices = NoticePublisher()
-            notices.set([Notice("interaction_ends_soon", Severity.WARNING)])
+            notices.set([Notice("interaction_ends_soon", Severity.WARNING),
+                         Notice("robot_leaves_border", values={"who": sentences.robot(""), "border": "Rug"})])
             self.browser.wait_text("#notices", "dropped soon")
+            self.browser.wait_text("#notices", "The robot leaves Rug by itself.")
+            other.wait_text("#notices", "Der Roboter verlässt Rug von selbst.")
             other.wait("document.querySelector('#notices li')", what="the notice")
             self.assertNotIn("dropped soon", other.text("#notices"))
             notices.close()
@@ -287,6 +298,14 @@ class PageTest(unittest.TestCase):
         self.browser.wait("document.getElementById('events').textContent.includes(arguments[0])", evil, what="the note in the history")
         self.assertFalse(self.browser.run("return document.querySelectorAll('#events img').length || window.evil || 0"))
         self.assertIn(evil, [json.loads(line)["values"].get("text") for line in self.events.read_text().splitlines()])
+
+    def test_6b_a_picture_that_is_not_there_yet_is_asked_for_again(self):
+        """The floor comes from cameras, which may start after the page was opened."""
+        self.browser.run("window.virtualBorders.map.picture('floor', 'floor.webp?early')")
+        self.browser.wait("performance.getEntriesByType('resource').filter((one) => one.name.endsWith('floor.webp?early')).length > 1",
+                          what="the second request")
+        self.browser.run("window.virtualBorders.map.picture('floor', '')")
+        self.browser.faults()  # the browser's console has each failed request
 
     # last: the page that it starts asks every browser for a code
     def test_7_the_page_comes_back_after_it_was_killed_and_in_a_network_asks_for_the_code_on_the_display(self):

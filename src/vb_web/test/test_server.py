@@ -55,7 +55,7 @@ class Running:
 
     def __init__(self, keys, params=ServerParams(port=0)):
         self.backend, self.view, self.album, self.faults = FakeBackend(), View(), Album(), []
-        self.album.put("map", Picture(b"png", "a" * 16, 1, 1, 1))
+        self.album.put("map", Picture(b"png", "a" * 16, 1))
         self.view.put("state", {"name": "default"})
         self.server = PageServer(params, keys, self.view, self.album, self.backend, self.faults.append)
         # one address asks for all: what limits it is tested on its own

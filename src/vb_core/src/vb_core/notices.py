@@ -9,6 +9,8 @@ from vb_core import sentences
 
 REPEATED_AFTER = 1.0  # [s] a node repeats its notices
 FORGOTTEN_AFTER = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
+# what is said of all robots is not said again of each one
+_SAID_OF_ALL = {"robot_stopped": {"stopped", "stop_memory_lost"}}
 
 
 class Severity(enum.IntEnum):
@@ -49,4 +51,6 @@ class NoticeBook:
     def current(self, now: float) -> List[Notice]:
         """Returns the notices that hold at a time [s], most severe first; a jump back in time drops none."""
         held = [notice for heard, notices in self._said.values() if now - heard <= FORGOTTEN_AFTER for notice in notices]
+        codes = {notice.code for notice in held}
+        held = [notice for notice in held if codes.isdisjoint(_SAID_OF_ALL.get(notice.code, ()))]
         return sorted(held, key=lambda notice: (-notice.severity, notice.code, notice.robot, notice.border_id))

@@ -14,13 +14,12 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice as Said
-from vb_core.notices import NoticeBook
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, grid_from_message, message_from_grid
-from vb_core.ros.notices import notice_from_message
+from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import (
-    BorderPreview, BorderProgress, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
+    BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray,
 )
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -99,13 +98,13 @@ class DisplayMarkers:
         self._urgent = False  # something that a person waits for: an answer, the new map
         self._newcomers: List[Any] = []
         self._known = _Known()
-        self._book = NoticeBook()
         self._spots: Deque[scene.Spot] = collections.deque(maxlen=_TRAIL)
         # of the worker alone
         self._shown: Dict[Tuple[str, int], scene.Shape] = {}
         self._made: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
         self._overlaid: Tuple[Any, ...] = (None, None, None)
         self._layout: Layout = fit(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
+        self._told = NoticeListener()  # looked up at each drawing
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
@@ -117,7 +116,6 @@ class DisplayMarkers:
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
         rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "preview", queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
-        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
 
     # ------------------------------------------------------------------ inputs
@@ -162,11 +160,6 @@ class DisplayMarkers:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._store(tuple(message.borders), "borders")
-
-    def _on_notices(self, message: NoticeArray) -> None:
-        with self._lock:
-            self._book.update(message.source, map(notice_from_message, message.notices), time.monotonic())
-        self._changed()
 
     def _on_spot(self, message: LaserSpot) -> None:
         x, y = message.position.x, message.position.y
@@ -214,8 +207,7 @@ class DisplayMarkers:
     def _draw(self) -> bool:
         """Sends what changed; returns whether something goes on changing by itself."""
         with self._lock:
-            held = tuple(self._book.current(time.monotonic()))
-            known = replace(self._known, spots=tuple(self._spots), held=held)
+            known = replace(self._known, spots=tuple(self._spots), held=tuple(self._told.current()))
             newcomers, self._newcomers = self._newcomers, []
         grid = known.posterior or known.physical
         if grid is not None:

@@ -7,10 +7,16 @@ from types import ModuleType
 import rospy
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.ros import node, parameters
+from vb_core.ros import node
 from vb_msgs.msg import InteractionState, Sound
 
-from vb_feedback.kobuki import KobukiParams
+# by state a constant of kobuki_msgs/Led, as near to the display's colours as the LED can
+LEDS = {"default": "BLACK", "border": "ORANGE", "seed": "GREEN", "guide": "RED"}
+# by sound a constant of kobuki_msgs/Sound; none for ticks: they are too loud
+BEEPS = {
+    "border": "BUTTON", "seed": "BUTTON", "guide": "BUTTON", "default": "OFF", "success": "CLEANINGEND", "refusal": "ERROR",
+    "asked": "RECHARGE", "stopped": "OFF",
+}
 
 
 class KobukiFeedback:
@@ -23,12 +29,10 @@ class KobukiFeedback:
         mobile_base/commands/led1 (kobuki_msgs/Led, latched), mobile_base/commands/sound (kobuki_msgs/Sound)
 
     Args:
-        params: see config/kobuki_feedback.yaml.
         messages: the module kobuki_msgs.msg.
     """
 
-    def __init__(self, params: KobukiParams, messages: ModuleType) -> None:
-        self._params = params
+    def __init__(self, messages: ModuleType) -> None:
         self._messages = messages
         self._lit = ""
         self._led = rospy.Publisher("mobile_base/commands/led1", messages.Led, queue_size=1, latch=True)
@@ -37,19 +41,17 @@ class KobukiFeedback:
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=5)
 
     def _on_state(self, message: InteractionState) -> None:
-        light = self._params.led(message.name)
+        light = LEDS.get(message.name, "BLACK")
         if light != self._lit:
             self._lit = light
             self._led.publish(self._messages.Led(value=getattr(self._messages.Led, light)))
 
     def _on_sound(self, message: Sound) -> None:
-        beep = self._params.beep(message.name)
-        if beep:
-            self._sound.publish(self._messages.Sound(value=getattr(self._messages.Sound, beep)))
+        if message.name in BEEPS:
+            self._sound.publish(self._messages.Sound(value=getattr(self._messages.Sound, BEEPS[message.name])))
 
 
 def _build() -> KobukiFeedback:
-    params = parameters.read(KobukiParams)
     try:
         # by name: the package is not a dependency, only robots with this base have it
         messages = importlib.import_module("kobuki_msgs.msg")
@@ -57,7 +59,7 @@ def _build() -> KobukiFeedback:
         raise CodedError(
             "no_kobuki", "the package kobuki_msgs is not installed on this computer; without a Kobuki base leave this node out"
         ) from None
-    return KobukiFeedback(params, messages)
+    return KobukiFeedback(messages)
 
 
 def main() -> None:

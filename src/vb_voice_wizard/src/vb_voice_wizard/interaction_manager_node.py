@@ -2,13 +2,12 @@
 from __future__ import annotations
 
 import threading
-import time
 import traceback
 from dataclasses import dataclass
 from typing import Any, Dict, List, Optional, Tuple
 
 import rospy
-from std_msgs.msg import Bool, String
+from std_msgs.msg import Bool
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.files import append_line
@@ -16,8 +15,8 @@ from vb_core.notices import Notice, Severity
 from vb_core.parameters import param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
-from vb_core.ros.notices import NoticePublisher
-from vb_msgs.msg import BorderProgress, InteractionState, NoticeArray, VirtualBorderArray
+from vb_core.ros.notices import NoticeListener, NoticePublisher
+from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard.dialogue import persistence
@@ -30,10 +29,6 @@ from vb_voice_wizard.dialogue.previewer import Previewer
 
 # [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
 _REPEATED_AFTER = 0.1
-# [s] a process idle for this long hung: a text that waited meanwhile is no longer wanted
-_HUNG = 5.0
-# [s] after a hang, until everything that waited meanwhile has arrived
-_AFTERMATH = 1.0
 
 
 @dataclass(frozen=True)
@@ -43,7 +38,6 @@ class ManagerParams(InteractionParams):
     log_file: str = param("~/.ros/virtual_borders/interactions.jsonl")
     state_file: str = param("~/.ros/virtual_borders/interaction_state.json")
     method: str = param("nrs")
-    border_name: str = param("")
     occupancy: float = param(1.0, "", low=0.0, high=1.0)
     service_wait: float = param(2.0, "s", above=0.0, high=10.0)
     service_answer: float = param(5.0, "s", above=0.0, high=60.0)
@@ -53,8 +47,6 @@ class InteractionManager:
     """Takes commands, owns the state, and saves the border when the person says so.
 
     Subscribed topics:
-        /virtual_borders/command_text (std_msgs/String): a command as text, "define_border" or "define border";
-            its answer is in the state.
         /virtual_borders/stop (std_msgs/Bool): true stops every robot, false lets them drive; from any node.
         /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and
             seed so far, for the preview; whether drawing goes on.
@@ -65,8 +57,7 @@ class InteractionManager:
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
         /virtual_borders/stop (std_msgs/Bool): on `stop` and `resume`, before anything else; not latched, the state has it too.
-        /virtual_borders/notices (vb_msgs/NoticeArray): robots_stopped, stop_memory_lost, interaction_ends_soon,
-            no_spot_seen.
+        /virtual_borders/notices (vb_msgs/NoticeArray): stopped, stop_memory_lost, interaction_ends_soon, no_spot_seen.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
             border and seed, and again when they, the map or the borders in it change.
 
@@ -102,33 +93,26 @@ class InteractionManager:
         self._memory_lost = False
         self._cameras: List[str] = []
         self._cameras_of = ""
-        self._beaten, self._revived = time.monotonic(), float("-inf")
         self._recall()
 
-        self._neighbours = BorderServices(
-            params.border_name, params.occupancy, params.service_wait, params.service_answer
-        )
-        self._preview = Previewer(self._neighbours)
+        told = NoticeListener().current
+        self._neighbours = BorderServices(params.occupancy, params.service_wait, params.service_answer, told)
+        self._preview = Previewer(self._neighbours, told)
         self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10)  # not latched: an old word must never come again
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
         with self._lock:
             self._publish()
-        self._texts: node.Queue = node.Queue(20)
         self._beat = node.WakeTimer(_REPEATED_AFTER)
-        node.Worker(self._texts, lambda order: self._handle(order))
         node.Worker(self._beat, lambda _woken: self._on_beat())
         rospy.Subscriber(names.STOP, Bool, self._on_stop, queue_size=10)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._preview.on_borders, queue_size=1)
-        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
-        rospy.Subscriber("/virtual_borders/command_text", String, self._on_text, queue_size=10)
         self._service = rospy.Service(names.COMMAND, Command, self._on_command)
 
     def close(self) -> None:
         """Ends the workers."""
         self._beat.close()
-        self._texts.close()
         self._preview.close()
 
     # ------------------------------------------------------------------ inputs
@@ -141,9 +125,6 @@ class InteractionManager:
                     message.border_spots, message.seed_spots, message.ignored_spots, rospy.get_time())
         self._preview.on_progress(message)
 
-    def _on_notices(self, message: NoticeArray) -> None:
-        self._preview.on_notices(self._neighbours.on_notices(message))
-
     def _on_stop(self, message: Bool) -> None:
         sender = message._connection_header.get("callerid", "")
         if sender == rospy.get_name():
@@ -153,18 +134,6 @@ class InteractionManager:
                 return
         self._handle(CommandRequest(command=STOP if message.data else RESUME, source=sender.strip("/")))
 
-    def _on_text(self, message: String) -> None:
-        order, now = CommandRequest(command=message.data, source="text"), time.monotonic()
-        if normalise(order.command) == STOP:
-            self._handle(order)
-        elif now - self._beaten > _HUNG or now - self._revived < _AFTERMATH:
-            # a text has no stamp: one that arrives at the end of a hang may be minutes old
-            with self._lock:
-                self._interaction.expired(order.command, order.source, rospy.get_time())
-                self._changed()
-        elif not self._texts.put(order):
-            rospy.logwarn_throttle(5.0, "interaction_manager: too many commands as text at once, some are lost")
-
     def _on_command(self, request: CommandRequest) -> CommandResponse:
         answer = self._handle(request)
         return CommandResponse(
@@ -172,10 +141,6 @@ class InteractionManager:
         )
 
     def _on_beat(self) -> None:
-        now = time.monotonic()
-        if now - self._beaten > _HUNG:
-            self._revived = now
-        self._beaten = now
         with self._lock:
             if self._interaction.end_if_idle(rospy.get_time()):
                 self._changed()
@@ -360,7 +325,7 @@ class InteractionManager:
     def _what_to_say(self) -> List[Notice]:
         said = []
         if self._interaction.stopped:
-            code = "stop_memory_lost" if self._memory_lost else "robots_stopped"
+            code = "stop_memory_lost" if self._memory_lost else "stopped"
             said.append(Notice(code, Severity.WARNING, values={"by": self._interaction.stopped_by}))
         if self._interaction.ends:
             said.append(Notice("interaction_ends_soon", Severity.WARNING))

@@ -4,7 +4,6 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
@@ -20,13 +19,14 @@ from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, Resampler, arecord, level_db, read_wav
+from vb_voice_wizard.voice.audio_sources import Microphone, Resampler, arecord, level_db
 from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, Utterance
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult, RecognizerParams
 
 AUDIO = "/virtual_borders/voice/audio"
 
 _LEVEL_S = 0.25  # [s] wall time between two levels
+_NEAR = 0.2  # confidence from which a rejected utterance gets the refusal sound: say it again
 _DEAF_S = 5.0  # [s] without any sound after which people are told
 _DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has its own noise; this is its least significant bit
 
@@ -35,9 +35,8 @@ _DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has its own noise; this i
 class VoiceParams(Parameters):
     """Parameters of the voice commands beside the recogniser's; config/voice_commands.yaml says why."""
 
-    source: str = param("microphone", choices=("microphone", "wav", "topic"))
+    source: str = param("microphone", choices=("microphone", "topic"))
     device: str = param("default")
-    wav_file: str = param("")
     sounds: dict = param(
         {
             "default": 0.3, "border": 0.3, "seed": 0.3, "guide": 0.3, "success": 0.6, "refusal": 0.5, "asked": 0.4,
@@ -45,9 +44,7 @@ class VoiceParams(Parameters):
         }
     )
     mute_after: float = param(0.25, "s", low=0.0, high=2.0)
-    doubt: float = param(0.2, "", low=0.0, high=1.0)
     repeat_after: float = param(0.5, "s", low=0.0, high=10.0)
-    service_wait: float = param(1.0, "s", above=0.0, high=10.0)
     service_answer: float = param(12.0, "s", above=0.0, high=60.0)
 
 
@@ -76,7 +73,6 @@ class VoiceCommands:
 
     Raises:
         ParameterError: for a sound's duration that is not a number.
-        CodedError: if the WAV file cannot be read.
     """
 
     def __init__(self, params: VoiceParams, recognizer: CommandRecognizer) -> None:
@@ -102,14 +98,12 @@ class VoiceCommands:
         self._heard = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # a command's answer may take seconds; listening goes on meanwhile
-        self._orders = commands.CommandSender("voice", self._on_answer, params.service_wait, params.service_answer, size=4)
+        self._orders = commands.CommandSender("voice", self._on_answer, answer_s=params.service_answer, size=4)
         node.Worker(self._sound, self._listen)
         node.Worker(self._watch, lambda _woken: self._on_watch())
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
         if params.source == "topic":
             rospy.Subscriber(AUDIO, Audio, self._on_audio, queue_size=100)
-        elif params.source == "wav":
-            node.start_thread(self._play, read_wav(Path(params.wav_file).expanduser()))
         else:
             self._microphone = Microphone(arecord(params.device), self._put, self._on_trouble, start=node.start_thread)
 
@@ -151,26 +145,12 @@ class VoiceCommands:
             self._level.publish(level)
             if level > _DIGITAL_SILENCE_DB:
                 self._heard_at, self._trouble = now, ""
-        if self._params.source == "wav":
-            return  # a recording ends
         missing = []
         if self._trouble:
             missing = [Notice("microphone_missing", Severity.WARNING, values={"why": self._trouble})]
         elif now - self._heard_at > _DEAF_S:
             missing = [Notice("microphone_silent", Severity.WARNING)]
         self._notices.set(missing)
-
-    def _play(self, pcm: np.ndarray) -> None:
-        """Hands over a recording at the pace at which it was spoken, then a second of silence to end it."""
-        chunk = SAMPLE_RATE // 20
-        pcm = np.concatenate([pcm, np.zeros(SAMPLE_RATE, dtype=np.int16)])
-        started = time.monotonic()
-        for at in range(0, len(pcm), chunk):
-            if rospy.is_shutdown():
-                return
-            rospy.rostime.wallsleep(max(0.0, started + (at + chunk) / SAMPLE_RATE - time.monotonic()))
-            self._put(pcm[at : at + chunk])
-        rospy.loginfo("voice_commands: %s is over", self._params.wav_file)
 
     # ------------------------------------------------------------------ own sounds
     def _beep(self, name: str) -> None:
@@ -213,7 +193,7 @@ class VoiceCommands:
         silence = 0.0 if utterance.too_long else END_SILENCE_S
         answer_s = now - when + silence
         if not issue.command:
-            if issue.reason == "unlike_a_command" and issue.confidence >= self._params.doubt:
+            if issue.reason == "unlike_a_command" and issue.confidence >= _NEAR:
                 self._beep("refusal")
             self._publish(issue, utterance.end - utterance.start, answer_s)
             return
@@ -268,8 +248,6 @@ def _durations(sounds: dict) -> Dict[str, float]:
 
 def _build() -> VoiceCommands:
     params = parameters.read(VoiceParams, ignore=("recognizer",))
-    if params.source == "wav" and not params.wav_file:
-        raise ParameterError(rospy.resolve_name("~wav_file"), "this parameter must be set when ~source is wav")
     return VoiceCommands(params, CommandRecognizer(parameters.read(RecognizerParams, "~recognizer")))
 
 

@@ -19,13 +19,12 @@ from rich.live import Live
 from std_msgs.msg import Float32
 from vb_core import names, sentences
 from vb_core.errors import CodedError
-from vb_core.notices import NoticeBook
 from vb_core.ros import commands, node
 from vb_core.ros.messages import BorderPreviewArray
-from vb_core.ros.notices import notice_from_message
+from vb_core.ros.notices import NoticeListener
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import (
-    BorderProgress, DetectorStatus, SpeechCommand, InteractionState, NoticeArray, VirtualBorderArray,
+    BorderProgress, DetectorStatus, SpeechCommand, InteractionState, VirtualBorderArray,
 )
 from vb_msgs.srv import CommandRequest, CommandResponse
 
@@ -66,7 +65,7 @@ class WizardConsole:
         self._lock = threading.RLock()
         self._view = View(language=language, master=rosgraph.get_master_uri())
         self._changed = threading.Event()
-        self._book = NoticeBook()
+        self._told: Optional[NoticeListener] = None
         self._detectors: Dict[str, Tuple[float, float]] = {}
         self._level_at = float("-inf")
         self._answered = rospy.Time(0)
@@ -102,7 +101,7 @@ class WizardConsole:
                 (camera, rate if now - heard <= _SILENT_S else 0.0) for camera, (heard, rate) in sorted(self._detectors.items())
             )
             view.level_db = view.level_db if now - self._level_at <= _SILENT_S else 0.0
-            view.notices = tuple(self._book.current(now))
+            view.notices = tuple(self._told.current()) if self._told is not None else ()
             ends = view.state.ends.to_sec() if view.state is not None else 0.0
             view.ends_in_s = max(0.0, ends - rospy.get_time()) if ends else 0.0
         self._changed.set()
@@ -172,7 +171,7 @@ class WizardConsole:
             names.BORDERS, VirtualBorderArray, lambda message: self._show_newest("borders", message.borders), queue_size=1
         )
         rospy.Subscriber(names.SPEECH_COMMANDS, SpeechCommand, self._on_heard, queue_size=5)
-        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
+        self._told = NoticeListener()
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=10)
         rospy.Subscriber(names.VOICE_LEVEL, Float32, self._on_level, queue_size=1)
         if self._robot_frame:
@@ -191,10 +190,6 @@ class WizardConsole:
             said = CommandResponse(code=message.last_code, values=message.last_values, message=message.last_message)
             text = f"{who}, {self._view.words('command_' + message.last_command)}: {self._view.sentence(said)}"
             self._say(text, GOOD if message.last_success else BAD)
-
-    def _on_notices(self, message: NoticeArray) -> None:
-        with self._lock:
-            self._book.update(message.source, map(notice_from_message, message.notices), time.monotonic())
 
     def _on_detector(self, message: DetectorStatus) -> None:
         with self._lock:

@@ -19,7 +19,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_web import pictures
 
 _WAIT_S = 2.0  # for a camera's next image
-_FLOOR_KEPT_S = 5.0  # the same image for every browser that asks meanwhile
+_FLOOR_KEPT_S = 5.0  # the same image for every browser that asks meanwhile, if all cameras are in it
 # OpenCV names a Bayer pattern by its second row, ROS by its first
 _TO_BGR = {
     "rgb8": cv2.COLOR_RGB2BGR, "rgba8": cv2.COLOR_RGBA2BGR, "bgra8": cv2.COLOR_BGRA2BGR, "mono8": cv2.COLOR_GRAY2BGR,
@@ -78,7 +78,8 @@ class Looker:
                 grid = self._grid()
                 views = [view for view in map(self._view, self._cameras) if view is not None]
                 self._floor = pictures.draw_floor(grid, views).data if grid is not None and views else None
-                self._floor_at = time.monotonic()
+                # with a camera missing it is made again: that one may be starting
+                self._floor_at = time.monotonic() if len(views) == len(self._cameras) else -1e9
             return self._floor
 
     def _view(self, camera: str) -> Optional[pictures.FloorView]:

@@ -14,7 +14,7 @@ import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float32
-from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, InteractionState, LaserSpot, NoticeArray
+from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, InteractionState, LaserSpot
 from vb_msgs.msg import StudyEvent, VirtualBorder, VirtualBorderArray
 
 from vb_core import names
@@ -22,11 +22,11 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.files import append_line
 from vb_core.geometry import transform_pose2d
 from vb_core.grid_map import GridMap
-from vb_core.notices import Notice, NoticeBook
+from vb_core.notices import Notice
 from vb_core.parameters import param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
-from vb_core.ros.notices import NoticePublisher, notice_from_message
+from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_web import access, pictures, ros_view
 from vb_web.carrying_out import Carrier
@@ -41,6 +41,7 @@ _LEVEL_S = 0.25  # the microphone's level is shown no more often
 _SILENT_S = 4.0  # a detector says something every second
 _MAX_DIAGNOSTICS = 30
 _EVENTS = 100  # of the history that the page shows
+_INVITATION = "page_invitation"
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ class PageNode:
         self._level_at = -1e9
         self._spots: Dict[str, Any] = {}
         self._poses: Dict[str, List[Optional[float]]] = {}
-        self._notices = NoticeBook()
+        self._told = NoticeListener()
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
         self._diagnostics: Dict[str, Any] = {}  # name: (heard [s], entry)
         self._transforms = TransformLookup()
@@ -185,7 +186,6 @@ class PageNode:
                 (names.PROGRESS, BorderProgress, self._on_progress, {"queue_size": 1, **small}),
                 (names.PREVIEW, BorderPreviewArray, self._on_preview, large),
                 (names.SPOTS, LaserSpot, self._on_spot, {"queue_size": 20, **small}),
-                (names.NOTICES, NoticeArray, self._on_notices, {"queue_size": 20}),
                 (names.DETECTORS, DetectorStatus, self._on_detector, {"queue_size": 20}),
                 (names.VOICE_LEVEL, Float32, self._on_level, {"queue_size": 1}),
                 ("/diagnostics", DiagnosticArray, self._on_diagnostics, {"queue_size": 20}),
@@ -222,8 +222,6 @@ class PageNode:
                 "resolution": number(prior.resolution, 6),
                 "origin": origin,
                 "cells": base.cells,
-                "width": base.width,
-                "height": base.height,
                 "floor": pictures.floor_cells(prior) if self._params.cameras else 0,
             },
         )
@@ -243,6 +241,7 @@ class PageNode:
         section = ros_view.state_section(message)
         self._state_at = time.monotonic()
         self._view.put("state", section)
+        self._show_notices()
         self._invite(section["name"] == "default")
         last = section["last"]
         answered = (last["command"], last["at"], last["code"])
@@ -257,7 +256,7 @@ class PageNode:
         """Shows address and code on the smart display: people in the room may command by voice and pointer, too."""
         if self._invites is not None and self._keys is not None:
             values = {"address": self._addresses[0], "code": getattr(self._keys, self._params.show_code)}
-            self._invites.set([Notice("page_invitation", values=values)] if idle else [])
+            self._invites.set([Notice(_INVITATION, values=values)] if idle else [])
 
     def _on_progress(self, message: BorderProgress) -> None:
         idle = (self._view.get("state") or {}).get("name", "default") == "default"
@@ -281,17 +280,10 @@ class PageNode:
             self._level_at = now
             self._view.put("level", number(message.data, 1))
 
-    def _on_notices(self, message: NoticeArray) -> None:
-        if message.source == rospy.get_name():
-            return  # the code is for the room: a viewer must not read the operator's
-        with self._lock:
-            self._notices.update(message.source, map(notice_from_message, message.notices[:50]), time.monotonic())
-        self._show_notices()
-
     def _show_notices(self) -> None:
-        with self._lock:
-            current = self._notices.current(time.monotonic())
-        self._view.put("notices", ros_view.notices_section(current[:30]))
+        # a page's code is for the room: a viewer must not read the operator's
+        held = [notice for notice in self._told.current() if notice.code != _INVITATION]
+        self._view.put("notices", ros_view.notices_section(held[:30]))
 
     def _on_detector(self, message: DetectorStatus) -> None:
         publisher = message._connection_header.get("callerid", "")

@@ -33,14 +33,11 @@ class Picture:
 
     Attributes:
         name: changes with the content, so that browsers may cache it for ever.
-        width, height: [px].
         cells: map cells per pixel along a side; less than 1 where an image is finer than the map.
     """
 
     data: bytes
     name: str
-    width: int
-    height: int
     cells: float
 
 
@@ -77,8 +74,7 @@ def _reduce(data: np.ndarray, cells: int) -> np.ndarray:
 def _png(pixels: np.ndarray, cells: int) -> Picture:
     # the map's last row is the image's first
     data = cv2.imencode(".png", np.ascontiguousarray(pixels[::-1]), [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
-    height, width = pixels.shape[:2]
-    return Picture(data, hashlib.blake2b(data, digest_size=8).hexdigest(), width, height, cells)
+    return Picture(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
 
 
 def draw_map(grid: GridMap) -> Picture:
@@ -164,7 +160,7 @@ def draw_floor(grid: GridMap, views: Sequence[FloorView]) -> Picture:
     pixels[..., :3][seen] = (total[seen] / weights[seen][:, None]).clip(0, 255)
     pixels[..., 3] = np.where(seen, 255, 0)
     data = cv2.imencode(".webp", np.ascontiguousarray(pixels[::-1]), [cv2.IMWRITE_WEBP_QUALITY, 80])[1].tobytes()
-    return Picture(data, hashlib.blake2b(data, digest_size=8).hexdigest(), columns, rows, cells)
+    return Picture(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
 
 
 def jpeg(image: np.ndarray, width: int = 960) -> bytes:

@@ -36,11 +36,6 @@ class View:
         self._revision = 0
         self._last: Tuple[int, int, str] = (-1, -1, "")
 
-    @property
-    def revision(self) -> int:
-        """Of the newest change."""
-        return self._revision
-
     def put(self, section: str, value: Any) -> bool:
         """Replaces a section; False, without a message, if it is unchanged."""
         text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))

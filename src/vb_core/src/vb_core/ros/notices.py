@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from typing import Iterable, List
 
 import rospy
@@ -37,7 +36,10 @@ def notice_from_message(message: NoticeMessage) -> Notice:
 
 
 class NoticeListener:
-    """Keeps the notices of all nodes; its methods may be called from any thread."""
+    """Keeps the notices of all nodes; its methods may be called from any thread.
+
+    They are repeated in ROS time, so they expire in it: a simulation may be slow, or pause.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -47,7 +49,7 @@ class NoticeListener:
     def current(self) -> List[Notice]:
         """Returns the notices that hold now, most severe first."""
         with self._lock:
-            return self._book.current(time.monotonic())
+            return self._book.current(rospy.get_time())
 
     def close(self) -> None:
         """Stops listening."""
@@ -55,7 +57,7 @@ class NoticeListener:
 
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
-            self._book.update(message.source, map(notice_from_message, message.notices), time.monotonic())
+            self._book.update(message.source, map(notice_from_message, message.notices), rospy.get_time())
 
 
 class NoticePublisher:

@@ -140,7 +140,7 @@ def _play(lab: "Lab", seen: Observer, shoot: Callable[[str], None]) -> None:
     _until(lambda: len(seen.borders) == len(stored) + 1, "the new border")
     shoot("saved")
     # the robot's driver says this; here is no robot that could drive
-    lab.show(inside, Notice("robot_inside_border", Severity.WARNING, values={"who": "the robot", "border": seen.borders[-1].name}))
+    lab.show(inside, Notice("robot_inside_border", Severity.WARNING, values={"who": sentences.robot(""), "border": seen.borders[-1].name}))
     shoot("robot_in_border")
     along = geometry.resample_chain(np.array([start[:2], drawn.guide[0] if len(drawn.guide) else drawn.stand]), STEP)
     _say(seen, "guide_robot", "guide")

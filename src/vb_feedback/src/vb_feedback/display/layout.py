@@ -208,12 +208,6 @@ def wrap(text: str, size: float, width: float) -> List[str]:
     return lines
 
 
-def fit_text(text: str, sizes: Sequence[float], width: float, height: float) -> Tuple[str, float]:
-    """A sentence in the largest of the sizes [m] in which it fits a box, wrapped, and that size; see `fit_texts`."""
-    texts, size = fit_texts([text], sizes, width, height)
-    return texts[0], size
-
-
 def fit_texts(
     texts: Sequence[str], sizes: Sequence[float], width: float, height: float
 ) -> Tuple[List[str], float]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from vb_feedback.display import colours
 from vb_feedback.display.colours import Colour
-from vb_feedback.display.layout import Box, Layout, fit_text, place_labels, place_words, plain, text_box
+from vb_feedback.display.layout import Box, Layout, fit_texts, place_labels, place_words, plain, text_box
 
 LINES = "lines"
 POINTS = "points"
@@ -134,7 +134,7 @@ def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[
     texts, wanted = [], []
     for border in stored:
         # a name too long for the map's smaller half goes over two lines, and is cut at the end of the second
-        text, _ = fit_text(plain(border.name) or "?", (size,), 0.45 * layout.map.width, 2.4 * size)
+        (text,), _ = fit_texts([plain(border.name) or "?"], (size,), 0.45 * layout.map.width, 2.4 * size)
         if not border.enabled:
             text += f"\n{off}"
         elif border.area_m2 > 0:

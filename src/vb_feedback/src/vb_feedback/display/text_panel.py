@@ -96,8 +96,10 @@ def _panel(layout: Layout, talk: PanelContent) -> List[Shape]:
 
 def _strip(layout: Layout, talk: PanelContent) -> List[Shape]:
     start = talk.words("display_start" if talk.state else "display_waiting_system")
-    said = [Notice(plain(talk.message or start), warning=not talk.success)]
-    said += [Notice(plain(notice.text), notice.warning) for notice in talk.notices]
+    answer = Notice(plain(talk.message or start), warning=not talk.success)
+    said = [Notice(plain(notice.text), notice.warning) for notice in talk.notices]
+    if all(notice.text != answer.text for notice in said):  # else it stands as a notice, which stays as long as it holds
+        said.insert(0, answer)
     unit, strip = layout.unit, layout.strip
     width, height = strip.width - 0.08 * unit, strip.height - 0.03 * unit
     texts, size = fit_texts([notice.text for notice in said], [share * unit for share in SENTENCES], width, height)

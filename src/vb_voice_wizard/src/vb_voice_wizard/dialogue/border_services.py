@@ -1,18 +1,15 @@
 """Calls the services of border_fusion and map_integrator for the interaction manager, each within a known time."""
 from __future__ import annotations
 
-import threading
-from typing import Any, Dict, List, Type
+from typing import Any, Callable, Dict, List, Type
 
-import rospy
 from std_srvs.srv import Trigger, TriggerRequest
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.notices import Notice, NoticeBook, Severity
+from vb_core.notices import Notice, Severity
 from vb_core.ros import messages, services
-from vb_core.ros.notices import notice_from_message
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
-from vb_msgs.msg import NoticeArray, VirtualBorder
+from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import (
     AddBorder, AddBorderRequest, GetDrawnBorder, GetDrawnBorderRequest, ListBorders, ListBordersRequest, PreviewBorderRequest,
 )
@@ -28,27 +25,19 @@ class BorderServices:
     """Calls the services.
 
     Args:
-        border_name, occupancy: of every border.
+        occupancy: of every border.
         wait_s, answer_s: [s] wall time, how long to wait for an absent service, and for its answer.
+        told: returns all that people are told now.
 
     Every method raises CodedError: "no_service" if the service is absent (nothing was sent), "no_response" if it
     did not answer (the request may have been done or not), or the service's own error.
     """
 
-    def __init__(self, border_name: str, occupancy: float, wait_s: float, answer_s: float) -> None:
-        self._border_name = border_name
+    def __init__(self, occupancy: float, wait_s: float, answer_s: float, told: Callable[[], List[Notice]]) -> None:
         self._occupancy = occupancy
         self._wait_s = wait_s
         self._answer_s = answer_s
-        self._lock = threading.Lock()
-        self._book = NoticeBook()
-
-    def on_notices(self, message: NoticeArray) -> List[Notice]:
-        """What a node tells people; returns what all nodes tell them now."""
-        with self._lock:
-            now = rospy.get_time()
-            self._book.update(message.source, map(notice_from_message, message.notices), now)
-            return self._book.current(now)
+        self._told = told
 
     def candidate(self, interaction_id: str) -> VirtualBorder:
         """The border as drawn, ready to be added.
@@ -58,15 +47,12 @@ class BorderServices:
         request = GetDrawnBorderRequest(interaction_id=interaction_id)
         response = self._ask(names.GET_DRAWN_BORDER, GetDrawnBorder, request, "$border_fusion")
         if response.code == "no_spots":
-            with self._lock:
-                told = self._book.current(rospy.get_time())
-            for notice in told:
+            for notice in self._told():
                 if notice.camera and notice.severity is Severity.ERROR:
                     raise CodedError(notice.code, **notice.values)
         _check(response)
         border = response.border
         border.id = ""
-        border.name = self._border_name
         border.occupancy = self._occupancy
         border.enabled = True
         return border

@@ -4,7 +4,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
-from typing import Any, Mapping, Optional, Sequence
+from typing import Any, Callable, List, Mapping, Optional
 
 import numpy as np
 import rospy
@@ -27,10 +27,12 @@ class Previewer:
 
     Args:
         neighbours: the services to call.
+        told: returns all that people are told now; a doubt in it is an issue of the preview, like those of the border's
+            check.
     """
 
-    def __init__(self, neighbours: BorderServices) -> None:
-        self._neighbours = neighbours
+    def __init__(self, neighbours: BorderServices, told: Callable[[], List[Notice]]) -> None:
+        self._neighbours, self._told = neighbours, told
         self._pace = PreviewScheduler()
         self._condition = threading.Condition()
         self._situation = PreviewInputs()
@@ -44,13 +46,15 @@ class Previewer:
 
     # ------------------------------------------------------------------ inputs
     def on_interaction(self, interaction_id: str, saving: bool) -> None:
-        """The current interaction ("" for none). While it is being saved, nothing more is previewed."""
+        """The current interaction ("" for none), again and again. While it is being saved, nothing more is previewed."""
         with self._condition:
             self._held = saving
+            self._doubts.hear(self._told())
             if interaction_id != self._situation.interaction_id:
                 self._doubts.begin()
-                self._situation = PreviewInputs(interaction_id, borders=self._situation.borders, doubts=self._doubts.all)
+                self._situation = PreviewInputs(interaction_id, borders=self._situation.borders)
                 self._take_progress()
+            self._situation = dataclasses.replace(self._situation, doubts=self._doubts.all)
             self._condition.notify()
 
     def is_doubtful(self, interaction_id: str) -> bool:
@@ -70,13 +74,6 @@ class Previewer:
         with self._condition:
             borders = (message.header.stamp.to_sec(), message.revision)
             self._situation = dataclasses.replace(self._situation, borders=borders)
-            self._condition.notify()
-
-    def on_notices(self, notices: Sequence[Notice]) -> None:
-        """All that people are told now; a doubt in it is an issue of the preview, like those of the border's check."""
-        with self._condition:
-            self._doubts.hear(notices)
-            self._situation = dataclasses.replace(self._situation, doubts=self._doubts.all)
             self._condition.notify()
 
     def _take_progress(self) -> None:

@@ -1,26 +1,15 @@
-"""Sources of sound: a microphone through ALSA's arecord, or a WAV file. 16 kHz mono, int16."""
+"""A microphone through ALSA's arecord, and sound of other rates as 16 kHz mono, int16."""
 from __future__ import annotations
 
 import collections
 import subprocess
 import threading
-import wave
-from pathlib import Path
 from typing import Callable, Deque, Optional
 
 import numpy as np
 import soxr
 
-from vb_core.errors import CodedError
-
 SAMPLE_RATE = 16000  # [1/s] of all sound that is listened to
-
-
-def to_model_rate(pcm: np.ndarray, rate: int) -> np.ndarray:
-    """(N,) int16 at any rate to (M,) int16 at 16 kHz."""
-    if rate == SAMPLE_RATE:
-        return np.asarray(pcm, dtype=np.int16)
-    return soxr.resample(np.asarray(pcm, dtype=np.int16), int(rate), SAMPLE_RATE)
 
 
 class Resampler:
@@ -44,25 +33,6 @@ def level_db(pcm: np.ndarray) -> float:
     """Effective value of (N,) int16 [dB], full scale is 0; digital silence is -100."""
     power = float(np.mean(np.square(pcm, dtype=np.float64))) / 32768.0**2 if len(pcm) else 0.0
     return max(-100.0, 10.0 * float(np.log10(max(power, 1e-12))))
-
-
-def read_wav(path: Path) -> np.ndarray:
-    """A whole WAV file of 16-bit samples; channels are averaged, other rates converted.
-
-    Raises:
-        CodedError: "bad_audio" if it cannot be read or is of another kind.
-    """
-    try:
-        with wave.open(str(path), "rb") as file:
-            if file.getsampwidth() != 2:
-                raise CodedError("bad_audio", f"{path}: expected samples of 16 bits, got {8 * file.getsampwidth()}")
-            channels, rate = file.getnchannels(), file.getframerate()
-            # a file that is still being written or came through a pipe may claim any length
-            data = file.readframes(file.getnframes())
-    except (OSError, EOFError, wave.Error) as error:
-        raise CodedError("bad_audio", f"cannot read {path}: {error}") from error
-    samples = np.frombuffer(data[: len(data) // (2 * channels) * 2 * channels], dtype="<i2").reshape(-1, channels)
-    return to_model_rate(samples.mean(axis=1) if channels > 1 else samples[:, 0], rate)
 
 
 class Microphone:

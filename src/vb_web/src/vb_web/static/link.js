@@ -98,11 +98,15 @@ export class Words {
 
   say(code, values = {}, otherwise = "") {
     const sentence = this.table[code] || otherwise || String(code).replaceAll("_", " ");
-    return sentence.replace(/\{(\w+)\}/g, (_, name) => (name in values ? this.value(values[name]) : `(${name})`));
+    return sentence.replace(/\{(\w+)\}/g, (_, name, at) => (name in values ? this.value(name, values, at) : `(${name})`));
   }
 
-  // A value that begins with $ is itself a code.
-  value(text) { return /^\$./.test(text) ? this.say(text.slice(1)) : text; }
+  // A value that begins with $ is itself a code, with the sentence's other values; where a sentence begins with it, so with a capital.
+  value(name, { [name]: text, ...others }, at) {
+    if (!/^\$./.test(text)) return text;
+    const said = this.say(text.slice(1), others);
+    return at ? said : said.charAt(0).toUpperCase() + said.slice(1);
+  }
 
   // Of anything that has code, values and message.
   tell(said) { return this.say(said.code, said.values, said.message); }

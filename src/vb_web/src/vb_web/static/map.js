@@ -64,7 +64,7 @@ export function middle(polygon) {
 export class MapView {
   // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index)
   constructor(words, on) {
-    Object.assign(this, { words, on, view: { x: 0, y: 0, scale: 50 }, info: null, placed: [], borders: [], fitted: false, pointers: new Map(), drawing: false, cursor: null, spotTimers: {} });
+    Object.assign(this, { words, on, view: { x: 0, y: 0, scale: 50 }, info: null, borders: [], pointers: new Map(), drawing: false, cursor: null });
     this.element = $("map");
     this.world = $("world"); this.placedGroup = $("placed"); this.handleGroup = $("handles");
     this.layers = {};
@@ -145,8 +145,14 @@ export class MapView {
     if (image.dataset.url === url) return;
     image.dataset.url = url;
     if (!url) { image.classList.remove("there"); image.removeAttribute("src"); return; }
+    this.fetchPicture(image, url, 1000);
+  }
+
+  // Asks for a picture, and again as long as it is wanted and cannot be had: cameras may come later than the page.
+  fetchPicture(image, url, pause) {
     const next = new Image();  // the one before stays until the new one is there
     next.onload = () => { if (image.dataset.url === url) { image.src = url; image.decode().catch(() => 0).then(() => { image.classList.add("there"); this.lay(); }); } };
+    next.onerror = () => setTimeout(() => { if (image.dataset.url === url) this.fetchPicture(image, url, Math.min(2 * pause, 8000)); }, pause);
     next.src = url;
   }
 

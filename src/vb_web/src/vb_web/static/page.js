@@ -4,15 +4,17 @@
 // side to be restricted; "review" moves corners of the draft.
 "use strict";
 import { Link, Words } from "./link.js";
-import { MapView, distance, inside, make, middle, pairs, simplify } from "./map.js";
+import { MapView, distance, inside, middle, pairs, simplify } from "./map.js";
 
 const $ = (id) => document.getElementById(id);
 const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
+// what a person does in each state: the code of the answer that led there, so that it stands here and is not said twice
+const DOES = { border: "draw_border", seed: "point_seed", guide: "guide" };
 const COMMANDS = ["save", "define_seed", "define_border", "guide_robot", "cancel"];
 const words = new Words();
 const view = {};
 const hello = { role: "nobody" };
-let online = false, mode = "look", draft = null, taps = [], chosenCorner = null, check = null, checking = 0, chosenBorder = null, floorOn = false, watched = "", toastTimer = 0;
+let online = false, mode = "look", draft = null, taps = [], chosenCorner = null, check = null, checking = 0, chosenBorder = null, floorOn = false, floorSeers = "", watched = "", toastTimer = 0;
 
 // ----------------------------------------------------------------- small things
 function element(tag, attributes = {}, ...children) {
@@ -43,9 +45,18 @@ function fill(parent, children) {
   if (key) { const again = parent.querySelector(`[data-key="${CSS.escape(key)}"]`); if (again) again.focus({ preventScroll: true }); }
 }
 
-function toast(text, bad = false) {
+// An answer that stands on the page, for instance as a notice, is not said twice.
+function dropStanding() {
+  const standing = [...(view.notices || []).map((notice) => notice.code), DOES[document.body.dataset.state]];
+  if ($("laser-refused").textContent) standing.push(view.state.last.code);
+  if (standing.includes($("toast").dataset.code)) $("toast").textContent = "";
+}
+
+function toast(text, bad = false, code = "") {
   clearTimeout(toastTimer);
   $("toast").textContent = text;
+  $("toast").dataset.code = code;
+  dropStanding();
   $("toast").classList.toggle("bad", bad);
   toastTimer = setTimeout(() => { $("toast").textContent = ""; }, bad ? 9000 : 4500);
 }
@@ -53,7 +64,7 @@ function toast(text, bad = false) {
 async function ask(action, fields, done = null) {
   const answer = await link.ask(action, fields);
   if (answer.ok && done) toast(say(done));
-  else if (!answer.ok || action === "command") toast(words.tell(answer), !answer.ok);
+  else if (!answer.ok || action === "command") toast(words.tell(answer), !answer.ok, answer.code);
   return answer;
 }
 
@@ -191,7 +202,7 @@ function drawReview() {
   if (mode !== "review") {
     const done = mode === "draw" && taps.length > 1 ? button("page_finish", () => begin([...taps], taps.length > 2 ? "polygon" : "curve"), "primary") : null;
     const close = mode === "side" && draft.points.length > 2 ? button("page_close_line", () => { draft.kind = "polygon"; draft.seed = middle(draft.points); setMode("review"); }) : null;
-    return fill(box, [element("h2", {}, say(`page_title_${mode}`)), element("p", { class: "muted" }, say(`page_help_${mode}`)), element("div", { class: "row" }, cancel, close, done)]);
+    return fill(box, [element("h2", {}, say(mode === "wall" ? "page_wall" : `page_title_${mode}`)), mode === "side" ? null : element("p", { class: "muted" }, say(`page_help_${mode}`)), element("div", { class: "row" }, cancel, close, done)]);
   }
   const name = element("input", { maxlength: 60, value: draft.name, placeholder: say("page_name_free"), "data-key": "name", autocomplete: "off" });
   name.addEventListener("input", () => { draft.name = name.value; });
@@ -209,7 +220,6 @@ function drawReview() {
     draft.zone === "slow" ? element("label", {}, element("span", {}, say("page_speed")), speed) : null,
     element("div", { class: "row" }, draft.kind === "wall" ? null : button("page_other_side", () => setMode("side")), corner ? button("page_remove_corner", removeCorner) : null),
   ]);
-  if (name.dataset.typed) name.focus();
 }
 
 // ----------------------------------------------------------------- borders
@@ -220,7 +230,7 @@ function choose(id) {
 }
 
 function why(border) {
-  const idle = !border.enabled ? "page_off" : border.reason && !border.acting ? `page_reason_${border.reason}` : "";
+  const idle = !border.enabled ? "page_reason_disabled" : border.reason && !border.acting ? `page_reason_${border.reason}` : "";
   const kind = border.zone === "slow" ? say("page_slow_at", { speed: words.number(border.max_speed, 2) }) : border.zone === "avoid" ? say("page_zone_avoid") : "";
   const first = idle ? say(words.has(idle) ? idle : border.reason) : border.kind === "wall" ? say("page_wall") : `${words.number(border.area, 2)} m²`;
   return [first, kind, border.schedule && scheduleText(border.schedule)].filter(Boolean).join(" · ");
@@ -331,7 +341,7 @@ function confirmSave() {
     await ask("command", { command: "save" });
     $("dialog").close();
   }, "primary");
-  show(say("page_confirm_title"), preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)),
+  show(say("page_title_review"), preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)),
     ...issues(preview.issues), element("div", { class: "row" }, closeButton("page_back"), go));
 }
 
@@ -349,7 +359,7 @@ function drawState() {
   $("stop").disabled = !online;
   $("laser").hidden = !state && !there;
   const given = new Set(there && state ? state.commands : []);
-  $("laser-text").textContent = there ? say(`page_laser_${state ? state.name : "absent"}`) : say("page_manager_gone");
+  $("laser-text").textContent = say(!there ? "page_manager_gone" : !state ? "page_laser_absent" : DOES[state.name] || "page_laser_default");
   // also of a command by voice or from another phone: this is why nothing happened
   const refused = there && state && state.name !== "default" && state.last.command && !state.last.ok ? words.tell(state.last) : "";
   if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
@@ -359,6 +369,7 @@ function drawState() {
   const preview = there && state && state.name !== "default" && view.preview && view.preview.available ? view.preview : null;
   fill($("preview"), preview ? [preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)), ...issues(preview.ok ? preview.issues : [])] : []);
   if (mode === "look") map.picture("region", preview && preview.region ? preview.region : "");
+  dropStanding();
 }
 
 function drawBanners() {
@@ -386,8 +397,9 @@ function drawBanners() {
 const sourceName = (source) => { const [kind, rest] = String(source || "").split(" "); return words.has(`page_source_${kind}`) ? say(`page_source_${kind}`) + (rest ? ` ${rest}` : "") : source; };
 
 function drawNotices() {
-  const state = view.state || {}, inBanner = { robots_stopped: state.stopped, interaction_ends_soon: state.ends };
+  const state = view.state || {}, inBanner = { stopped: state.stopped, interaction_ends_soon: state.ends };
   fill($("notices"), (view.notices || []).filter((notice) => !inBanner[notice.code]).map((notice) => element("li", { class: ["info", "warning", "error"][notice.severity] || "error" }, words.tell(notice))));
+  dropStanding();
 }
 
 function drawHealth() {
@@ -429,6 +441,13 @@ function drawStudy() {
   for (const key of ["participant", "condition"]) if (document.activeElement !== form.elements[key]) form.elements[key].value = (view.study || {})[key] || "";
 }
 
+// A camera that comes or goes changes what there is to see of the floor.
+function refreshFloor() {
+  const seeing = view.cameras.filter((one) => one.there && one.hz).map((one) => one.name).join();
+  if (floorOn && seeing !== floorSeers) setFloor(true);
+  floorSeers = seeing;
+}
+
 function setFloor(on) {
   floorOn = on;
   $("floor-button").setAttribute("aria-pressed", String(on));
@@ -446,7 +465,7 @@ const DRAW = {
   borders() { drawBorders(); drawBanners(); }, state() { drawState(); drawBanners(); drawNotices(); }, health() { drawState(); drawBanners(); },
   progress(section) { map.setProgress(section); }, preview: drawState, robots(section) { map.setRobots(section); }, spots(section) { map.setSpots(section); },
   level(section) { $("level").hidden = section === null; $("level").querySelector("meter").value = section === null ? -60 : section; },
-  notices: drawNotices, cameras: drawHealth, diagnostics: drawHealth, events: drawEvents, study: drawStudy,
+  notices: drawNotices, cameras() { drawHealth(); refreshFloor(); }, diagnostics: drawHealth, events: drawEvents, study: drawStudy,
 };
 
 // ----------------------------------------------------------------- beginning
@@ -517,7 +536,6 @@ $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());
 $("floor-button").addEventListener("click", () => setFloor(!floorOn));
-$("floor").addEventListener("error", () => setFloor(false));
 $("study-form").addEventListener("submit", (event) => { event.preventDefault(); const { participant, condition } = event.target.elements; ask("study", { participant: participant.value, condition: condition.value }, "page_noted"); });
 $("mark-form").addEventListener("submit", async (event) => { event.preventDefault(); const text = event.target.elements.text; if ((await ask("mark", { text: text.value || say("page_mark") }, "page_noted")).ok) text.value = ""; });
 $("health").addEventListener("toggle", () => { if (!$("health").open) watch(""); });
