@@ -221,6 +221,9 @@ def test_links_lead_somewhere():
         for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)", path.read_text(encoding="utf-8")) if path.suffix == ".md" else ():
             if not re.match(r"[a-z]+:", target) and not (path.parent / target).exists():
                 broken.append(f"{path.relative_to(TOP)}: {target}")
+        for page in re.findall(r"\bdocs/[\w/-]+\.md", path.read_text(encoding="utf-8")):
+            if not (TOP / page).is_file():
+                broken.append(f"{path.relative_to(TOP)}: {page}")
     assert not broken, broken
 
 
