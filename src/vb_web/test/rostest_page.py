@@ -261,9 +261,9 @@ class PageTest(unittest.TestCase):
             other.wait_text("#borders", "Noch keine Grenzen")
             notices = NoticePublisher()
             notices.set([Notice("interaction_ends_soon", Severity.WARNING)])
-            self.browser.wait_text("#notices", "dropped soon")
+            self.browser.wait_text("#notices", "discarded soon")
             other.wait("document.querySelector('#notices li')", what="the notice")
-            self.assertNotIn("dropped soon", other.text("#notices"))
+            self.assertNotIn("discarded soon", other.text("#notices"))
             notices.close()
             for browser, size in ((self.browser, PHONE), (other, WALL)):
                 self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
