@@ -230,7 +230,7 @@ class PageTest(unittest.TestCase):
         process = ServerProxy(uri).getPid("/rostest_page")[2]
         os.kill(process, signal.SIGSTOP)
         try:
-            self.browser.wait_text("#banners", "has not answered for more than 0:0")
+            self.browser.wait_text("#banners", "has not responded for more than 0:0")
             self.assertEqual(self.browser.run("return document.body.dataset.state"), "default")
         finally:
             os.kill(process, signal.SIGCONT)
