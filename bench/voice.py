@@ -136,7 +136,7 @@ def summarise(results: List[dict], accepted: float, sure: float) -> Dict[str, Tu
     return {
         "commands right": count(of("command"), lambda meant, heard, _: heard == meant),
         f"{names}: right at once": count(one_word, lambda meant, heard, is_sure: heard == meant and is_sure),
-        f"{names}: right, but asked back": count(one_word, lambda meant, heard, is_sure: heard == meant and not is_sure),
+        f"{names}: right, but confirmation requested": count(one_word, lambda meant, heard, is_sure: heard == meant and not is_sure),
         f"{names}: missed": count(one_word, lambda meant, heard, _: heard != meant),
         "another command instead": count(of("command"), lambda meant, heard, _: heard not in ("", meant)),
         "other sentences taken for a command": count(of("other"), takes),

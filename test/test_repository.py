@@ -229,7 +229,45 @@ def test_links_lead_somewhere():
         for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)", path.read_text(encoding="utf-8")) if path.suffix == ".md" else ():
             if not re.match(r"[a-z]+:", target) and not (path.parent / target).exists():
                 broken.append(f"{path.relative_to(TOP)}: {target}")
+        for page in re.findall(r"\bdocs/[\w/-]+\.md", path.read_text(encoding="utf-8")):
+            if not (TOP / page).is_file():
+                broken.append(f"{path.relative_to(TOP)}: {page}")
     assert not broken, broken
+
+
+MADE_BY_NEW_LAB = {"lab.launch"}  # a lab's own, outside of this repository
+COMMAND = re.compile(r"(?:^ {4,}|`|&& )(?:sudo )?(make|roslaunch|rosrun)((?: +[\w.~/*-]+)+)", re.M)
+
+
+def missing_commands(text):
+    """Commands in a page that start what does not exist: targets of make, our launch files, our executables."""
+    targets = set(re.findall(r"^([a-z]+):", (TOP / "Makefile").read_text(encoding="utf-8"), re.M))
+    missing = []
+    for program, rest in COMMAND.findall(text):
+        words = rest.split()
+        if program == "make":
+            found = words[0] in targets
+        elif program == "roslaunch" and words[0].endswith(".launch"):
+            found = (TOP / words[0]).is_file() or (words[0].startswith("~") and Path(words[0]).name in MADE_BY_NEW_LAB)
+        elif words[0] in PACKAGES:
+            folder = "launch" if program == "roslaunch" else "scripts"
+            found = len(words) > 1 and (TOP / "src" / words[0] / folder / words[1]).is_file()
+        else:
+            found = not words[0].startswith("vb_")  # other people's packages
+        missing += [] if found else [f"{program} {' '.join(words[:2])}"]
+    return missing
+
+
+def test_commands_in_pages_exist():
+    pages = [path for path in texts() if path.suffix == ".md" and "reference" not in path.parts]
+    assert sum(len(COMMAND.findall(path.read_text(encoding="utf-8"))) for path in pages) > 50
+    missing = {str(path.relative_to(TOP)): missing_commands(path.read_text(encoding="utf-8")) for path in pages}
+    assert not {page: commands for page, commands in missing.items() if commands}
+
+
+def test_a_command_that_does_not_exist_is_found():
+    text = "    make docs\n    . env.sh && rosrun vb_web page\n    rosrun vb_web pag\n`roslaunch vb_bringup no.launch`, `make demo`"
+    assert missing_commands(text) == ["make docs", "rosrun vb_web pag", "roslaunch vb_bringup no.launch"]
 
 
 @pytest.mark.parametrize("module", PROMISED)

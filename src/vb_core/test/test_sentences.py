@@ -28,13 +28,13 @@ def test_a_sentence_is_never_lost():
     assert sentences.say("no_service", {}) == "(who) is not running."
     assert sentences.say("of_a_newer_version", {}, "de", "Please update.") == "Please update."
     assert sentences.say("of_a_newer_version") == "of a newer version"
-    assert sentences.say("no_response", {"who": "x"}, "fr") == "x does not answer."
+    assert sentences.say("no_response", {"who": "x"}, "fr") == "x is not responding."
 
 
 def test_an_error_carries_its_values():
     error = CodedError("no_response", who="map_integrator")
     assert (error.code, error.values) == ("no_response", {"who": "map_integrator"})
-    assert str(error) == "map_integrator does not answer. [no_response]"
+    assert str(error) == "map_integrator is not responding. [no_response]"
     assert CodedError("no_response", "in words of its own").message == "in words of its own"
 
 

@@ -158,7 +158,7 @@ class DisplayMarkersTest(unittest.TestCase):
         rows, columns = wait_until(lambda: orange() if len(orange()[0]) else None, "the region that save would restrict")
         self.assertEqual((rows.min(), rows.max(), columns.min(), columns.max()), (50, 69, 20, 59))
         wait_until(lambda: self.screen.says("words/notice/1") == "Save would restrict 2.00 m\u00b2.", "its size in words")
-        self.assertEqual(self.screen.says("words/notice/2"), "Mind: the free space would fall into 2 parts")
+        self.assertEqual(self.screen.says("words/notice/2"), "Note: the free space would fall into 2 parts")
         # a code that no catalogue has yet: its own sentence, and no word of it matters
         inside = Notice("robot_where_it_should_not_be", Severity.WARNING, message="A robot: Carpet!")
 

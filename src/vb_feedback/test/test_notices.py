@@ -26,7 +26,7 @@ def test_what_save_would_do():
     preview = BorderPreview(success=True, area_m2=2.5)
     assert texts(preview_notices(preview, "en")) == [("Save would restrict 2.50 m\u00b2.", False)]
     preview.issues = [issue(warning, "of_the_integrator", "it parts the room."), issue(warning, "more")]
-    assert texts(preview_notices(preview, "en"))[1] == ("Mind: it parts the room.", True)
+    assert texts(preview_notices(preview, "en"))[1] == ("Note: it parts the room.", True)
     refused = BorderPreview(code="c", issues=[issue(warning, "a"), issue(error, "b", "the seed is on a wall.")])
     assert texts(preview_notices(refused, "en")) == [("Save would be refused: the seed is on a wall.", True)]
     values = values_from_mapping({"who": "$map_integrator"})
@@ -43,7 +43,7 @@ def test_what_others_say_is_said_whatever_its_words():
         Held("robot_coming_along", Severity.INFO, message="It comes."),
     ]
     assert texts(of_others(held, "en")) == [
-        ("Der Roboter steht im Teppich.", True), ("Stopped: no robot drives until you say resume.", True), ("It comes.", False),
+        ("Der Roboter steht im Teppich.", True), ('Stopped: no robot drives until you say "resume".', True), ("It comes.", False),
     ]
     assert "Angehalten" in texts(of_others(held, "de"))[1][0]
     assert len(of_others([Held(f"code_{number}") for number in range(9)], "en")) == 3
@@ -70,7 +70,7 @@ def test_a_spot_that_nobody_sees():
         == []
     )
     assert texts(coverage_notices("seed", (), (1.2, 0.5), None, True, (), "en")) == [
-        ("No camera sees a spot. Keep pointing: a robot comes.", False)
+        ("No camera sees a spot. Keep pointing: a robot is coming.", False)
     ]
     for coverage in (None, partly):
         assert "robot" not in texts(coverage_notices("seed", (), (1.2, 0.5), coverage, False, (), "en"))[0][0]

@@ -13,7 +13,7 @@ from vb_feedback.display.text_panel import Notice, PanelContent, words
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
-NOTICES = (Notice("Save would restrict 12.50 m2."), Notice("Mind: " + LONG, True))
+NOTICES = (Notice("Save would restrict 12.50 m2."), Notice("Note: " + LONG, True))
 LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
 
 
@@ -44,7 +44,7 @@ def arc_minutes(size, layout):
 @pytest.mark.parametrize("message, notices, least", [
     # ISO 9241-303: at least 16 minutes of arc; Snellen: 20/40 eyes need 10
     ("Draw the border on the floor with the laser.", (), 16.0),
-    ("Saved: the robot keeps out of this area now.", (), 16.0),
+    ("Saved: the robot now stays out of this area.", (), 16.0),
     ("Point at the side that the robot must not enter.", (Notice("Save would restrict 2.50 m2."),), 14.0),
     ("Save needs a seed: say define seed, then point at the side that is off limits.", (), 14.0),
     (LONG[:100], (Notice("Save would be refused: the border separates nothing from the rest.", True),), 10.0),

@@ -258,7 +258,7 @@ def test_refusals(params, points, code):
 
 
 def test_refusal_says_what_was_seen():
-    with pytest.raises(ExtractionError, match="12 spots were seen, but none of them form a line longer than 0.3 m"):
+    with pytest.raises(ExtractionError, match="12 spots were seen, but they do not form a line longer than 0.3 m"):
         extract_border(np.random.default_rng(0).normal(0, 0.01, (12, 2)))
 
 

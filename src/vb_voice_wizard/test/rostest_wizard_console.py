@@ -72,9 +72,9 @@ class WizardConsoleTest(unittest.TestCase):
         terminal.shows("321 border")
         terminal.shows("red (before: robot)")
         self.manager.kill()
-        terminal.shows("The interaction manager is away")
+        terminal.shows("The interaction manager is not responding")
         self.manager.start()
-        terminal.shows("The interaction manager is there")
+        terminal.shows("The interaction manager is back")
         terminal.press("d")
         self.state.wait(lambda message: message.name == "seed", "the seed state")
         terminal.press("z")
@@ -85,7 +85,7 @@ class WizardConsoleTest(unittest.TestCase):
         self.assertEqual(self.stub.added[-1].source, "wizard")
         terminal.shows("Saved")
         terminal.press("u")
-        terminal.shows("Nursery is gone")
+        terminal.shows("Removed from the map: Nursery")
         terminal.press(" ")
         terminal.shows("STOPPED")
         self.state.wait(lambda message: message.stopped and message.stopped_by == "wizard", "the stop")
@@ -114,9 +114,9 @@ class WizardConsoleTest(unittest.TestCase):
 
     def test_a_neighbour_that_comes_back_is_said(self):
         self.stub.withdraw()
-        self.terminal.shows("The border fusion is away")
+        self.terminal.shows("The border fusion is not responding")
         self.stub.offer()
-        self.terminal.shows("The border fusion is there")
+        self.terminal.shows("The border fusion is back")
 
     def test_the_master_may_come_late_and_be_restarted(self):
         with socket.socket() as free:
@@ -136,9 +136,9 @@ class WizardConsoleTest(unittest.TestCase):
         terminal.shows("waiting for the interaction manager")
         first.kill()
         first.wait()
-        terminal.shows("master is away")
+        terminal.shows("master cannot be reached")
         second = master()
-        terminal.shows("The ROS master was restarted: connected again")
+        terminal.shows("The ROS master was restarted; connected again")
         seen = len(terminal.text)
         terminal.shows("waiting for the interaction manager", seen - 3000 if seen > 3000 else 0)
         self.assertNotIn("Traceback", terminal.text)

@@ -91,7 +91,7 @@ def test_what_is_away_is_said():
     assert "waiting for the interaction manager" in screen(View("http://here", True))
     view = drawing()
     view.away = ("interaction_manager", "border_fusion", "map_integrator")
-    assert "away: The interaction manager, The border fusion, The map integrator" in screen(view, 120)
+    assert "not responding: The interaction manager, The border fusion, The map integrator" in screen(view, 120)
 
 
 def test_markup_in_names_is_only_text():

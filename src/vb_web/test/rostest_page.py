@@ -238,7 +238,7 @@ class PageTest(unittest.TestCase):
         process = ServerProxy(uri).getPid("/rostest_page")[2]
         os.kill(process, signal.SIGSTOP)
         try:
-            self.browser.wait_text("#banners", "has not answered for more than 0:0")
+            self.browser.wait_text("#banners", "has not responded for more than 0:0")
             self.assertEqual(self.browser.run("return document.body.dataset.state"), "default")
         finally:
             os.kill(process, signal.SIGCONT)
@@ -270,11 +270,11 @@ class PageTest(unittest.TestCase):
             notices = NoticePublisher()
             notices.set([Notice("interaction_ends_soon", Severity.WARNING),
                          Notice("robot_leaves_border", values={"who": sentences.robot(""), "border": "Rug"})])
-            self.browser.wait_text("#notices", "dropped soon")
-            self.browser.wait_text("#notices", "The robot leaves Rug by itself.")
+            self.browser.wait_text("#notices", "discarded soon")
+            self.browser.wait_text("#notices", "The robot is leaving Rug by itself.")
             other.wait_text("#notices", "Der Roboter verlässt Rug von selbst.")
             other.wait("document.querySelector('#notices li')", what="the notice")
-            self.assertNotIn("dropped soon", other.text("#notices"))
+            self.assertNotIn("discarded soon", other.text("#notices"))
             notices.close()
             for browser, size in ((self.browser, PHONE), (other, WALL)):
                 self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
