@@ -63,7 +63,7 @@ def test_a_lost_answer_is_asked_for_once_more_under_the_same_id(answers):
 
 
 @pytest.mark.parametrize("error", [no_answer(TimeoutError("hangs")), CodedError("no_service", who="x")])
-def test_whoever_hangs_or_is_away_is_not_asked_again(answers, error):
+def test_a_service_that_hangs_or_is_absent_is_not_asked_again(answers, error):
     asked, given = answers
     given.append(error)
     with pytest.raises(CodedError):

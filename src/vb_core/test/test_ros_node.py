@@ -122,7 +122,7 @@ print([error.code for error in node._failures], lines[-1])
 """
 
 
-def test_whoever_waits_says_for_what_and_gives_up():
+def test_a_node_that_waits_says_for_what_and_gives_up():
     done = subprocess.run([sys.executable, "-c", WAITING], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout == "['input_timeout'] input_timeout\n"

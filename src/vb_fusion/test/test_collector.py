@@ -48,7 +48,7 @@ def test_not_finite_spots_are_counted():
     assert collector.counts == (0, 0, 2)
 
 
-def test_a_new_interaction_starts_afresh_and_an_old_one_stays_until_then():
+def test_a_new_interaction_starts_empty_and_an_old_one_stays_until_then():
     collector = Collector()
     collector.set_state("border", "a", 0.0)
     collector.add(spot(1.0))
