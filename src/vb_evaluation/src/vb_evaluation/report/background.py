@@ -29,7 +29,7 @@ def order(study: Study) -> Section:
     if not rows:
         return Section("order", "Order", [])
     words = ("Half of the people began with one method, half with the other. Differences between the two groups, Hodges-Lehmann with "
-             "95 % interval, means over each person's scenarios. The test of carry-over is weak: none shown is not none there.")
+             "95 % interval, means over each person's scenarios. The test of carry-over is weak: not finding any does not rule it out.")
     if not study.people:
         words += " Simulated people neither learn nor tire: an interval without 0 would be chance or a fault."
     columns = {"measure": "Measure", "effect": "Effect", "difference": "Difference", "groups": "People"}
@@ -92,7 +92,7 @@ def assumptions(study: Study) -> Section:
         blocks += [Text((f"{len(entries)} figures: {told}.",)),
                    Grid("assumptions", {"key": "Figure", "value": "Value", "unit": "Unit", "range": "Plausible range",
                                         "source": "Source", "why": "Where from"}, entries, folded=True, words="Every figure")]
-    return Section("assumptions", "What was assumed, and where the simulation is too kind", blocks)
+    return Section("assumptions", "What was assumed, and where the simulation is too optimistic", blocks)
 
 
 def runs(study: Study) -> Section:

@@ -16,9 +16,9 @@ from vb_evaluation.statistics import Interval
 _WHY = {
     ("speed-up", "above"): "The paper's people lost time with both methods alike (thinking, looking, talking), which makes a ratio "
                            "smaller; here only the assumed reactions, looks and words cost time.",
-    ("speed-up", "below"): "The paper gives no times by method, so which state makes the difference is not known; the hand's and "
+    ("speed-up", "below"): "The paper gives no times by method, so it is not known which state makes the difference; the hand's and "
                            "the robot's speed are inputs here.",
-    ("Jaccard", "above"): "The simulated lab or its people are still too kind here: tape, aim, localisation and calibration errors "
+    ("Jaccard", "above"): "The simulated lab or its people are too optimistic here: tape, aim, localisation and calibration errors "
                           "are assumed, the paper's truth was drawn by hand over a laser map, and extraction is this project's.",
     ("Jaccard", "below"): "The people here mean, aim or close the line worse than the paper's did, or the map's errors are larger.",
     ("completed", "above"): "The share of mistakes is assumed.",
@@ -65,28 +65,27 @@ def beside(study: Study) -> Section:
             Text(
                 (
                     f"{paper.CITATION}. It measured 15 people in a real lab.",
-                    "Same: the paper's figure lies in our 95 % interval. Otherwise better or worse, and neither is agreement: a simulation "
-                    "whose people are better than people is wrong in that figure, too. "
+                    "Same: the paper's figure lies in our 95 % interval. Better and worse are both disagreement: a simulation whose "
+                    "people do better than real people is wrong in that figure, too. "
                     f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse.",
                 )
             ),
             grid,
             Text(
                 (
-                    "Spot cleaning's index can be read in two ways. Of the restricted floor, all but 3.2 of 40 m\u00b2, the paper's "
-                    ".878 would "
-                    "need a border that is more than a metre off everywhere; of the 3.2 m\u00b2 that its people drew round it needs about "
-                    '11 cm. The paper\'s maps colour "the area to be specified", so that the second reading is the likelier one, and both '
-                    "are given. It asked for a heap of paper snippets, without a line to follow; "
-                    "marks on the floor are kinder. In room exclusion "
-                    ".971 is some 30 cm along the doorway's line, or a truth drawn by hand that ends 1 cm before the walls on average: "
-                    "then the index says nothing of people. Both methods had it (.971, .974), which speaks for the second.",
+                    "Spot cleaning's index can be read in two ways. As the index of the restricted floor (all but 3.2 of 40 m\u00b2), the "
+                    "paper's .878 would need a border that is more than a metre off everywhere. As the index of the 3.2 m\u00b2 that its "
+                    'people drew round, it needs about 11 cm. The paper\'s maps colour "the area to be specified", which makes the second '
+                    "reading likelier; both are given. The paper's people had a heap of paper snippets and no line to follow; marks on the "
+                    "floor are easier. In room exclusion .971 is some 30 cm along the doorway's line, or a hand-drawn ground truth that "
+                    "ends 1 cm before the walls on average; then the index says nothing about people. Both methods had nearly the same "
+                    "index (.971, .974), which makes the second likelier.",
                 )
             ),
             Text(
                 (
-                    "The paper prints no intervals; its figures are of 15 people and uncertain themselves, so that fewer figures differ "
-                    'than the table says. With few participants our intervals are wide, too, and "same" says little.',
+                    "The paper prints no intervals. Its figures come from 15 people and are uncertain themselves, so fewer figures really "
+                    'differ than the table says. With few participants our intervals are wide, too, and "same" says little.',
                 ),
                 "caveat",
             ),

@@ -47,8 +47,8 @@ def plausible(study: Study) -> Section:
                    "the lab's own check of the cameras asks for a shorter exposure before anybody draws."),
         Figure(panels, wide=True),
         Text((f"Grey: what the largest of {len(inputs.columns)} correlations reaches by pure chance in 95 % of cases "
-              f"(±{noise:.2f}); a bar within it decides nothing that this number of draws could show. Ranges are themselves "
-              "assumed; a share of worlds is no probability that a conclusion is true.",), "caveat"),
+              f"(±{noise:.2f}); this number of draws cannot show that an assumption with a bar within it matters. The ranges are "
+              "assumed, too; a share of worlds is no probability that a conclusion is true.",), "caveat"),
         Grid("deciding", {"outcome": "Outcome", "assumption": "Assumption", "rho": "Rank correlation", "n": "Pairs",
                           "clear": "beyond chance"}, rows, folded=True, words="The assumptions with the largest correlations")])
 
@@ -179,7 +179,7 @@ def ungated(study: Study) -> Section:
     return Section("ungated", "Every picture searched", [
         Text((f"To save time a run renders and searches only pictures, and parts of pictures, in which the true spot can be seen, so "
               f"that false spots elsewhere cannot happen. {len(both)} runs, drawn at random over all scenarios and methods, were "
-              "done again with every picture of every camera rendered and searched as a whole.",)),
+              "repeated with every image of every camera rendered and searched as a whole.",)),
         Grid("ungated", {"measure": "Measure", "full": "Everything searched", "cut": "As in the study", "difference": "Difference",
                          "largest": "Largest difference", "runs": "Runs"}, rows, {"difference": 3, "largest": 3}),
         Text(("Which images are left out is decided by where the true spot is; a detector that is disturbed elsewhere at that moment "

@@ -38,19 +38,20 @@ from vb_sim.room import floor_plan
 # what a run's result depends on
 PACKAGES = ("vb_core", "vb_laser_detect", "vb_fusion", "vb_map_integration", "vb_msgs", "vb_robot", "vb_voice_wizard", "vb_sim")
 CAVEATS = (
-    "People of the simulation know the system and its commands from the first run; they neither learn nor tire.",
-    "How unevenly people draw is taken from strokes on screens, drawn freely. Nobody has measured it with a laser pointer on a "
-    "floor; along a visible edge people may be more exact, or less because of the distance.",
-    "Kinder than the paper in room exclusion: with the hand alone and perfect cameras the median index is .996, the paper's people "
-    "had .971. As a doorway's line it would be some 30 cm; as a truth that was drawn by hand and ends before the walls it is 1 cm: "
-    "one cell (2.5 cm) all along them costs .07 (bench/hand.py). That both methods had the same index (.971, .974) speaks for the truth.",
-    "Too kind in spot cleaning: the paper's people had a heap of paper snippets before them and no line, these see marks on the floor. "
-    "The paper's .878 and .906 are 8 to 12 cm all along the line; here people err by 2 cm.",
-    "Marks on the floor, the map, cameras' calibration and localisation are wrong by assumed amounts.",
-    "Ceiling cameras and robot send only images in which the true spot can be, and some others.",
-    "The live system's own nodes run, with the launch file's parameters; what a processor and a network need is given as fixed "
-    "delays of commands, spots, saving and extraction, and is otherwise zero.",
-    "The lab is one room, rebuilt from the paper's description; what the description leaves open is assumed and not varied.",
+    "Simulated people know the system and its commands from the first run; they neither learn nor tire.",
+    "How unevenly people draw is taken from strokes that people drew freely on screens. Nobody has measured it with a laser pointer "
+    "on a floor. Along a visible edge people may be more accurate, or, because of the distance, less accurate.",
+    "Room exclusion is more optimistic than the paper: with the hand alone and perfect cameras the median index is .996; the paper's "
+    "people had .971. That would be an error of some 30 cm along the doorway, or a hand-drawn ground truth that ends 1 cm before the "
+    "walls: one cell (2.5 cm) along all walls costs .07 (bench/hand.py). Both methods had nearly the same index (.971, .974), which "
+    "makes the ground truth the likelier cause.",
+    "Spot cleaning is more optimistic than the paper: its people had a heap of paper snippets in front of them and no line; these "
+    "people see marks on the floor. The paper's .878 and .906 are 8 to 12 cm along the whole line; here people are 2 cm off.",
+    "Marks on the floor, the map, the cameras' calibration and the localisation are wrong by assumed amounts.",
+    "Ceiling cameras and the robot's camera send only images in which the true spot can be, and some others.",
+    "The live system's own nodes run, with the launch file's parameters. Processor and network are represented by fixed delays of "
+    "commands, spots, saving and extraction, and take no other time.",
+    "The lab is one room, rebuilt from the paper's description. What the description leaves open is assumed and not varied.",
 )
 
 
