@@ -1,9 +1,12 @@
 """check_lab's judgement: each mistake that people made is named, with what cures it."""
 import dataclasses
+import struct
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from vb_bringup import lab_observation
 from vb_bringup.lab import (
     CameraInfoObservation, CameraObservation, CheckLine, CheckState, MapObservation, NavigationObservation, RobotObservation,
     check_cameras, check_disk, check_map, check_navigation, check_nodes, check_robot, drop_recovered, lines_from_notices,
@@ -250,3 +253,15 @@ def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agr
     assert comparison.notices(237.0) == []
     draw(300.0, 0.0)
     assert comparison.notices(331.0) == []
+
+
+@pytest.mark.parametrize("wall, expected", [(True, -0.25), (False, 0.125)])
+def test_delayed_simulated_time_makes_no_image_early(monkeypatch, wall, expected):
+    """A computer's clock that is behind shifts every image; /clock that comes late shifts some."""
+    monkeypatch.setattr(lab_observation.rospy, "Subscriber", lambda *_, **__: None)
+    monkeypatch.setattr(lab_observation.rospy.rostime, "is_wallclock", lambda: wall)
+    topic = lab_observation.ObservedTopic("/north/image_raw", None)
+    for now in (99.75, 100.125, 100.5):
+        monkeypatch.setattr(lab_observation.rospy, "get_time", lambda now=now: now)
+        topic._on_message(SimpleNamespace(_buff=struct.pack("<III", 0, 100, 0)))
+    assert topic.age() == expected

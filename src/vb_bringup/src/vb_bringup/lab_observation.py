@@ -82,10 +82,11 @@ class ObservedTopic:
     def age(self) -> float:
         """Returns the time [s] from a message's stamp to its arrival, of the quickest one; negative: from the future.
 
-        A busy computer delays some messages; clocks that differ shift all of them.
+        A busy computer delays some messages; clocks that differ shift all of them. Simulated time comes as messages that are
+        delayed, too, which makes others look too early: there the smallest difference in either direction counts.
         """
         with self._lock:
-            return min(self._ages, default=0.0)
+            return min(self._ages, key=None if rospy.rostime.is_wallclock() else abs, default=0.0)
 
     def message(self) -> Optional[Any]:
         """Returns the newest message; None if none arrived or it is not of the right type."""
