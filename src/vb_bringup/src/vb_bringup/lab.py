@@ -14,6 +14,7 @@ from typing import Any, Collection, Dict, Iterable, List, Mapping, Optional, Seq
 
 from vb_core import names, sentences
 from vb_core.notices import Notice, Severity
+from vb_laser_detect.detection.exposure import TOO_BRIGHT
 
 # a stroke at 0.5 m/s leaves one spot per 10 cm then; slower cameras work, but lines get coarse
 SLOW_CAMERA_HZ = 5.0
@@ -21,8 +22,6 @@ SLOW_CAMERA_HZ = 5.0
 CLOCK_APART_S = 0.1
 # lenses of one model differ by more, two calibrations of one lens by less
 OTHER_LENS = 0.01
-# part of the image at its white level, in which no spot can be seen
-TOO_BRIGHT = 0.05
 # room for a day of logs and recordings
 MIN_DISK_MB = 500
 # a robot that drives by its scan should see at least what is ahead

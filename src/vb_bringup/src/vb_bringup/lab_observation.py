@@ -25,6 +25,7 @@ from vb_core.errors import CodedError
 from vb_core.ros.images import compressed_image_array, image_array
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.transforms import TransformLookup
+from vb_laser_detect.detection.exposure import saturated_share
 from vb_msgs.msg import VirtualBorderArray
 
 NEEDED_NODES = ("/interaction_manager", "/border_fusion", "/map_integrator")
@@ -244,7 +245,7 @@ def _camera(
         rate=streams[topic].rate(),
         age=streams[topic].age(), width=pixels.shape[1], height=pixels.shape[0],
         encoding=getattr(image, "encoding", "") or getattr(image, "format", ""), frame=frame,
-        bright=float((pixels >= 250).mean()) if pixels.size else 0.0,
+        bright=saturated_share(pixels),
         info=None if info is None else CameraInfoObservation(info.width, info.height, float(info.K[0]), float(info.P[0])),
         detector=node if node in graph.nodes else "",
         has_pose=bool(frame) and _transform_age(transforms, frame) is not None, **poses.describe(name),

@@ -67,11 +67,11 @@ def conclusions(study: Study, both: pandas.DataFrame) -> List[Dict[str, Any]]:
         "at least 1.5 times as fast (both completed)": (1.5 * time < time_base, time.notna()),
         f"mean boundary error at most {TOLERATED_CM} cm larger": (error <= error_base + TOLERATED_CM, error.notna()),
         "completed wherever robot only was": (both.completed == 1, both.completed_base == 1),
-        **{f"completed, {paper.method_title(method).lower()}": (column == 1, column.notna())
+        **{f"completed: {paper.method_title(method).lower()}": (column == 1, column.notna())
            for method, column in zip(study.comparison, (both.completed, both.completed_base))},
     }
     scopes = {"all": True, **{study.scenario_title(key): both.scenario == key for key in study.tables[WORLDS].scenario.unique()},
-              "all, no ceiling camera too bright": both.too_bright == 0}
+              "no camera too bright": both.too_bright == 0}
     rows = []
     for claim, (holds, told) in claims.items():
         for scope, within in scopes.items():
@@ -88,7 +88,7 @@ def deciding(both: pandas.DataFrame, inputs: pandas.DataFrame) -> Tuple[List[Dic
         (the twelve strongest for each outcome, what the largest of all stays below by chance).
     """
     (time, time_base), (error, error_base) = (_completed(both, column) for column in ("time_total_s", "error_mean_cm"))
-    outcomes = {"completed, network robot system": both.completed,
+    outcomes = {"completed: network robot system": both.completed,
                 "speed-up (logarithm)": np.log(time_base / time),
                 "boundary error, network robot system": both.error_mean_cm.where(both.completed == 1),
                 "boundary error, difference of the methods": error - error_base}

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_laser_detect.ros.diagnostics import TOO_BRIGHT, saturated_share
+from vb_laser_detect.detection.exposure import TOO_BRIGHT, saturated_share
 from vb_sim.ceiling_cameras_node import CeilingCamerasNode
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.room.floor_texture import FloorTexture, render_floor

@@ -15,8 +15,8 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros.node import Mailbox
 from vb_laser_detect.calibration.calibration_file import require_own_frame
-from vb_laser_detect.detection.blocks import sample_blocks
 from vb_laser_detect.detection.detector_counts import DetectorCounts
+from vb_laser_detect.detection.exposure import TOO_BRIGHT, saturated_share
 from vb_msgs.msg import DetectorStatus
 
 _SILENCE_S = 2.0  # without an image for this long, diagnostics call the camera silent
@@ -25,15 +25,8 @@ _RECENT_S = 5.0  # a fault of its input stays in the diagnostics for this long
 # before: a person who calibrates cameras for half an hour knows that they have no pose. A missing input not before it has
 # lasted: while nodes start inputs come late, and a camera whose frame is another's should not be told of its pose first
 _CHANGES_S, _REMIND_S, _LASTS_S = 10.0, 60.0, 3.0
-_SATURATED = 250  # [grey levels]
 _SLOW_S = 1.0  # a spot that is confirmed later than this is worth a warning
 _HEARD_S = 5.0  # a detector that is silent for this long is gone
-TOO_BRIGHT = 0.05  # part of the image that is saturated: no spot can be seen there
-
-
-def saturated_share(image: np.ndarray) -> float:
-    """Returns the share of an image's pixels, of any channel, that are saturated."""
-    return float((sample_blocks(image) >= _SATURATED).mean())
 
 
 @dataclass
