@@ -135,6 +135,7 @@ class FaultsTest(unittest.TestCase):
                 for spot in o.spots
                 if spot.camera == camera
                 and spot.header.stamp > now
+                and (camera, spot.header.stamp.to_nsec()) in o.truth  # kept once an image is sent, perhaps after its spot came
                 and (projection is None or spot.projection == projection)
             ]
 
