@@ -14,7 +14,6 @@ from xmlrpc.client import ServerProxy
 
 import numpy as np
 import rosgraph
-import rosnode
 import rospy
 import rostest
 from geometry_msgs.msg import Point
@@ -246,10 +245,15 @@ class PageTest(unittest.TestCase):
 
     def test_4_stop_reaches_robots_without_the_manager_and_it_comes_back_by_itself(self):
         self.heard.pop(names.STOP, None)
-        rosnode.kill_nodes(["/interaction_manager"])
-        self.browser.wait("document.body.dataset.state == 'absent'", what="the manager to be missed")
-        self.browser.click("#stop")
-        until(lambda: names.STOP in self.heard and self.heard[names.STOP].data, "stop on its topic")
+        # halted first: killed at once it would be restarted before anybody has missed it
+        process = ServerProxy(rosgraph.Master("/rostest_page").lookupNode("/interaction_manager")).getPid("/rostest_page")[2]
+        os.kill(process, signal.SIGSTOP)
+        try:
+            self.browser.wait_text("#banners", "has not responded for more than 0:0")
+            self.browser.click("#stop")
+            until(lambda: names.STOP in self.heard and self.heard[names.STOP].data, "stop on its topic")
+        finally:
+            os.kill(process, signal.SIGKILL)
         # roslaunch restarts the manager, and nobody's stop is forgotten by that
         self.browser.wait_text("#banners", "All robots are stopped")
         until(lambda: self.heard[names.STATE].stopped, "the manager to know of the stop")
