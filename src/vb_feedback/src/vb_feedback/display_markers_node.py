@@ -104,7 +104,7 @@ class DisplayMarkers:
         self._made: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
         self._overlaid: Tuple[Any, ...] = (None, None, None)
         self._layout: Layout = fit(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
-        self._told = NoticeListener()  # looked up at each drawing
+        self._told = NoticeListener(self._changed)
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import threading
-from typing import Iterable, List
+from typing import Callable, Iterable, List
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -39,9 +39,13 @@ class NoticeListener:
     """Keeps the notices of all nodes; its methods may be called from any thread.
 
     They are repeated in ROS time, so they expire in it: a simulation may be slow, or pause.
+
+    Args:
+        on_change: is called after each message, from the subscriber's thread.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
+        self._on_change = on_change
         self._lock = threading.Lock()
         self._book = NoticeBook()
         self._subscriber = rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
@@ -58,6 +62,7 @@ class NoticeListener:
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
             self._book.update(message.source, map(notice_from_message, message.notices), rospy.get_time())
+        self._on_change()
 
 
 class NoticePublisher:

@@ -166,7 +166,7 @@ def _curve(study: Study, table: pandas.DataFrame, sweep: str) -> List[Any]:
 def ungated(study: Study) -> Section:
     """A random part of the runs with every image searched, beside the same runs of the study."""
     if UNGATED not in study.tables:
-        return Section("ungated", "Every picture searched", [])
+        return Section("ungated", "Every image searched", [])
     both, rows = study.tables[UNGATED].merge(study.runs, on=_RUN, suffixes=("", "_cut")), []
     for column, words in (("time_total_s", "time [s]"), ("error_mean_cm", "mean boundary error [cm]"), ("jaccard", "Jaccard index"),
                           ("spots", "spots"), ("false_spots", "spots farther than 0.3 m from the true one"),
@@ -176,7 +176,7 @@ def ungated(study: Study) -> Section:
             difference = there[:, 0] - there[:, 1]
             rows.append({"measure": words, "full": float(there[:, 0].mean()), "cut": float(there[:, 1].mean()), "runs": len(there),
                          "difference": statistics.hodges_lehmann(np.round(difference, 9)), "largest": float(np.abs(difference).max())})
-    return Section("ungated", "Every picture searched", [
+    return Section("ungated", "Every image searched", [
         Text((f"To save time a run renders and searches only pictures, and parts of pictures, in which the true spot can be seen, so "
               f"that false spots elsewhere cannot happen. {len(both)} runs, drawn at random over all scenarios and methods, were "
               "repeated with every image of every camera rendered and searched as a whole.",)),
