@@ -33,7 +33,7 @@ class SmartDisplayParams(Parameters):
     screen: str = param("auto")
 
     def size(self) -> Tuple[int, int]:
-        """(width, height) [px].
+        """Returns (width, height) [px]: what the parameter says, or else the screen's size.
 
         Raises:
             ParameterError: if the parameter says neither.

@@ -33,7 +33,7 @@ class ButtonMap:
         self._held: frozenset = frozenset()
 
     def update(self, buttons: Sequence[int], state: str) -> List[str]:
-        """A new reading, 0 or 1 per button; returns the commands of the buttons just pressed.
+        """Takes a new reading, 0 or 1 per button, and returns the commands of the buttons just pressed.
 
         A held button does not repeat. An unknown state counts as "default".
         """

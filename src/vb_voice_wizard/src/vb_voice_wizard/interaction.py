@@ -95,7 +95,7 @@ class Answer:
 
     @staticmethod
     def refusal(error: CodedError) -> "Answer":
-        """What an error tells the person."""
+        """Makes the answer that an error gives to the person."""
         return Answer(False, error.code, {name: str(value) for name, value in error.values.items()}, error.message)
 
 
@@ -116,12 +116,12 @@ class Record:
 
 
 def normalise(text: str) -> str:
-    """A command as people write it ("Define border") to its name ("define_border")."""
+    """Converts a command as people write it ("Define border") to its name ("define_border")."""
     return "_".join(text.replace("-", " ").replace("_", " ").lower().split())
 
 
 def spoken(command: str) -> str:
-    """A command as one says it: "define border"."""
+    """Converts a command's name to what one says: "define border"."""
     return command.replace("_", " ")
 
 
@@ -224,20 +224,20 @@ class Interaction:
         return self._enter(name, source, now)
 
     def expired(self, name: str, source: str, now: float) -> Answer:
-        """A command that arrived too late: it is refused, and only the person who gave it is told."""
+        """Refuses a command that arrived too late; only the person who gave it is told."""
         self.advance(now)
         answer = Answer(False, "expired", {"command": spoken(normalise(name))})
         return answer if self.pending else self._answered(normalise(name), source, answer)
 
     def finish_save(self, border_id: str, now: float) -> Answer:
-        """The map has taken the border: the interaction ends, and with it its clock."""
+        """Ends the interaction and its clock: the map has taken the border."""
         self.advance(now)
         source = self._pending_source
         self._end(SAVED, border_id, now)
         return self._answered(SAVE, source, Answer(True, "saved"))
 
     def finish(self, answer: Answer, now: float) -> Answer:
-        """`undo` or `redo` was carried out, or the pending command could not be: nothing is lost, the state stays."""
+        """Completes `undo` or `redo`, or a pending command that failed: nothing is lost, the state stays."""
         self.advance(now)
         command, self.pending = self.pending, ""
         return self._answered(command, self._pending_source, answer)
@@ -310,17 +310,17 @@ class Interaction:
 
     # ------------------------------------------------------------------ queries
     def take_record(self) -> Optional[Record]:
-        """The record of an interaction that has just ended, once; None if there is none."""
+        """Returns the record of an interaction that has just ended, once; None if there is none."""
         record, self._record = self._record, None
         return record
 
     def missing(self) -> List[str]:
-        """Which parts of a border the person has not begun yet: "border", "seed"."""
+        """Lists the parts of a border that the person has not begun yet: "border", "seed"."""
         wanted = (("border", State.BORDER), ("seed", State.SEED))
         return [word for word, state in wanted if state not in self._visited]
 
     def suggested_commands(self) -> List[str]:
-        """The commands that bring a person further now, the most likely one first; `stop` is always one."""
+        """Lists the commands that bring a person further now, the most likely one first; `stop` is always one."""
         last = [RESUME] if self.stopped else [STOP]
         guide = [GUIDE_ROBOT] if self._params.robot else []
         if self.pending:
@@ -342,7 +342,7 @@ class Interaction:
         return [*(last if self.stopped else []), *steps, CANCEL, *([] if self.stopped else last)]
 
     def durations(self, now: float) -> Dict[State, float]:
-        """[s] per active state up to now; in Default, of the interaction that ended last."""
+        """Returns the time [s] per active state up to now; in Default, of the interaction that ended last."""
         result = dict(self._durations)
         if self.state != State.DEFAULT and now > self._counted_until:
             result[self.state] += now - self._counted_until
@@ -359,7 +359,7 @@ class Interaction:
 
     # ------------------------------------------------------------------ abandoned interactions
     def count_spots(self, border: int, seed: int, others: int, now: float) -> None:
-        """How many spots were seen in this interaction so far, for border and seed, and without being wanted."""
+        """Stores how many spots were seen in this interaction so far, for border and seed, and without being wanted."""
         spots = {State.BORDER: border, State.SEED: seed, State.GUIDE: others}
         if spots != self._spots:
             # the person draws, points or guides
@@ -392,7 +392,7 @@ class Interaction:
 
     # ------------------------------------------------------------------ memory across a restart of the node
     def to_mapping(self) -> Dict[str, Any]:
-        """Everything there is to remember, as plain values; inverse of `from_mapping`."""
+        """Returns everything there is to remember, as plain values; inverse of `from_mapping`."""
         return {
             **{name.strip("_"): getattr(self, name) for name in (*_TIMES, *_TEXTS)},
             "state": self.state.name,
@@ -408,7 +408,7 @@ class Interaction:
         cls, mapping: Mapping[str, Any], params: InteractionParams = InteractionParams(),
         new_id: Callable[[], str] = _new_id,
     ) -> "Interaction":
-        """The saved interaction; a command that was being carried out is not part of it: send it again.
+        """Restores a saved interaction; a command that was being carried out is not part of it and must be sent again.
 
         Whether robots are stopped is not part of it: that outlives every interaction.
 

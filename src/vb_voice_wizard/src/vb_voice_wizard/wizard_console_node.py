@@ -210,7 +210,7 @@ class WizardConsole:
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
-        """A key was pressed; its command runs in a separate thread, so the screen goes on.
+        """Takes a key that was pressed; its command runs in a separate thread, so the screen goes on.
 
         Returns:
             Whether the console is to be left.

@@ -38,7 +38,7 @@ class Role(enum.IntEnum):
 
 
 def normalise(code: str) -> str:
-    """A code as typed, without case, spaces and dashes."""
+    """Drops case, spaces and dashes from a code as typed."""
     return "".join(letter for letter in code.lower() if letter.isalnum())
 
 
@@ -56,18 +56,18 @@ class Keys:
     cookie_key: str
 
     def role_of(self, code: str) -> Role:
-        """The role of a code; compares in constant time."""
+        """Returns the role that a code gives; compares in constant time."""
         typed = normalise(code).encode("utf-8")
         roles = ((self.operator, Role.OPERATOR), (self.viewer, Role.VIEWER))
         found = [role for known, role in roles if hmac.compare_digest(typed, normalise(known).encode("utf-8"))]
         return found[0] if found else Role.NOBODY
 
     def make_cookie(self, role: Role) -> str:
-        """A cookie's value: the role and a name for this browser, signed and dated."""
+        """Returns a cookie's value: the role and a name for this browser, signed and dated."""
         return create_signed_value(self.cookie_key, COOKIE, f"{int(role)}:{secrets.token_hex(8)}").decode("ascii")
 
     def read_cookie(self, value: Optional[str]) -> Tuple[Role, str]:
-        """(role, browser's name) of a cookie's value; (NOBODY, "") if it is missing, forged or too old."""
+        """Returns (role, browser's name) of a cookie's value; (NOBODY, "") if it is missing, forged or too old."""
         if not value:
             return Role.NOBODY, ""
         raw = decode_signed_value(self.cookie_key, COOKIE, value, max_age_days=COOKIE_DAYS, min_version=2)
@@ -83,7 +83,7 @@ def _new_code() -> str:
 
 
 def load_keys(path: Path) -> Keys:
-    """The keys in a file that only its owner can read; makes the file if there is none.
+    """Reads the codes from a file that only its owner can read; makes the file if there is none.
 
     Raises:
         CodedError: "page_codes_open" if others can read the file, "page_codes_bad" if it is unusable.
@@ -118,7 +118,7 @@ def load_keys(path: Path) -> Keys:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a host's name or address, without a port, is this computer for itself."""
+    """Tells whether a host's name or address, without a port, means this computer itself."""
     if host.rstrip(".").lower() == "localhost":
         return True
     try:
@@ -128,7 +128,7 @@ def is_loopback(host: str) -> bool:
 
 
 def host_of(header: str) -> str:
-    """The host in a Host header, without the port; "" if it is none."""
+    """Returns the host in a Host header, without the port; "" if there is none."""
     try:
         return urlsplit(f"//{header}").hostname or ""
     except ValueError:
@@ -136,7 +136,7 @@ def host_of(header: str) -> str:
 
 
 def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
-    """Whether a browser's Origin header is this page's own; a missing one is not.
+    """Tells whether a browser's Origin header is this page's own; a missing one is not.
 
     Args:
         scheme: "http" or "https", of the request.
@@ -175,12 +175,12 @@ class Logins:
         self._all = Limiter(rate=30.0 / 60.0, burst=60.0)
 
     def allows(self, address: str, now: float) -> bool:
-        """Whether a code from this address may be tried now."""
+        """Tells whether a code from this address may be tried at a time [s], and counts the try."""
         return self._each.allows(address, now) and self._all.allows("", now)
 
 
 def security_headers(secure: bool) -> Dict[str, str]:
-    """For every answer: nothing from elsewhere runs in the page, and the page runs in no frame."""
+    """Returns headers for every answer: nothing from elsewhere runs in the page, and the page runs in no frame."""
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
         "manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

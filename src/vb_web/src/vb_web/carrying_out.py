@@ -71,7 +71,7 @@ class Carrier:
         self._study_out = rospy.Publisher(names.STUDY_EVENTS, StudyEvent, queue_size=50)
 
     def carry_out(self, request: Request, source: str) -> Dict[str, Any]:
-        """The answer to a request.
+        """Carries out a request and returns its answer.
 
         Raises:
             CodedError: if it was not carried out.

@@ -29,7 +29,7 @@ _TO_BGR = {
 
 
 def to_bgr(message: Image) -> np.ndarray:
-    """An image's pixels as (H, W, 3) bgr uint8.
+    """Converts an image message to (H, W, 3) bgr uint8.
 
     Raises:
         CodedError: "bad_image" for an encoding that is not handled.
@@ -62,7 +62,7 @@ class Looker:
         self._floor_at = -1e9
 
     def camera_jpeg(self, camera: str) -> Optional[bytes]:
-        """The newest debug image of a camera; None if the camera is unknown or nothing arrives."""
+        """Returns the newest debug image of a camera; None if the camera is unknown or nothing arrives."""
         detector = self._detectors().get(camera)
         if detector is None:
             return None
@@ -72,7 +72,7 @@ class Looker:
             return None
 
     def floor_webp(self) -> Optional[bytes]:
-        """The floor as all ceiling cameras see it now; None if none of them does."""
+        """Draws the floor as all ceiling cameras see it now; None if none of them does."""
         with self._floor_lock:
             if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_KEPT_S:
                 grid = self._grid()

@@ -96,7 +96,7 @@ class Journal:
             return list(self._events)
 
     def shown(self) -> List[Dict[str, Any]]:
-        """What the page shows at the start."""
+        """Returns the events that the page shows at the start."""
         return list(self._events)
 
 

@@ -53,12 +53,12 @@ class Album:
         self._pictures[kind] = (picture, *kept[:1])
 
     def get(self, kind: str, name: str) -> Optional[Picture]:
-        """An image by its name; None if it is not there (any more)."""
+        """Returns an image by its name; None if it is not there (any more)."""
         return next((picture for picture in self._pictures.get(kind, ()) if picture.name == name), None)
 
 
 def reduction(shape: Tuple[int, int], side: int = MAX_SIDE) -> int:
-    """How many cells along a side make one pixel."""
+    """Returns how many cells along a side make one pixel."""
     return max(1, -(-max(shape) // side))
 
 
@@ -78,7 +78,7 @@ def _png(pixels: np.ndarray, cells: int) -> Picture:
 
 
 def draw_map(grid: GridMap) -> Picture:
-    """Walls as ink, by their occupancy, and unknown floor as grey."""
+    """Draws walls as ink, by their occupancy, and unknown floor as grey."""
     cells = reduction(grid.shape)
     data = _reduce(grid.data, cells)
     pixels = np.zeros((*data.shape, 4), np.uint8)
@@ -89,12 +89,12 @@ def draw_map(grid: GridMap) -> Picture:
 
 
 def draw_restricted(before: GridMap, after: GridMap) -> Picture:
-    """Stripes where `after` is more occupied than `before`; fainter where it is softer."""
+    """Draws stripes where `after` is more occupied than `before`; fainter where it is softer."""
     return draw_region(np.where(after.data > before.data, after.data, np.int8(0)), after.resolution)
 
 
 def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int] = FORBIDDEN, side: int = MAX_SIDE) -> Picture:
-    """Stripes over a region.
+    """Draws stripes over a region.
 
     Args:
         region: (H, W) int8, 0 outside to 100; row 0 is the lowest y.
@@ -128,12 +128,12 @@ class FloorView:
 
 
 def floor_cells(grid: GridMap) -> float:
-    """Map cells per pixel of the floor's image, along a side."""
+    """Returns the map cells per pixel of the floor's image, along a side."""
     return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL_M / grid.resolution)
 
 
 def draw_floor(grid: GridMap, views: Sequence[FloorView]) -> Picture:
-    """The floor in the map's geometry, as all cameras together see it; clear where none does.
+    """Draws the floor in the map's geometry, as all cameras together see it; clear where none does.
 
     Where several see the same floor, each counts by how near to its image's centre it is: no hard seams.
     """
@@ -164,7 +164,7 @@ def draw_floor(grid: GridMap, views: Sequence[FloorView]) -> Picture:
 
 
 def jpeg(image: np.ndarray, width: int = 960) -> bytes:
-    """A camera's image (H, W, 3) bgr or (H, W), not wider than `width` [px]."""
+    """Encodes a camera's image (H, W, 3) bgr or (H, W) as JPEG, not wider than `width` [px]."""
     scale = width / image.shape[1]
     if scale < 1.0:
         image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

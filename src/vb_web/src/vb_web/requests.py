@@ -196,7 +196,7 @@ def _refuse_constant(text: str) -> None:
 
 
 def parse(text: Any, bounds: Optional[Bounds]) -> Request:
-    """A browser's message to a request.
+    """Parses and checks a browser's message.
 
     Args:
         text: JSON, at most MAX_BYTES.

@@ -34,17 +34,17 @@ def centimetres(points: Iterable[Point]) -> List[int]:
 
 
 def said(message: Any) -> Dict[str, Any]:
-    """Code, values and English sentence of any message that has these three."""
+    """Returns code, values and English sentence of any message that has these three."""
     return {"code": message.code, "values": mapping_from_values(message.values), "message": message.message}
 
 
 def findings_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
-    """The issues that a check reported."""
+    """Converts the issues that a check reported."""
     return [{"severity": int(found.severity), **said(found)} for found in issues]
 
 
 def state_section(message: InteractionState) -> Dict[str, Any]:
-    """The interaction; times as seconds."""
+    """Converts the state of the interaction; times become seconds."""
     elapsed = message.guide_s + message.border_s + message.seed_s
     ends = (message.ends - message.header.stamp).to_sec() if not message.ends.is_zero() else 0.0
     return {
@@ -65,7 +65,7 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
 
 
 def progress_section(message: BorderProgress) -> Dict[str, Any]:
-    """What has been drawn so far."""
+    """Converts what has been drawn so far."""
     return {
         "spots": message.border_spots,
         "points": centimetres(message.points),
@@ -79,7 +79,7 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
 
 
 def region_uri(region: Any) -> str:
-    """A region (OccupancyGrid) as an image inside a message."""
+    """Draws a region (OccupancyGrid) as an image inside a message."""
     info = region.info
     cells = np.asarray(region.data, np.int8)
     if not cells.size or cells.size != info.width * info.height:
@@ -91,7 +91,7 @@ def region_uri(region: Any) -> str:
 
 
 def preview_section(message: BorderPreview) -> Dict[str, Any]:
-    """What saving now would do."""
+    """Converts what saving now would do."""
     if not message.available:
         return {"available": False}
     return {
@@ -106,7 +106,7 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
 
 
 def border_section(border: VirtualBorder) -> Dict[str, Any]:
-    """One border."""
+    """Converts one border."""
     return {
         "id": border.id,
         "name": border.name,
@@ -125,7 +125,7 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
 
 
 def borders_section(message: VirtualBorderArray) -> Dict[str, Any]:
-    """All borders."""
+    """Converts all borders."""
     return {
         "revision": int(message.revision),
         "map_name": message.map_name,
@@ -136,13 +136,13 @@ def borders_section(message: VirtualBorderArray) -> Dict[str, Any]:
 
 
 def spot_entry(message: LaserSpot) -> Optional[List[Any]]:
-    """[x, y, number] of a spot: [cm], and its track; None if it is not finite."""
+    """Converts a spot to [x, y, number]: [cm], and its track; None if it is not finite."""
     place = centimetres([message.position])
     return [*place, int(message.track)] if place else None
 
 
 def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
-    """How a camera gets on."""
+    """Converts a detector's status to the entry of its camera."""
     return {
         "name": message.camera,
         "hz": number(message.rate_hz, 0),
@@ -152,7 +152,7 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
 
 
 def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
-    """What people should know now."""
+    """Converts the notices that people should know now."""
     return [
         {"severity": int(notice.severity), "code": notice.code, "values": dict(notice.values), "message": notice.message,
          "robot": notice.robot, "border": notice.border_id, "camera": notice.camera}

@@ -150,7 +150,7 @@ class PageServer:
             pool.shutdown(wait=False)
 
     def application(self) -> web.Application:
-        """The handlers; also for tests."""
+        """Makes the application with all handlers; also for tests."""
         given = {"page": self}
         routes = [
             (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _Picture, given),
@@ -222,7 +222,7 @@ class PageServer:
 
     # ------------------------------------------------------------- browsers' requests
     async def carry_out(self, request: requests.Request, browser: str) -> Dict[str, Any]:
-        """The answer to a request; one that is repeated gets the answer that it got before."""
+        """Carries out a request and returns its answer; a repeated request gets the answer that it got before."""
         key = (browser, request.id)
         answer = self.answers.get(key)
         if answer is None:
@@ -507,7 +507,7 @@ class _Link(_Guarded, WebSocketHandler):
 
 
 def addresses(params: ServerParams, port: int, own: List[str]) -> List[str]:
-    """The page's addresses, the most useful first.
+    """Returns the page's addresses, the most useful first.
 
     Args:
         own: this computer's addresses in the network.

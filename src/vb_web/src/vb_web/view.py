@@ -12,12 +12,12 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 
 def number(value: float, digits: int = 3) -> Optional[float]:
-    """A number for JSON, rounded; None for one that is not finite."""
+    """Rounds a number for JSON; None for one that is not finite."""
     return round(float(value), digits) if math.isfinite(value) else None
 
 
 def coarse_age(seconds: float) -> int:
-    """An age [s] for a sentence that is read out each time it changes: 0 below 3 s, then 3, 5, 10, 20 ... 60, 120 ..."""
+    """Rounds an age [s] for a sentence that is read out each time it changes: 0 below 3 s, then 3, 5, 10, 20 ... 60, 120 ..."""
     steps = (3, 5, *range(10, 60, 10), *range(60, 3600, 60), 3600)
     return max([step for step in steps if step <= seconds], default=0)
 
@@ -48,13 +48,15 @@ class View:
         return True
 
     def get(self, section: str) -> Any:
-        """A section's value; None if there is none."""
+        """Returns a section's value; None if there is none."""
         with self._lock:
             found = self._sections.get(section)
         return json.loads(found[1]) if found else None
 
     def since(self, revision: int) -> Tuple[int, str]:
-        """(revision, message) with all sections newer than a revision; 0 returns all. "" if there are none."""
+        """Returns (revision, message) with all sections newer than a revision; 0 returns all, "" means that there are
+        none.
+        """
         with self._lock:
             if revision >= self._revision:
                 return self._revision, ""
@@ -65,7 +67,7 @@ class View:
 
 
 def border_changes(before: Dict[str, Dict[str, Any]], after: Dict[str, Dict[str, Any]]) -> List[Tuple[str, str]]:
-    """[(code, border's name)] of what happened to borders between two lists, each by id.
+    """Compares two lists of borders, each by id, and returns [(code, border's name)] of what happened to them.
 
     Codes: "page_event_added", "_removed", "_renamed", "_enabled", "_disabled", "_changed".
     """

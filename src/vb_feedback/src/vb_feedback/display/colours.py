@@ -7,7 +7,7 @@ Colour = Tuple[float, float, float]
 
 
 def rgb(red: int, green: int, blue: int) -> Colour:
-    """0 .. 255 to 0 .. 1."""
+    """Scales 0 .. 255 to 0 .. 1."""
     return red / 255.0, green / 255.0, blue / 255.0
 
 
@@ -37,23 +37,23 @@ _OTHERS: Sequence[Colour] = (ORANGE, SKY_BLUE, YELLOW, PURPLE, BLUE, GREEN, VERM
 
 
 def state_colour(name: str) -> Colour:
-    """The colour of a state by its name; grey for a state that is not known."""
+    """Returns the colour of a state by its name; grey for a state that is not known."""
     return STATE.get(name, GREY)
 
 
 def light_colour(name: str) -> Colour:
-    """The LED's colour for a state, or for "stopped"."""
+    """Returns the LED's colour for a state, or for "stopped"."""
     return STOPPED if name == "stopped" else state_colour(name)
 
 
 def camera_colour(name: str) -> Colour:
-    """A camera's colour, always the same for the same name."""
+    """Returns a camera's colour, always the same for the same name."""
     if name in _NAMED:
         return _NAMED[name]
     return _OTHERS[sum(name.encode("utf-8")) % len(_OTHERS)]
 
 
 def blend(colour: Colour, towards: Colour, share: float) -> Colour:
-    """A colour between two others; share 0 is the first, 1 the second."""
+    """Mixes two colours; share 0 is the first, 1 the second."""
     share = min(1.0, max(0.0, share))
     return tuple((1.0 - share) * a + share * b for a, b in zip(colour, towards))  # type: ignore[return-value]

@@ -24,7 +24,7 @@ _KINDS = {
 
 
 def marker_from_shape(shape: scene.Shape) -> Marker:
-    """A shape to a marker; its stamp stays zero: "wherever the frame is now"."""
+    """Converts a shape to a marker; its stamp stays zero: "wherever the frame is now"."""
     marker = Marker()
     marker.header.frame_id = shape.frame or names.MAP_FRAME
     marker.frame_locked = bool(shape.frame)
@@ -51,7 +51,7 @@ def marker_from_shape(shape: scene.Shape) -> Marker:
 
 
 def removal(namespace: str, number: int) -> Marker:
-    """The marker that takes another one away."""
+    """Makes the marker that removes another one."""
     marker = Marker(ns=namespace, id=number, action=Marker.DELETE)
     marker.header.frame_id = names.MAP_FRAME
     marker.pose.orientation.w = 1.0
@@ -61,7 +61,7 @@ def removal(namespace: str, number: int) -> Marker:
 def talk_from_state(
     state: Optional[InteractionState], seeing: Sequence[str], said: Sequence[Notice], has_map: bool, language: str
 ) -> PanelContent:
-    """The words' contents; without a map nothing else matters but that robots are stopped."""
+    """Converts the state to what the panel shows; without a map that is only whether robots are stopped."""
     stopped = state is not None and state.stopped
     if not has_map:
         return PanelContent(message=sentences.say("display_waiting_map", {}, language), stopped=stopped, language=language)
@@ -85,7 +85,7 @@ def talk_from_state(
 
 
 def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
-    """Progress message to plain values; points whose camera is unknown get the name ""."""
+    """Converts a progress message to plain values; points whose camera is unknown get the name ""."""
     cameras = list(progress.cameras)
     indices = bytes(progress.point_cameras)
     names_of_points = [
@@ -102,7 +102,7 @@ def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
 
 
 def border_from_message(border: VirtualBorder) -> scene.Border:
-    """Border message to plain values."""
+    """Converts a border message to plain values."""
     return scene.Border(
         border.name or border.id,
         tuple(map(tuple, array_from_points(border.points).tolist())),
@@ -115,7 +115,7 @@ def border_from_message(border: VirtualBorder) -> scene.Border:
 
 
 def preview_notices(preview: Optional[BorderPreview], language: str) -> List[Notice]:
-    """Why save would fail, or what it would restrict and what to mind."""
+    """Says why saving would fail, or what it would restrict and what to note."""
     if preview is None:
         return []
 

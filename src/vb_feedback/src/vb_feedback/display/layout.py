@@ -48,11 +48,11 @@ class Box:
         return (self.x0 + self.x1) / 2.0, (self.y0 + self.y1) / 2.0
 
     def overlaps(self, other: "Box") -> bool:
-        """Whether the two share an area; touching edges do not."""
+        """Tells whether the two share an area; touching edges do not."""
         return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
 
     def contains(self, other: "Box", tolerance: float = 1e-9) -> bool:
-        """Whether the other is within this one."""
+        """Tells whether the other is within this one."""
         return (
             self.x0 - tolerance <= other.x0
             and self.y0 - tolerance <= other.y0
@@ -62,13 +62,13 @@ class Box:
 
     @staticmethod
     def around(points: np.ndarray) -> "Box":
-        """The smallest box that holds points (N, 2) [m]."""
+        """Makes the smallest box that holds points (N, 2) [m]."""
         low, high = np.min(points, axis=0), np.max(points, axis=0)
         return Box(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
     @staticmethod
     def centred(x: float, y: float, width: float, height: float) -> "Box":
-        """A box by its centre and size [m]."""
+        """Makes a box from its centre and size [m]."""
         return Box(x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0)
 
 
@@ -88,7 +88,7 @@ class Layout:
 
 
 def fit(extent: Box, aspect: float) -> Layout:
-    """The smallest view that shows the whole map beside panel and strip.
+    """Finds the smallest view that shows the whole map beside panel and strip.
 
     Args:
         extent: of the map.
@@ -135,7 +135,7 @@ _FONT = 0.84
 
 
 def plain(text: str) -> str:
-    """A text in the characters that RViz can show: those of its font as they are, others transliterated (anyascii)."""
+    """Writes a text in the characters that RViz can show: those of its font as they are, others transliterated (anyascii)."""
     composed = unicodedata.normalize("NFC", text)
     shown = "".join(letter if is_drawn(letter) else _transliterated(letter) for letter in composed)
     return " ".join(shown.split())
@@ -162,13 +162,13 @@ def _width(letter: str) -> int:
 
 
 def text_width(text: str, size: float) -> float:
-    """Width [m] of a line of text, letters of `size` [m]; of the longest of several lines."""
+    """Measures the width [m] of a line of text in letters of `size` [m]; of the longest of several lines."""
 
     return size * _FONT * max((sum(map(_width, line)) for line in text.split("\n")), default=0) / 1000.0
 
 
 def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, float, float]]:
-    """The words of a text, lines parted by newlines and centred at (x, y) [m], each with its own centre.
+    """Places the words of a text, lines parted by newlines and centred at (x, y) [m], each with its own centre.
 
     RViz makes spaces more than twice as wide as they should be, so each word is placed alone.
     """
@@ -186,13 +186,13 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
 
 
 def text_box(text: str, x: float, y: float, size: float) -> Box:
-    """The box of a text centred at (x, y) [m]; lines are parted by newlines."""
+    """Returns the box of a text centred at (x, y) [m]; lines are parted by newlines."""
     lines = text.count("\n") + 1
     return Box.centred(x, y, text_width(text, size), text_height(lines, size))
 
 
 def wrap(text: str, size: float, width: float) -> List[str]:
-    """A sentence in lines that are no wider than `width` [m]; a word that is wider alone is cut."""
+    """Breaks a sentence into lines no wider than `width` [m]; a word that is wider alone is cut."""
     lines: List[str] = []
     for word in text.split():
         while text_width(word, size) > width and len(word) > 1:
@@ -230,7 +230,7 @@ def fit_texts(
 
 
 def text_height(lines: int, size: float) -> float:
-    """[m] of lines of text, letters of `size` [m]."""
+    """Returns the height [m] of lines of text in letters of `size` [m]."""
     return (1.0 + LINE * (lines - 1)) * size
 
 

@@ -17,7 +17,7 @@ _ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahea
 
 
 def of_others(held: Sequence[notices.Notice], language: str) -> List[Notice]:
-    """Other nodes' notices, the most severe first; each sentence once, and no more than can be read."""
+    """Selects other nodes' notices, the most severe first; each sentence once, and no more than can be read."""
     said: List[Notice] = []
     for notice in held:
         shown = Notice(notice.sentence(language), notice.severity >= notices.Severity.WARNING)
@@ -34,7 +34,7 @@ def coverage_notices(
     state: str, seeing: Sequence[str], lost: Optional[Tuple[float, float]], coverage: Optional[GridMap], robots: bool,
     held: Sequence[notices.Notice], language: str,
 ) -> List[Notice]:
-    """What to say while spots are wanted and none is seen.
+    """Says why no spot is seen while spots are wanted.
 
     Args:
         state: the interaction's.

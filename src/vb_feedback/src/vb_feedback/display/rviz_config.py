@@ -16,7 +16,7 @@ from vb_feedback.display.layout import Box, fit
 def fit_config(
     config: Dict[str, Any], extent: Box, width: int, height: int, aspect: Optional[float] = None
 ) -> Dict[str, Any]:
-    """An RViz config whose top view shows the whole display on a screen.
+    """Returns an RViz config whose top view shows the whole display on a screen.
 
     The view is the one for which display_markers lays its words out, see `layout.fit`.
 
@@ -63,6 +63,6 @@ def write_fitted(source: str, target: Path, extent: Box, width: int, height: int
 
 
 def screen_size(description: str) -> Optional[Tuple[int, int]]:
-    """(width, height) [px] of the screen that xdpyinfo describes; None if it does not."""
+    """Reads (width, height) [px] of the screen from xdpyinfo's output; None if it is not there."""
     found = re.search(r"dimensions:\s+(\d+)x(\d+) pixels", description)
     return (int(found.group(1)), int(found.group(2))) if found else None

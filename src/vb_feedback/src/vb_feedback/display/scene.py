@@ -60,7 +60,7 @@ class Shape:
 def changes(
     before: Dict[Tuple[str, int], Shape], now: Sequence[Shape]
 ) -> Tuple[List[Shape], List[Tuple[str, int]]]:
-    """The shapes that are new or differ, and the keys of those that are gone.
+    """Compares two scenes: the shapes that are new or differ, and the keys of those that are gone.
 
     A shape with a lifetime counts as new each time, since it would expire otherwise.
     """
@@ -74,7 +74,7 @@ def _pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
 
 
 def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> Tuple[Tuple[float, float], ...]:
-    """A chain as pairs of points, each lengthened by half a line's width so that corners are filled.
+    """Splits a chain into pairs of points, each lengthened by half a line's width so that corners are filled.
 
     RViz's own line strips taper at sharp corners.
     """
@@ -93,7 +93,7 @@ def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> T
 def write(
     namespace: str, text: str, x: float, y: float, size: float, tints: Sequence[Colour], z: float = Z_TEXT
 ) -> List[Shape]:
-    """A text centred at (x, y), one shape per word; one colour for all words, or one per word."""
+    """Makes the shapes of a text centred at (x, y), one per word; one colour for all words, or one per word."""
     placed = place_words(text, x, y, size)
     return [
         Shape(namespace, number, TEXT, ((at_x, at_y),), z, (size,), (tints[number % len(tints)],), text=word)
@@ -102,7 +102,7 @@ def write(
 
 
 def text_boxes(shapes: Sequence[Shape]) -> List[Box]:
-    """The boxes that texts and plates take, for tests and for placing."""
+    """Returns the boxes that texts and plates take, for tests and for placing."""
     boxes = []
     for shape in shapes:
         x, y = shape.points[0] if shape.points else (0.0, 0.0)
@@ -128,7 +128,7 @@ class Border:
 
 
 def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[Shape]:
-    """Outline, name and area of each border: soft ones lighter, disabled ones grey and called `off`."""
+    """Draws outline, name and area of each border: soft ones lighter, disabled ones grey and called `off`."""
     unit, shapes = layout.unit, []
     size = 0.055 * unit
     texts, wanted = [], []
@@ -155,7 +155,7 @@ def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[
 
 
 def border_colour(border: Border) -> Colour:
-    """Dark red, the lighter the softer; grey if it is disabled."""
+    """Returns dark red, the lighter the softer the border is; grey if it is disabled."""
     if not border.enabled:
         return colours.GREY
     return colours.blend(colours.CRIMSON, colours.WHITE, 0.55 * (1.0 - border.occupancy))
@@ -213,7 +213,7 @@ _LIFETIME_S = 2.0 * FADE_S  # after which RViz removes it by itself, should this
 
 
 def trails(layout: Layout, seen: Sequence[Spot], now: float) -> List[Shape]:
-    """Per camera a trail that fades into the floor's white.
+    """Draws for each camera a trail that fades into the floor's white.
 
     Args:
         seen: the newest last; those older than FADE_S, or from the future by more than that, are left out.
@@ -234,7 +234,7 @@ def trails(layout: Layout, seen: Sequence[Spot], now: float) -> List[Shape]:
 
 
 def live_spots(layout: Layout, seen: Sequence[Spot], now: float) -> List[Shape]:
-    """Per camera a disc where it saw the spot last; arguments as for `trails`."""
+    """Draws for each camera a disc where it saw the spot last; arguments as for `trails`."""
     newest = {spot.camera: spot for spot in seen if abs(now - spot.stamp) <= FADE_S}
     shapes = []
     for camera, spot in newest.items():
@@ -246,7 +246,7 @@ def live_spots(layout: Layout, seen: Sequence[Spot], now: float) -> List[Shape]:
 
 # ----------------------------------------------------------------- robot
 def robot(base_frame: str, number: int, radius: float) -> List[Shape]:
-    """A robot's footprint and heading, in its own frame: RViz moves it along with tf."""
+    """Draws a robot's footprint and heading, in its own frame: RViz moves it along with tf."""
     nose = np.array([[0.7, 0.0], [-0.4, 0.5], [-0.15, 0.0], [-0.4, -0.5]]) * radius
     width = 0.14 * radius
     arrow = segments(nose, True, width)

@@ -42,12 +42,12 @@ class PanelContent:
     language: str = sentences.ENGLISH
 
     def words(self, code: str) -> str:
-        """The words for a code in the display's language."""
+        """Returns the words for a code in the display's language."""
         return sentences.say(code, {}, self.language)
 
 
 def words(layout: Layout, talk: PanelContent) -> List[Shape]:
-    """State, time, available commands, who sees the spot; the last answer and other notices."""
+    """Writes the panel: state, time, available commands, who sees the spot; the last answer and other notices."""
     return _panel(layout, talk) + _strip(layout, talk)
 
 

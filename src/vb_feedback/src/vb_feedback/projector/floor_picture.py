@@ -64,7 +64,7 @@ class FloorPicture:
         self._to_picture = calibration.matrix @ to_floor
 
     def render(self, content: FloorContent) -> np.ndarray:
-        """(height, width, 3) uint8 rgb."""
+        """Draws the image: (height, width, 3) uint8 rgb."""
         canvas = np.zeros((*self._shape, 3), np.uint8)
         if content.region is not None:
             self._stripes(canvas, content.region, colours.ORANGE, 0.45)
@@ -135,7 +135,7 @@ class FloorPicture:
 
 
 def calibration_picture(width: int, height: int, number: int) -> np.ndarray:
-    """(height, width, 3) uint8 rgb: the marker that is to be clicked now (0 .. 3) as a cross, the others dim."""
+    """Draws the marker that is to be clicked now (0 .. 3) as a cross and the others dim: (height, width, 3) uint8 rgb."""
     picture = np.zeros((height, width, 3), np.uint8)
     reach, thick = int(0.06 * height), max(2, int(0.006 * height))
     for index, (x, y) in enumerate(np.rint(markers(width, height)).astype(int).tolist()):
@@ -148,7 +148,7 @@ def calibration_picture(width: int, height: int, number: int) -> np.ndarray:
 
 
 def grid_picture(calibration: ProjectorCalibration, step: float = 0.5) -> np.ndarray:
-    """(height, width, 3) uint8 rgb: lines of the map's grid, `step` [m] apart, to see whether a calibration fits."""
+    """Draws lines of the map's grid, `step` [m] apart, to see whether a calibration fits: (height, width, 3) uint8 rgb."""
     picture = np.zeros((calibration.height, calibration.width, 3), np.uint8)
     footprint = calibration.footprint()
     low, high = np.floor(footprint.min(axis=0) / step) * step, np.ceil(footprint.max(axis=0) / step) * step

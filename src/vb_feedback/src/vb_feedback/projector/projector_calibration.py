@@ -46,24 +46,24 @@ class ProjectorCalibration:
         object.__setattr__(self, "matrix", matrix)
 
     def to_pixels(self, points: np.ndarray) -> np.ndarray:
-        """Map coordinates (N, 2) [m] to (column, row) (N, 2) [px]; inverse of `to_floor`."""
+        """Projects map coordinates (N, 2) [m] to (column, row) (N, 2) [px]; inverse of `to_floor`."""
         return _transformed(self.matrix, points)
 
     def to_floor(self, pixels: np.ndarray) -> np.ndarray:
-        """(column, row) (N, 2) [px] to map coordinates (N, 2) [m]; inverse of `to_pixels`."""
+        """Projects (column, row) (N, 2) [px] to map coordinates (N, 2) [m]; inverse of `to_pixels`."""
         return _transformed(np.linalg.inv(self.matrix), pixels)
 
     def footprint(self) -> np.ndarray:
-        """(4, 2) [m] where the image's corners fall: upper left, upper right, lower right, lower left."""
+        """Returns where the image's corners fall, (4, 2) [m]: upper left, upper right, lower right, lower left."""
         return self.to_floor(_corners(self.width, self.height))
 
     def to_mapping(self) -> Dict[str, Any]:
-        """Plain values for a YAML file; inverse of `from_mapping`."""
+        """Returns plain values for a YAML file; inverse of `from_mapping`."""
         return {"width": int(self.width), "height": int(self.height), "map_to_pixels": self.matrix.tolist()}
 
     @classmethod
     def from_mapping(cls, mapping: Any) -> "ProjectorCalibration":
-        """The inverse of `to_mapping`.
+        """Reads plain values of a YAML file; inverse of `to_mapping`.
 
         Raises:
             CodedError: "bad_calibration".
@@ -79,13 +79,13 @@ class ProjectorCalibration:
 
 
 def markers(width: int, height: int) -> np.ndarray:
-    """(4, 2) [px] where a calibration shows its markers: upper left, upper right, lower right, lower left."""
+    """Returns where a calibration shows its markers, (4, 2) [px]: upper left, upper right, lower right, lower left."""
     x, y = _INSET * (width - 1), _INSET * (height - 1)
     return np.array([[x, y], [width - 1 - x, y], [width - 1 - x, height - 1 - y], [x, height - 1 - y]])
 
 
 def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> ProjectorCalibration:
-    """The calibration of a projector whose four `markers` were clicked on the floor.
+    """Calibrates a projector whose four `markers` were clicked on the floor.
 
     Args:
         floor: (4, 2) [m] where each marker was seen, in the markers' order.

@@ -33,7 +33,7 @@ class SoundEvents:
         self, name: str, success: bool, outcome: str, answer: tuple, code: str = "", stopped: bool = False,
         ending: bool = False,
     ) -> List[str]:
-        """A state message.
+        """Takes a state message and returns the sounds that it calls for.
 
         Args:
             name: the state's name.
@@ -63,7 +63,7 @@ class SoundEvents:
         return sounds
 
     def on_spot(self, now: float) -> List[str]:
-        """A spot at a time [s]: a tick, if spots are wanted and the last one is long enough ago."""
+        """Takes a spot at a time [s] and returns a tick, if spots are wanted and the last one is long enough ago."""
         if self._state not in ("border", "seed"):
             return []
         if self._last_tick is not None and 0.0 <= now - self._last_tick < TICK_PERIOD_S:

@@ -55,7 +55,7 @@ _OVERTONES = (1.0, 0.3, 0.12)
 
 
 def samples(name: str, volume: float = 1.0) -> np.ndarray:
-    """A sound as (N,) int16 at `RATE`, mono; empty for a name that is not known.
+    """Synthesises a sound as (N,) int16 at `RATE`, mono; empty for a name that is not known.
 
     Args:
         volume: 0 .. 1.

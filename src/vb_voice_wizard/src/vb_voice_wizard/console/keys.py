@@ -29,7 +29,7 @@ class KeyReader:
         self._kept = ""
 
     def feed(self, typed: str) -> str:
-        """The letters in the input; \"\" if nothing came for a while, which ends a sequence that was cut off."""
+        """Returns the letters in the input; "" if nothing came for a while, which ends a sequence that was cut off."""
         text, self._kept = _SEQUENCE.sub("", self._kept + typed), ""
         cut_off = _CUT_OFF.search(text) if typed else None
         if cut_off:

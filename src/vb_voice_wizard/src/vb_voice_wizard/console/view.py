@@ -54,11 +54,11 @@ class View:
         return self.progress if ours else BorderProgress()
 
     def words(self, code: str, **values: Any) -> str:
-        """The words for a code in the operator's language."""
+        """Returns the words for a code in the operator's language."""
         return sentences.say(code, values, self.language)
 
     def sentence(self, said: Any) -> str:
-        """What a message with code, values and English sentence says, in the operator's language."""
+        """Returns what a message with code, values and English sentence says, in the operator's language."""
         return sentences.say(said.code, mapping_from_values(said.values), self.language, said.message) if said.code else said.message
 
     def say(self, clock: str, text: str, style: str) -> None:
@@ -68,7 +68,7 @@ class View:
 
 
 def render(view: View, width: int = 80, height: int = 24) -> Layout:
-    """The whole screen.
+    """Writes the whole screen.
 
     Args:
         width, height: [columns, lines] of the terminal.

@@ -40,7 +40,7 @@ class BorderServices:
         self._told = told
 
     def candidate(self, interaction_id: str) -> VirtualBorder:
-        """The border as drawn, ready to be added.
+        """Fetches the border as drawn, ready to be added.
 
         Without any spot, a camera that is known to be faulty is the reason to name, not the laser.
         """
@@ -73,12 +73,12 @@ class BorderServices:
             raise CodedError("not_changed", command=command, reason=response.message)
 
     def borders(self) -> Dict[str, str]:
-        """The names of all borders, by their ids."""
+        """Fetches the names of all borders, by their ids."""
         response = self._ask(names.LIST_BORDERS, ListBorders, ListBordersRequest(), _INTEGRATOR)
         return {border.id: border.name or border.id for border in response.borders.borders}
 
     def preview(self, border: VirtualBorder) -> PreviewBorderArrayResponse:
-        """What adding the border would do; an error is in the response."""
+        """Asks what adding the border would do; an error is in the response."""
         request = PreviewBorderRequest(border=border, frame_id=names.MAP_FRAME)
         return self._ask(names.PREVIEW_BORDER, PreviewBorderArray, request, _INTEGRATOR)
 

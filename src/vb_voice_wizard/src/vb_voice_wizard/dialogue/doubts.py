@@ -20,11 +20,11 @@ class Doubts:
         self._failed: Set[str] = set()
 
     def begin(self) -> None:
-        """Another interaction: what is over concerns it no more."""
+        """Begins another interaction: what was over before it does not concern it."""
         self._failed = self._cameras()
 
     def hear(self, notices: Sequence[Notice]) -> None:
-        """All notices that hold now."""
+        """Takes all notices that hold now."""
         self._standing = tuple(
             notice for notice in notices
             if notice.code == LEFT_OUT or (notice.camera and notice.severity is Severity.ERROR)

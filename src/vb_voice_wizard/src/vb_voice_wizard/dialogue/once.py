@@ -28,7 +28,7 @@ class Once:
             self._slot(str(identity)).set_result(Answer(bool(success), str(code), dict(values), str(said)))
 
     def carry_out(self, identity: str, do: Callable[[], Answer]) -> Answer:
-        """The answer to a command with this id, which is carried out unless it was before; "" means no id."""
+        """Carries out a command with this id unless it was before, and returns its answer; "" means no id."""
         if not identity:
             return do()
         with self._lock:
@@ -51,7 +51,7 @@ class Once:
         return slot.result()
 
     def to_list(self) -> List[List[Any]]:
-        """The answers given so far, as plain values."""
+        """Returns the answers given so far, as plain values."""
         with self._lock:
             known: Dict[str, Future] = dict(self._answers)
         given = [(identity, slot.result()) for identity, slot in known.items() if slot.done() and not slot.exception()]

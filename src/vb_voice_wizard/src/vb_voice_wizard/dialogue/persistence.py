@@ -11,7 +11,8 @@ from vb_voice_wizard.interaction import Record
 
 
 def file_path(key: str, path: str) -> str:
-    """The path with ~ expanded. Whether it can be written shows when it is: a disk may be full or read-only for a while.
+    """Returns the path with ~ expanded. Whether it can be written shows when it is: a disk may be full or read-only for
+    a while.
 
     Raises:
         ParameterError: names the key if it is a folder.
@@ -47,7 +48,7 @@ class StateFile:
         os.replace(temporary, self._path)
 
     def read(self) -> Optional[Dict[str, Any]]:
-        """What this run of the roscore has saved; None if nothing. Raises as `read_any`."""
+        """Reads what this run of the roscore has saved; None if nothing. Raises as `read_any`."""
         memory = self.read_any()
         # without an id of the run (a bare rosmaster) nothing tells an old file from a new one
         if memory is None or not self._run_id or memory.get("run_id") != self._run_id:
@@ -55,7 +56,7 @@ class StateFile:
         return memory
 
     def read_any(self) -> Optional[Dict[str, Any]]:
-        """What was saved last, by any run; None if there is no file.
+        """Reads what was saved last, by any run; None if there is no file.
 
         Raises:
             CodedError: "bad_state_file" if the file is not valid.
@@ -73,7 +74,7 @@ class StateFile:
 
 
 def record_line(record: Record, method: str, cameras: Sequence[str]) -> str:
-    """One interaction as one line of JSON, without the line's end; times in seconds."""
+    """Writes one interaction as one line of JSON, without the line's end; times in seconds."""
     fields = dataclasses.asdict(record)
     fields["sources"] = list(record.sources)
     for key, value in fields.items():

@@ -46,7 +46,7 @@ class PreviewInputs:
         return bool(self.interaction_id) and len(self.chain) > 0 and len(self.seed) > 0
 
     def like(self, other: "PreviewInputs") -> bool:
-        """Whether a preview of the other one would look the same."""
+        """Tells whether a preview of the other one would look the same."""
         if self.interaction_id != other.interaction_id or self.complete != other.complete:
             return False
         if not self.complete:
@@ -69,7 +69,7 @@ class PreviewScheduler:
         self._retry_at: Optional[float] = None
 
     def wait_s(self, situation: PreviewInputs, now: float) -> Optional[float]:
-        """[s] until this situation needs a preview; 0: now; None: never while it stays as it is."""
+        """Returns the time [s] until this situation needs a preview; 0: now; None: never while it stays as it is."""
         if self._shown is None or situation.interaction_id != self._shown.interaction_id:
             return 0.0
         if situation.like(self._shown):
@@ -77,7 +77,7 @@ class PreviewScheduler:
         return max(0.0, self._not_before - now)
 
     def done(self, situation: PreviewInputs, started: float, now: float, answered: bool) -> None:
-        """A preview was made.
+        """Notes that a preview was made.
 
         Args:
             situation: of what.

@@ -46,7 +46,9 @@ class Previewer:
 
     # ------------------------------------------------------------------ inputs
     def on_interaction(self, interaction_id: str, saving: bool) -> None:
-        """The current interaction ("" for none), again and again. While it is being saved, nothing more is previewed."""
+        """Takes the current interaction ("" for none), again and again. While it is being saved, nothing more is
+        previewed.
+        """
         with self._condition:
             self._held = saving
             self._doubts.hear(self._told())
@@ -58,19 +60,19 @@ class Previewer:
             self._condition.notify()
 
     def is_doubtful(self, interaction_id: str) -> bool:
-        """Whether saving would be taken, but its preview has an issue to mind."""
+        """Tells whether saving would succeed, but with a warning in its preview."""
         with self._condition:
             return bool(interaction_id) and (self._doubtful_of == interaction_id or bool(self._situation.doubts))
 
     def on_progress(self, message: BorderProgress) -> None:
-        """What was drawn so far."""
+        """Takes what was drawn so far."""
         with self._condition:
             self._progress = message
             self._take_progress()
             self._condition.notify()
 
     def on_borders(self, message: VirtualBorderArray) -> None:
-        """The borders in the map; sent again whenever the map changes."""
+        """Takes the borders in the map; they are sent again whenever the map changes."""
         with self._condition:
             borders = (message.header.stamp.to_sec(), message.revision)
             self._situation = dataclasses.replace(self._situation, borders=borders)
