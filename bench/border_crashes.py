@@ -55,12 +55,12 @@ def start(folder: Path) -> MapIntegrator:
 
 
 def state(keeper: MapIntegrator) -> str:
-    """Every border, to the last bit."""
+    """Returns every border, to the last bit."""
     return json.dumps([border_to_mapping(border) for border in keeper.borders])
 
 
 def change(keeper: MapIntegrator, random: np.random.Generator, now: float, out: int) -> None:
-    """A random change, announced; one that is refused changes nothing."""
+    """Makes a random change, announced; one that is refused changes nothing."""
     ids = [border.id for border in keeper.borders]
     some = str(random.choice(ids)) if ids else "b0"
     kinds = ["add", "rename", "enable", "update", "remove", "undo", "redo", "clear", "expire"]
@@ -119,7 +119,7 @@ def flip(folder: Path, random: np.random.Generator) -> str:
 
 
 def crash(kind: str, folder: Path, seed: int) -> Dict[str, Any]:
-    """One crash on a folder that goes on; what came of it."""
+    """Crashes once on a folder that goes on; returns what came of it."""
     random = np.random.default_rng(seed)
     size = max([path.stat().st_size for path in folder.glob("*.db*")] or [0])
     limit = int(size * random.uniform(0.2, 1.3)) + 4096 if kind == "full" else None
@@ -205,7 +205,7 @@ def main() -> int:
 
 
 def write(rows: List[Dict[str, Any]], made_by: str) -> Path:
-    """The table as far as it goes."""
+    """Writes the table as far as it goes."""
     table = []
     for kind in (*KINDS, "all"):
         some = [row for row in rows if kind in (row["kind"], "all")]

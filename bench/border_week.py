@@ -43,7 +43,7 @@ def pose(random: np.random.Generator) -> Transform:
 def maps_of(
     kind: str, ground: Home, upstairs: Home, random: np.random.Generator, seed: int
 ) -> List[Tuple[str, Any, Transform]]:
-    """(floor, map, from the floor's frame to the map's) of one start, one after the other."""
+    """Lists (floor, map, from the floor's frame to the map's) of one start, one after the other."""
     fixed = np.random.default_rng(seed)  # what was recorded once stays as it was
     if kind == "static":
         return [("ground", draw_map(ground, fixed), IDENTITY)]
@@ -65,7 +65,7 @@ def maps_of(
 
 
 def border_of(home: Home, index: int) -> VirtualBorder:
-    """A room, half a metre within its walls."""
+    """Makes a border: a room, half a metre within its walls."""
     room = home.rooms[index]
     low, high = room.min(axis=0) + 0.5, room.max(axis=0) - 0.5
     corners = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
@@ -73,7 +73,7 @@ def border_of(home: Home, index: int) -> VirtualBorder:
 
 
 def looked_up(keeper: MapIntegrator, borders: List[VirtualBorder], truth: Transform) -> Tuple[int, int]:
-    """(closed, open) of the places inside borders where the map has free floor."""
+    """Counts (closed, open) of the places inside borders where the map has free floor."""
     shut = wide = 0
     for border in borders:
         low, high = border.points.min(axis=0) + 0.2, border.points.max(axis=0) - 0.2
@@ -129,7 +129,7 @@ def week(seed: int, rows: Dict[str, Dict[str, int]]) -> None:
 
 
 def answer(keeper: MapIntegrator, floor: str, truth: Transform, borders: Dict[str, List[VirtualBorder]]) -> None:
-    """Somebody looks at the proposal's picture, and answers truly."""
+    """Answers truly, as somebody who looks at the proposal's picture."""
     if not borders[floor]:
         keeper.confirm(False, floor, 2.0)
         return

@@ -94,15 +94,15 @@ class Lab:
         self._view: Optional[CeilingView] = None
 
     def floor(self, pixels: np.ndarray) -> np.ndarray:
-        """(N, 2) [m] of floor points where pixels truly are."""
+        """Returns the floor points (N, 2) [m] where pixels truly are."""
         return floor_points(self.lens, self.pose, pixels)[:, :2]
 
     def seen_at(self, points: np.ndarray) -> np.ndarray:
-        """(N, 2) [px] where floor points truly are in the image; inverse of `floor`."""
+        """Returns where floor points truly are in the image, (N, 2) [px]; inverse of `floor`."""
         return pixels_of(self.lens, self.pose, np.column_stack([points, np.zeros(len(points))]))
 
     def floor_errors(self, lens: CameraModel, pose: np.ndarray) -> np.ndarray:
-        """(N,) [m] by which spots all over the image would lie at a wrong place."""
+        """Returns by how much [m], (N,), spots all over the image would lie at a wrong place."""
         return np.linalg.norm(floor_points(lens, pose, self._pixels)[:, :2] - self._points, axis=1)
 
     @property
@@ -114,7 +114,7 @@ class Lab:
         return self._view
 
     def free(self, points: np.ndarray) -> bool:
-        """Whether the camera sees floor at all of these points."""
+        """Tells whether the camera sees floor at all of these points."""
         return all(self.view.spot_share(Snapshot(0.0, laser=(float(x), float(y)))) > 0.9 for x, y in points)
 
 
@@ -138,7 +138,7 @@ def measured_spots(lab: Lab, rng: np.random.Generator, count: int, care: Care, i
 
 
 def measured_boards(lab: Lab, rng: np.random.Generator, count: int, care: Care, images: bool) -> Measured:
-    """A board that a person laid on places of the map."""
+    """Lays a board on places of the map, as a person does."""
     board, placed, true = lab.board, [], []
     all_corners = board.opencv().getChessboardCorners()[:, :2].astype(float)
 
@@ -307,7 +307,7 @@ def calibrate(lab: Lab, way: Way, repetitions: int, seed: int, images: bool = Fa
 
 
 def simulated_lab(lab: Lab, repetitions: int) -> Results:
-    """The poses that vb_sim gives its cameras."""
+    """Measures the poses that vb_sim gives its cameras."""
     results = Results()
     for seed in range(repetitions):
         results.add_pose(lab, lab.lens, calibrated_pose(lab.camera, lab.models.optics, seed))

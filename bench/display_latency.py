@@ -97,7 +97,7 @@ class Observer:
 
 
 def pid_of(node: str) -> int:
-    """The node's process; 0 while it is away."""
+    """Returns the node's process; 0 while it is away."""
     try:
         return xmlrpc.client.ServerProxy(rosgraph.Master("/bench").lookupNode(node)).getPid("/bench")[2]
     except (OSError, rosgraph.MasterException):
@@ -105,7 +105,7 @@ def pid_of(node: str) -> int:
 
 
 def cpu_seconds(node: str) -> float:
-    """[s] of CPU time that a node has taken."""
+    """Returns the CPU time [s] that a node has taken."""
     pid = pid_of(node)
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

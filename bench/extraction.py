@@ -79,7 +79,7 @@ Found = Dict[str, float]
 
 
 def methods(before) -> Dict[str, Extract]:
-    """What is compared, by name."""
+    """Returns what is compared, by name."""
 
     def run(module, params, known: bool) -> Extract:
         def extract(stroke: Stroke):
@@ -102,7 +102,7 @@ def methods(before) -> Dict[str, Extract]:
 
 
 def other_revision(revision: str):
-    """vb_fusion.extraction of another revision, as a package of its own."""
+    """Loads vb_fusion.extraction of another revision, as a package of its own."""
     archive = subprocess.run(
         ["git", "-C", str(TOP), "archive", revision, "src/vb_fusion/src/vb_fusion"], check=True, stdout=subprocess.PIPE
     ).stdout
@@ -120,7 +120,7 @@ def other_revision(revision: str):
 
 
 def measure(stroke: Stroke, extract: Extract, of_people: bool) -> Found:
-    """One extraction against the truth."""
+    """Measures one extraction against the truth."""
     started = time.process_time()
     try:
         chain = extract(stroke)
@@ -143,7 +143,7 @@ def measure(stroke: Stroke, extract: Extract, of_people: bool) -> Found:
 
 
 def rows_of(group: str, cell: str, found: Dict[str, List[Found]]) -> List[Dict[str, object]]:
-    """One line of the table for each method."""
+    """Makes one line of the table for each method."""
     rows = []
     for method, results in found.items():
         bad, count = int(sum(r["bad"] for r in results)), len(results)
@@ -175,7 +175,7 @@ def rows_of(group: str, cell: str, found: Dict[str, List[Found]]) -> List[Dict[s
 def judge_people(
     which: str, tools: Dict[str, Extract], draws: int, base: int, path: Path
 ) -> Iterator[List[Dict[str, object]]]:
-    """People's strokes of one half, each seen several times; by speed, and by shape."""
+    """Measures people's strokes of one half, each seen several times; by speed, and by shape."""
     for name, seen in PEOPLE.items():
         by_shape: Dict[str, Dict[str, List[Found]]] = {}
         for number, drawing in enumerate(people.drawings(path)):
@@ -193,7 +193,7 @@ def judge_people(
 
 
 def judge_generator(name: str, tools: Dict[str, Extract], count: int, base: int) -> List[Dict[str, object]]:
-    """All shapes in one setting."""
+    """Measures all shapes in one setting."""
     rows = []
     for shape in DRAWN:
         if not SHAPES[shape][1] and name not in OPEN_TOO:
@@ -208,7 +208,7 @@ def judge_generator(name: str, tools: Dict[str, Extract], count: int, base: int)
 
 
 def disturbed(count: int, base: int):
-    """(name, strokes) of each disturbance: a spot held still, false spots at one place."""
+    """Yields (name, strokes) of each disturbance: a spot held still, false spots at one place."""
     share = max(1, count // 9)
     for spots, cameras in ((250, 1), (750, 3)):
         for where, when in (("start", 0.0), ("middle", 0.5), ("end", 1.0)):
@@ -227,7 +227,7 @@ def disturbed(count: int, base: int):
 
 
 def speed(tools: Dict[str, Extract]) -> List[Dict[str, object]]:
-    """Processor time of one extraction, by number of points; methods in one run, so that their ratio holds."""
+    """Measures the processor time of one extraction, by number of points; methods in one run, so that their ratio holds."""
     rows = []
     for count in (1000, 10_000, 100_000, 1_000_000):
         rate = count / (6.5 / USUAL.speed * USUAL.cameras * (1 - USUAL.dropped))
@@ -241,7 +241,7 @@ def speed(tools: Dict[str, Extract]) -> List[Dict[str, object]]:
 
 
 def meander(spots: int, cameras: int = 8, rate: float = 30.0, speed: float = 0.25) -> Stroke:
-    """A long line up and down a hall, drawn without a rest, until there are so many spots."""
+    """Draws a long line up and down a hall without a rest, until there are so many spots."""
     rng = np.random.default_rng(0)
     duration = spots / (cameras * rate)
     across = np.arange(int(duration * speed / 6.0) + 2)
@@ -255,7 +255,8 @@ def meander(spots: int, cameras: int = 8, rate: float = 30.0, speed: float = 0.2
 
 
 def live(before) -> List[Dict[str, object]]:
-    """Processor time of the border so far for each tenth of a second of a drawing, the last two seconds of it.
+    """Measures the processor time of the border so far for each tenth of a second of a drawing, the last two seconds of
+    it.
 
     Before, up to 4,000 evenly chosen spots were extracted again each time.
     """
@@ -290,7 +291,7 @@ def live(before) -> List[Dict[str, object]]:
 
 
 def figures(folder: Path) -> None:
-    """One picture per stage, of one stroke that has everything: a held spot, a false place, strays, two cameras."""
+    """Draws one picture per stage, of one stroke that has everything: a held spot, a false place, strays, two cameras."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -327,7 +328,7 @@ def figures(folder: Path) -> None:
 
 
 def write(path: Path, rows: List[Dict[str, object]]) -> None:
-    """The table, with what made it."""
+    """Writes the table, with what made it."""
     revision = subprocess.run(
         ["git", "-C", str(TOP), "rev-parse", "--short", "HEAD"], stdout=subprocess.PIPE, universal_newlines=True
     ).stdout.strip()

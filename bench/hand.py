@@ -120,7 +120,7 @@ def draw(study: Study, key: str, number: int, real: bool) -> Tuple[np.ndarray, n
 
 
 def measure(study: Study, key: str, points: np.ndarray, stamps: np.ndarray, asked: Scenario, mode: str) -> Drawn:
-    """What the map has of a stroke."""
+    """Measures what the map has of a stroke."""
     prior = floor_plan.physical_map(study.world)
     truth = floor_plan.ground_truth(study.world, asked)
     try:

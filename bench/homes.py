@@ -35,14 +35,14 @@ class Home:
     furniture: List[np.ndarray] = field(default_factory=list)
 
     def mirrored(self) -> "Home":
-        """The flat on the other side of the stairs."""
+        """Returns the flat on the other side of the stairs."""
         flip = np.array([-1.0, 1.0])
         parts = ([one * flip for one in some] for some in (self.walls, self.rooms, self.furniture))
         return Home(self.outline * flip, *parts)
 
 
 def wall(a: np.ndarray, b: np.ndarray, thickness: float) -> np.ndarray:
-    """(4, 2) [m] of a straight wall."""
+    """Returns the corners of a straight wall, (4, 2) [m]."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     along = (b - a) / max(1e-9, float(np.linalg.norm(b - a)))
     across = np.array([-along[1], along[0]]) * thickness / 2.0
@@ -51,7 +51,7 @@ def wall(a: np.ndarray, b: np.ndarray, thickness: float) -> np.ndarray:
 
 
 def with_door(a: np.ndarray, b: np.ndarray, at: float, width: float, thickness: float) -> List[np.ndarray]:
-    """A wall with a doorway whose middle lies at a share of its length."""
+    """Returns a wall with a doorway whose middle lies at a share of its length."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     length = float(np.linalg.norm(b - a))
     half = width / 2.0 / length
@@ -122,7 +122,7 @@ def corridor_home(random: np.random.Generator, size: Tuple[float, float] = (0.0,
 
 
 def furnished(home: Home, random: np.random.Generator, kept: float = 0.0) -> Home:
-    """The home with other furniture; a share of what there is keeps its place."""
+    """Returns the home with other furniture; a share of what there is keeps its place."""
     things = [thing for thing in home.furniture if random.random() < kept]
     for room in home.rooms:
         low, high = room.min(axis=0) + 0.4, room.max(axis=0) - 0.4
@@ -151,7 +151,7 @@ def draw_map(
     missing: int = 0,
     noise: float = 1.0,
 ) -> GridMap:
-    """The map that SLAM would make of a home.
+    """Draws the map that SLAM would make of a home.
 
     Args:
         transform: from the home's frame to the map's.

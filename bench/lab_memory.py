@@ -27,7 +27,7 @@ QUIET_S = 15.0  # [s] that every node has been up before it is measured: by then
 
 
 def memory(process: int) -> Dict[str, float]:
-    """The process's resident, proportional and private memory [MiB]."""
+    """Returns the process's resident, proportional and private memory [MiB]."""
     sizes = {}
     for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()[1:]:
         name, value = line.split()[:2]
@@ -36,7 +36,7 @@ def memory(process: int) -> Dict[str, float]:
 
 
 def session(leader: int) -> Dict[str, int]:
-    """Name to process of everything below the process: nodes by their ROS names, others by their programs'."""
+    """Finds everything below the process, name to process: nodes by their ROS names, others by their programs'."""
     parents = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:

@@ -36,7 +36,7 @@ FIELDS = ["cameras", "hosts", "cores", "searched_share", "spots_per_s", "latency
 
 
 def address(host: int) -> str:
-    """Of a host; host 0 has the ROS master."""
+    """Returns the address of a host; host 0 has the ROS master."""
     return f"10.254.80.{host + 1}"
 
 
@@ -112,7 +112,7 @@ def play(cameras: List[str], path: Path) -> None:
 
 # ---------------------------------------------------------------------- measuring
 def used(processes: List[int]) -> float:
-    """[s] of processor time that some processes have taken so far."""
+    """Returns the processor time [s] that some processes have taken so far."""
     ticks = 0
     for process in processes:
         fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
@@ -121,13 +121,13 @@ def used(processes: List[int]) -> float:
 
 
 def busy() -> float:
-    """[s] of processor time that all processes of the computer have taken so far."""
+    """Returns the processor time [s] that all processes of the computer have taken so far."""
     fields = [int(word) for word in Path("/proc/stat").read_text().splitlines()[0].split()[1:]]
     return (sum(fields) - fields[3] - fields[4]) / os.sysconf("SC_CLK_TCK")
 
 
 def called(word: str, space: str) -> List[int]:
-    """The processes of this namespace of mounts, so of this run, whose command line holds a word."""
+    """Finds the processes of this namespace of mounts, so of this run, whose command line holds a word."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -139,7 +139,7 @@ def called(word: str, space: str) -> List[int]:
 
 
 def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) -> Dict[str, Any]:
-    """One row of the table."""
+    """Measures one row of the table."""
     import numpy as np
     import rosgraph
     import rospy
@@ -271,7 +271,7 @@ def add_rows(rows: List[Dict[str, Any]]) -> None:
 
 
 def model(rows: List[Dict[str, float]]) -> Dict[str, float]:
-    """What an image and what the fusion of a spot cost: processor time, which others' load changes little."""
+    """Measures what an image and what the fusion of a spot cost: processor time, which others' load changes little."""
     import numpy as np
 
     good = [row for row in rows if row["spots_per_s"] > 0]
@@ -285,7 +285,7 @@ def model(rows: List[Dict[str, float]]) -> Dict[str, float]:
 
 
 def plot() -> None:
-    """The picture of the table, and what the model says of 50 cameras."""
+    """Draws the table, and what the model says of 50 cameras."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -46,24 +46,24 @@ REPEATS = 9
 
 
 def timed(action) -> float:
-    """[ms] that an action takes."""
+    """Measures the time [ms] that an action takes."""
     started = time.perf_counter()
     action()
     return 1e3 * (time.perf_counter() - started)
 
 
 def median(times: List[float]) -> float:
-    """[ms], the first one left out: it pays for what is done once."""
+    """Returns the median [ms], the first one left out: it pays for what is done once."""
     return round(float(np.median(times[1:] or times)), 3)
 
 
 def serialise(grid: GridMap) -> None:
-    """What publishing does up to the socket."""
+    """Does what publishing does up to the socket."""
     messages.message_from_grid(grid, rospy.Time(0)).serialize(io.BytesIO())
 
 
 def integration_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
-    """One border into the map, nothing else."""
+    """Times one border into the map, nothing else."""
     repeats = 20 * REPEATS if grid.data.size < 100_000 else REPEATS
     borders = {
         "small_polygon": [polygon(grid, random, 0.1) for _ in range(repeats)],
@@ -116,7 +116,7 @@ def keeper_times(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
 
 
 def store_times(keeper: MapIntegrator) -> List[float]:
-    """[ms] of a change that touches no cell: what is left is the store's files."""
+    """Times [ms] a change that touches no cell: what is left is the store's files."""
     last = keeper.borders[-1].id
     keeper.enable(last, False, 1e5)
     times = [timed(lambda: keeper.rename(last, f"name {number}", 1e5)) for number in range(2 * REPEATS)]
@@ -125,7 +125,7 @@ def store_times(keeper: MapIntegrator) -> List[float]:
 
 
 def many_times(count: int = 10_000) -> Dict[str, Any]:
-    """A database of many borders on 20 maps: its size, how long it takes to start, and a change with them there."""
+    """Measures a database of many borders on 20 maps: its size, how long it takes to start, and a change with them there."""
     random = np.random.default_rng(2)
     with tempfile.TemporaryDirectory() as folder:
         database = Database(Path(folder))
@@ -152,7 +152,7 @@ def many_times(count: int = 10_000) -> Dict[str, Any]:
 
 
 def node_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
-    """From the call of add_border to its answer, and to the whole posterior at a subscriber."""
+    """Times add_border from its call to its answer, and to the whole posterior at a subscriber."""
     arrived: "queue.Queue[float]" = queue.Queue()
     started_at = time.monotonic()
     subscriber = rospy.Subscriber(
@@ -191,7 +191,7 @@ def node_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
 
 
 def start_master() -> subprocess.Popen:
-    """A ROS master of this bench's own."""
+    """Starts a ROS master of this bench's own."""
     port = free_port()
     os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
     master = spawn(["roscore", "-p", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -202,7 +202,7 @@ def start_master() -> subprocess.Popen:
 
 
 def table(sizes: List[Dict[str, Any]]) -> str:
-    """The figures as Markdown."""
+    """Writes the figures as Markdown."""
     columns = ["cells", "small polygon", "large polygon", "curve"] + [f"add, {count} there" for count in COUNTS]
     columns += [f"store, {COUNTS[0]} / {COUNTS[-1]}", "add to answer", "add to received map"]
     lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]

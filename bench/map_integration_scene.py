@@ -23,7 +23,7 @@ def house(width: int, height: int) -> GridMap:
 
 
 def polygon(grid: GridMap, random: np.random.Generator, share: float) -> VirtualBorder:
-    """A polygon with 100 points; its diameter is a share of the map's shorter side."""
+    """Makes a polygon with 100 points; its diameter is a share of the map's shorter side."""
     height, width = grid.shape
     radius = 0.5 * share * min(height, width)
     centre = random.uniform((radius, radius), (width - radius, height - radius))
@@ -37,7 +37,7 @@ def polygon(grid: GridMap, random: np.random.Generator, share: float) -> Virtual
 
 
 def curve(grid: GridMap, random: np.random.Generator) -> VirtualBorder:
-    """A drawn curve of 100 points across half of the map: its extensions go through rooms and doors."""
+    """Makes a drawn curve of 100 points across half of the map: its extensions go through rooms and doors."""
     height, width = grid.shape
     x = width * random.uniform(0.3, 0.7)
     rows = np.linspace(0.25, 0.75, 100) * height

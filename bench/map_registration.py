@@ -34,7 +34,7 @@ WRONG_M, WRONG_DEG = 0.15, 2.0
 
 
 def pair(make: Any, kind: str, seed: int, noise: float) -> Any:
-    """(old map, new map, true transform or None) of a kind."""
+    """Makes (old map, new map, true transform or None) of a kind."""
     random = np.random.default_rng(seed)
     home = make(random)
     truth = Transform(*random.uniform(-5.0, 5.0, 2), random.uniform(-math.pi, math.pi))
@@ -59,7 +59,7 @@ def pair(make: Any, kind: str, seed: int, noise: float) -> Any:
 
 
 def judge(make: Any, kind: str, seed: int, noise: float = 1.0) -> Dict[str, Any]:
-    """What became of one pair."""
+    """Says what became of one pair."""
     old, new, truth = pair(make, kind, seed, noise)
     started = time.process_time()
     found = register(old, new)
@@ -77,13 +77,13 @@ def judge(make: Any, kind: str, seed: int, noise: float = 1.0) -> Dict[str, Any]
 
 
 def interval(hits: int, n: int) -> str:
-    """The 95 % interval of a share, in percent."""
+    """Returns the 95 % interval of a share, in percent."""
     share = proportion(hits, n)
     return f"{100 * share.low:.1f} .. {100 * share.high:.1f}"
 
 
 def summary(kind: str, rows: List[Dict[str, Any]]) -> Dict[str, Any]:
-    """One line of the table."""
+    """Makes one line of the table."""
     n, same = len(rows), kind in SAME or kind == "all same"
     errors = [row["m"] for row in rows]
     right, wrong = (sum(row[key] for row in rows) for key in ("right", "wrong"))
@@ -130,7 +130,7 @@ def main() -> int:
 
 
 def write(rows: List[Dict[str, Any]], homes: str, noise: float, made_by: str) -> Path:
-    """The table as far as it goes."""
+    """Writes the table as far as it goes."""
     kinds = [kind for kind in SAME + OTHER if any(row["kind"] == kind for row in rows)]
     table = [summary(kind, [row for row in rows if row["kind"] == kind]) for kind in kinds]
     for name, members in (("all same", SAME), ("all different", OTHER)):

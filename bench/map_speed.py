@@ -93,7 +93,7 @@ class Runner:
         assert self._process.stdout is not None and self._process.stdout.readline().strip() == "ready"
 
     def time(self, what: str) -> float:
-        """[ms] of one operation."""
+        """Times one operation [ms]."""
         assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.write(f"{what}\n")
         self._process.stdin.flush()

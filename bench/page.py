@@ -50,7 +50,7 @@ LAB_MAP = f'<node pkg="vb_sim" type="map_server" name="map_server"><param name="
 
 
 def start(stack, lab=True, simulation=False):
-    """Roscore and nodes, or the whole simulated lab without a display; returns (page's port, state folder)."""
+    """Starts roscore and nodes, or the whole simulated lab without a display; returns (page's port, state folder)."""
     from vb_evaluation.processes import Child, free_port
 
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench_page_")))
@@ -170,14 +170,14 @@ def listen_many(port, count, seconds):
 
 
 def drawing_state():
-    """The real manager goes to the state border: lines are shown in it."""
+    """Brings the real manager to the state border: lines are shown in it."""
     from vb_core.ros.commands import make_request, send
 
     send(make_request("define_border", "bench", 10.0))
 
 
 def links(port, counts):
-    """What so many browsers' links cost while somebody draws, one line for each number of them."""
+    """Measures what so many browsers' links cost while somebody draws, one line for each number of them."""
     from vb_evaluation.processes import spawn
 
     drawing_state()
@@ -450,7 +450,7 @@ def pictures(folder):
 
 
 def has_floor(port):
-    """Whether the page has a picture of the floor: the cameras run."""
+    """Tells whether the page has a picture of the floor: the cameras run."""
     with contextlib.suppress(OSError):
         return urllib.request.urlopen(f"http://127.0.0.1:{port}/floor.webp", timeout=30).status == 200
 

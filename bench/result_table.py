@@ -11,7 +11,7 @@ FOLDER = Path(__file__).resolve().parent.parent / "docs" / "results"
 
 
 def revision() -> str:
-    """The present commit, with "-dirty" where files differ from it outside of docs; "" outside of a repository.
+    """Returns the present commit, with "-dirty" where files differ from it outside of docs; "" outside of a repository.
 
     A bench that goes on later writes its table into docs meanwhile, and that changes nothing of what it measures.
     """

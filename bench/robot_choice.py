@@ -37,7 +37,7 @@ def building(cells: int, resolution: float) -> GridMap:
 
 
 def choice(grid: GridMap, rng: np.random.Generator, far: bool, view: FloorView) -> float:
-    """[ms] of processor time of one choice."""
+    """Times one choice: [ms] of processor time."""
     half = 0.5 * min(grid.shape) * grid.resolution - 4.0
     spot = rng.uniform(-0.5 * half, 0.5 * half, 2)
     direction = np.array([np.cos(rng.uniform(0, 6.28)), np.sin(rng.uniform(0, 6.28))])

@@ -94,7 +94,7 @@ class Pace:
         self._missed += MISSED in message.msg
 
     def missed(self) -> int:
-        """How many cycles move_base has missed since this was asked last."""
+        """Returns how many cycles move_base has missed since this was asked last."""
         missed, self._missed = self._missed, 0
         return missed
 
@@ -218,7 +218,7 @@ class Lab:
         wait_until(lambda: self.observer.posterior is not before, 10.0)
 
     def entered(self, path) -> float:
-        """[m] how deep the footprint came into what borders restrict, beyond a cell's diagonal; 0 or less is fine."""
+        """Returns how deep [m] the footprint came into what borders restrict, beyond a cell's diagonal; 0 or less is fine."""
         prior, posterior = self.observer.prior, self.observer.posterior
         restricted = posterior.data > np.maximum(prior.data, 0)
         if not len(path) or not restricted.any():
@@ -229,7 +229,7 @@ class Lab:
 
 
 def tasks(seed: int):
-    """What is to be driven: (kind, scenario, number, from, to). In turns, so that each part tells of all."""
+    """Lists what is to be driven: (kind, scenario, number, from, to). In turns, so that each part tells of all."""
     for begin in range(0, ROUNDS, 10):
         for scenario in SCENARIOS:
             chain, inside = places(scenario, seed)[:-INSIDE], places(scenario, seed)[-INSIDE:]
@@ -257,7 +257,7 @@ def drive_scenario(lab, scenario, todo, keep) -> None:
 
 
 def drive_nose(lab, number, seed, keep) -> None:
-    """A border across the way of a robot under way, 0.25 to 0.6 m before its nose."""
+    """Measures a border drawn across the path of a robot under way, 0.25 to 0.6 m before its nose."""
     rng = np.random.default_rng([seed, 1000 + number])
     ends = [(7.0, 0.9, 180), (1.6, 1.6, 0)]
     here = lab.pose()
@@ -312,7 +312,7 @@ TITLES = {"round": "past the border", "inside": "into it", "nose": "border put b
 
 
 def table(every) -> str:
-    """The results as Markdown."""
+    """Writes the results as Markdown."""
     runs = [run for run in every if run.get("lockstep", True) and not run.get("repeat")]
     lines = [
         "# Driving with the real move_base",

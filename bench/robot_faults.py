@@ -87,7 +87,9 @@ class Run:
 
 
 def run(world, grid, posterior, profile, guided, fault, seed):
-    """(seconds until it stopped or None, collisions, m into the border, whether it went on, code while held)."""
+    """Drives with a fault: (seconds until it stopped or None, collisions, m into the border, whether it went on, code
+    while held).
+    """
     run = Run(world, grid, posterior, profile, guided, seed)
     if not guided:
         run.robot.send((1.6, 1.6, math.pi))
@@ -155,7 +157,7 @@ def main() -> int:
 
 
 def write(done, times, cell) -> None:
-    """The table of what has been run so far."""
+    """Writes the table of what has been run so far."""
     lines = [
         "# What is lost while a robot drives",
         "",

@@ -93,12 +93,12 @@ class Judge:
             self._allowed_gap = np.inf
 
     def spot_seen(self, stamp: float) -> None:
-        """Some camera saw a spot at a time [s]."""
+        """Notes that some camera saw a spot at a time [s]."""
         with self._lock:
             self._seen_at = max(self._seen_at, stamp)
 
     def step(self, now: float, place, laser_on: bool, doing: str) -> None:
-        """How things truly are at a time [s]: the robot's (x, y) [m], the person's laser and what he does."""
+        """Notes how things truly are at a time [s]: the robot's (x, y) [m], the person's laser and what he does."""
         with self._lock:
             if doing and (not self.doings or self.doings[-1][1] != doing):
                 self.doings.append((round(now, 2), doing))
@@ -155,7 +155,7 @@ class Judge:
 
 # ----------------------------------------------------------------- in one process
 def run_here(study, scenario: str, method: str, seed: int) -> dict:
-    """One run in one process; the seed is the participant's number."""
+    """Performs one run in one process; the seed is the participant's number."""
     began = time.monotonic()
     run = LiveRun(study, Task(seed, scenario, method))
     judge = Judge(study.world.robots[0].radius, method == "robot_only")
@@ -205,7 +205,7 @@ def watch(judge: Judge) -> list:
 
 # ----------------------------------------------------------------- over ROS
 def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, record: bool) -> dict:
-    """One run through ROS. To be called once per process: rospy takes one node name."""
+    """Performs one run through ROS. To be called once per process: rospy takes one node name."""
     world = load_world(str(world_path))
     cameras = [camera.name for camera in world.cameras] if method == "nrs" else []
     judge = Judge(world.robots[0].radius, method == "robot_only")
@@ -260,7 +260,7 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
 
 
 def in_child(world: Path, scenario: str, method: str, seed: int, folder: Path, record: bool) -> dict:
-    """A run over ROS in a forked process, since a process can be one ROS node only."""
+    """Performs a run over ROS in a forked process, since a process can be one ROS node only."""
     log = folder / f"{scenario}_{method}_{seed}"
     log.mkdir(parents=True, exist_ok=True)
     result = log / "run.json"
@@ -285,7 +285,7 @@ def in_child(world: Path, scenario: str, method: str, seed: int, folder: Path, r
 
 # ----------------------------------------------------------------- all of them
 def summarise(runs: list) -> str:
-    """A table with one line per scenario and method."""
+    """Makes a table with one line per scenario and method."""
     lines = [f"{'scenario':9} {'method':10} {'runs':>4} {'saved':>5} {'collisions':>10} {'entries':>7} {'too fast':>8} "
              f"{'hold median':>11} {'hold max':>8} {'unseen max':>10} {'clearance':>9}"]
     for scenario, method in sorted({(run["scenario"], run["method"]) for run in runs}):
@@ -305,7 +305,7 @@ def summarise(runs: list) -> str:
 
 
 def page(runs: list) -> str:
-    """The table with what made it, and every run that broke a rule."""
+    """Writes the table with what made it, and every run that broke a rule."""
     keys = {key: " ".join(str(value) for value in sorted({run[key] for run in runs})) for key in ("scenario", "method", "seed")}
     command = f"bench/robot_runs.py --scenarios {keys['scenario']} --methods {keys['method']} --seeds {keys['seed']}"
     lines = ["# Simulated people and a robot", "", f"`python3 {command}`, {time.strftime('%Y-%m-%d', time.gmtime())}, "

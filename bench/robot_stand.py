@@ -47,7 +47,7 @@ class Every:
 
 
 def standin_navigator(grid: GridMap, profile: RobotProfile) -> Navigator:
-    """What vb_sim's navigation node drives with."""
+    """Makes what vb_sim's navigation node drives with."""
     path = Path(__file__).resolve().parent.parent / "src" / "vb_sim" / "config" / "navigation.yaml"
     settings = yaml.safe_load(path.read_text(encoding="utf-8"))
     costmap, follower = params_for_robot(profile, CostmapParams.from_mapping(settings.get("costmap"), "costmap"),
@@ -128,7 +128,7 @@ class DrivenRobot:
         return self._goal_status is GoalStatus.ACTIVE
 
     def status(self, now: float) -> RobotStatus:
-        """How the dispatcher sees it."""
+        """Returns how the dispatcher sees it."""
         place = self._goal[:2] if self.driving and self._goal is not None else None
         return RobotStatus(self._body.estimate(), True, self._goal_status, False, place)
 
@@ -144,7 +144,7 @@ class DrivenRobot:
             self._end(GoalStatus.NONE)
 
     def navigate(self, now: float, dt: float) -> None:
-        """One step of the controller."""
+        """Performs one step of the controller."""
         if not self.driving:
             return
         try:
@@ -164,7 +164,7 @@ class DrivenRobot:
 
     # ------------------------------------------------------------- who drives
     def drive(self, now: float) -> None:
-        """One step of the driver, which alone commands the base."""
+        """Performs one step of the driver, which alone commands the base."""
         if "driver" in self.lost:
             return
         state, interaction_id, entered = self._state

@@ -85,7 +85,7 @@ class Broken(Exception):
 
 
 def rooms(seed: int) -> Dict[str, np.ndarray]:
-    """Two floors of a home, each an occupancy grid with walls and furniture, as map name to cells."""
+    """Makes two floors of a home, each an occupancy grid with walls and furniture, as map name to cells."""
 
     found = {}
     for number, name in enumerate(("ground floor", "upper floor")):
@@ -223,7 +223,7 @@ class Soak:
 
     # ------------------------------------------------------------ time
     def tick(self, seconds: float) -> None:
-        """Simulated time goes on; detectors report once a second."""
+        """Lets simulated time go on; detectors report once a second."""
         before = int(self.now)
         self.now += seconds
         self.lived += max(seconds, 0.0)
@@ -232,7 +232,7 @@ class Soak:
             self.report()
 
     def report(self) -> None:
-        """The detectors' reports, and where the robot is."""
+        """Publishes the detectors' reports, and where the robot is."""
         stamp = rospy.Time.from_sec(self.now)
         for camera in CAMERAS:
             if self.apart and camera == REMOTE:
@@ -246,7 +246,7 @@ class Soak:
             self.tf.publish(TFMessage([transform_message(np.eye(4), "map", "base_link", stamp)]))
 
     def idle(self, seconds: float) -> None:
-        """Nobody does anything for a while."""
+        """Lets a while pass in which nobody does anything."""
         end = self.now + seconds
         while self.now < end:
             self.tick(1.0)
@@ -266,7 +266,7 @@ class Soak:
 
     # ------------------------------------------------------------ what the stack says
     def heard(self, key: str, test: Callable[[Any], Any]) -> Any:
-        """What a test gives for a topic's newest message; None while there is none."""
+        """Returns what a test gives for a topic's newest message; None while there is none."""
         message = self.newest.get(key)
         return None if message is None else test(message)
 
@@ -305,7 +305,7 @@ class Soak:
                 time.sleep(0.1)
 
     def command(self, word: str) -> Any:
-        """One command of a person, answered."""
+        """Gives one command of a person and returns its answer."""
         answer = self.call(names.COMMAND, Command, command=word, source="soak")
         self.codes[f"{word}: {answer.code}"] += 1
         if not answer.success and not answer.code:
@@ -329,7 +329,7 @@ class Soak:
             time.sleep(0.002)
 
     def shape(self) -> Any:
-        """(4, 2) [m] corners of a rectangle somewhere on the floor."""
+        """Returns the corners of a rectangle somewhere on the floor, (4, 2) [m]."""
         centre = self.rng.uniform([1.2, 1.0], [6.8, 4.0])
         half = self.rng.uniform(0.35, 0.8, 2)
         angle = self.rng.uniform(0, np.pi)
@@ -337,7 +337,7 @@ class Soak:
         return centre + (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ turn.T
 
     def interaction(self, meanwhile: Optional[Callable[[], None]] = None) -> None:
-        """A person draws an area; now and then somebody kills a node meanwhile, or the person gives up.
+        """Draws an area as a person; now and then somebody kills a node meanwhile, or the person gives up.
 
         Args:
             meanwhile: what happens in the middle of the border; left out: mostly nothing.
@@ -472,7 +472,7 @@ class Soak:
                 raise Broken(f"{code} of camera {camera} is over and nobody says so")
 
     def lights(self) -> None:
-        """Somebody switches the lights while a person draws: for a second and a half both cameras see spots everywhere."""
+        """Switches the lights while a person draws: for a second and a half both cameras see spots everywhere."""
         def flicker() -> None:
             for _ in range(6):
                 self.draw(self.rng.uniform([0.3, 0.3], [7.7, 4.7], (3, 2)))
@@ -500,7 +500,7 @@ class Soak:
         self.counts["transforms lost"] += 1
 
     def cut_network(self) -> None:
-        """The cable to the second computer is pulled while a person draws, for some seconds of wall time."""
+        """Pulls the cable to the second computer while a person draws, for some seconds of wall time."""
         if not self.apart:
             return
 
@@ -523,7 +523,7 @@ class Soak:
         return (self.folder / "state" / "filler").exists()
 
     def fill_disk(self) -> None:
-        """The disk is full: whatever is refused is refused with a code, and once there is room again all goes on."""
+        """Fills the disk: whatever is refused is refused with a code, and once there is room again all goes on."""
         if not self.apart:
             return
         filler = self.folder / "state" / "filler"
@@ -549,14 +549,14 @@ class Soak:
             raise Broken("a save was refused although there is room again")
 
     def step_clock(self) -> None:
-        """Somebody sets the clock, forwards or a little back."""
+        """Sets the clock, forwards or a little back."""
         jump = float(self.rng.choice([-5.0, -1.0, 30.0, 3600.0]))
         self.tick(jump)
         self.counts[f"clock {jump:+g} s"] += 1
         self.idle(3.0)
 
     def change_floor(self) -> None:
-        """The robot goes to the other floor; the borders of this one must be there when it comes back."""
+        """Moves the robot to the other floor; the borders of this one must be there when it comes back."""
         self.floor = next(name for name in self.maps if name != self.floor)
         self.newest.pop("posterior", None)
         self.tell_map()
@@ -573,7 +573,7 @@ class Soak:
         self.map.publish(message_from_grid(grid, rospy.Time.from_sec(self.now)))
 
     def night(self) -> None:
-        """Everything is switched off and on again."""
+        """Switches everything off and on again."""
         self.down()
         self.newest.clear()
         self.up()
@@ -582,7 +582,7 @@ class Soak:
 
     # ------------------------------------------------------------ invariants
     def check(self) -> None:
-        """Nothing acknowledged is lost or moved, and the map is what the borders say."""
+        """Checks that nothing acknowledged is lost or moved, and that the map is what the borders say."""
         wanted = self.ledger[self.floor]
 
         def same() -> bool:
@@ -625,7 +625,7 @@ class Soak:
                     and restricted_share > 0.5)
 
     def sample(self) -> None:
-        """Memory of each node and the size of the state folder."""
+        """Measures the memory of each node and the size of the state folder."""
         memory = {}
         for name in NODES:
             pid = self._pid(name)
@@ -669,7 +669,7 @@ class Soak:
             self.idle(float(self.rng.exponential(600.0)))
 
     def recover(self) -> None:
-        """After a broken invariant: start from what the stack has now, so that one fault counts once."""
+        """Starts from what the stack has now, after a broken invariant, so that one fault counts once."""
         (self.folder / "state" / "filler").unlink(missing_ok=True)
         self.localised = True
         for camera in CAMERAS:
@@ -681,7 +681,7 @@ class Soak:
             self.ledger[self.floor] = {border.id: _points(border) for border in message.borders}
 
     def result(self, seconds: float) -> Dict[str, Any]:
-        """What was measured."""
+        """Returns what was measured."""
         slopes = {}
         for name in NODES:
             rows = [(s["hour"], s["memory_mib"][name]) for s in self.samples if name in s["memory_mib"]]
@@ -702,7 +702,7 @@ class Soak:
 
 
 def page(result: Dict[str, Any]) -> str:
-    """The result as Markdown."""
+    """Writes the result as Markdown."""
 
     def table(counts: Dict[str, Any], first: str, second: str) -> List[str]:
         return ["", f"| {first} | {second} |", "|---|---|", *(f"| {key} | {value} |" for key, value in sorted(counts.items()))]
@@ -725,7 +725,7 @@ def _points(border: Any) -> Any:
 
 
 def camera_host() -> int:
-    """The second computer: a camera whose spots and reports come from there."""
+    """Runs the second computer: a camera whose spots and reports come from there."""
     if sys.stdin.readline() != "go\n":
         return 1
 
@@ -751,7 +751,7 @@ def camera_host() -> int:
 
 
 def live_apart() -> bool:
-    """Whether this process has namespaces of its own; as root it starts itself again within such."""
+    """Tells whether this process has namespaces of its own; as root it starts itself again within such."""
     if os.environ.get("SOAK_APART") == "1":
         return True
     if os.getuid() != 0 or any(shutil.which(tool) is None for tool in ("unshare", "ip", "mount", "nsenter")):

@@ -54,23 +54,23 @@ Change = Callable[[np.ndarray], np.ndarray]
 
 
 def scaled(factor: float) -> Change:
-    """The picture in another size."""
+    """Returns the picture in another size."""
     return lambda image: cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
 
 
 def jpeg(quality: int) -> Change:
-    """The picture compressed."""
+    """Returns the picture compressed."""
     flags = [cv2.IMWRITE_JPEG_QUALITY, quality]
     return lambda image: cv2.imdecode(cv2.imencode(".jpg", image, flags)[1], cv2.IMREAD_COLOR)
 
 
 def levels(white: float) -> Change:
-    """The picture of a camera whose brightest value is `white`."""
+    """Returns the picture of a camera whose brightest value is `white`."""
     return lambda image: cv2.convertScaleAbs(image, alpha=white / 255.0)
 
 
 def gamma(power: float) -> Change:
-    """The picture with another tone curve."""
+    """Returns the picture with another tone curve."""
     table = np.round(255.0 * (np.arange(256) / 255.0) ** power).astype(np.uint8)
     return lambda image: cv2.LUT(image, table)
 
@@ -92,7 +92,7 @@ VARIANTS: Dict[str, Tuple[Change, float, int]] = {
 
 
 def window_at(index: int, width: int, height: int, seed: int) -> np.ndarray:
-    """(2, 3) from the picture to a window of four fifths of it, in the frame of this number.
+    """Returns the transform (2, 3) from the picture to a window of four fifths of it, in the frame of this number.
 
     Pan and tilt swing by a tenth of the picture, at up to 4 px per frame; the roll by 2.5 degrees.
     """
@@ -107,7 +107,7 @@ def window_at(index: int, width: int, height: int, seed: int) -> np.ndarray:
 
 
 def frames_of(clip: Path, video: dict, role: str, variant: str) -> Iterator[Tuple[float, np.ndarray, List[dict]]]:
-    """Stamp [s], picture and labels {x, y, event, near} of each frame; near: a label of frames before or after."""
+    """Yields stamp [s], picture and labels {x, y, event, near} of each frame; near: a label of frames before or after."""
     change, size, step = VARIANTS[variant]
     by_frame: Dict[int, List[dict]] = {}
     for label in video["labels"]:
@@ -179,13 +179,13 @@ class Count:
         self._hit |= {here[k]["event"] for k in matched}
 
     def result(self, name: str) -> Dict[str, Any]:
-        """The figures."""
+        """Returns the figures."""
         return {"clip": name, **self.sums, "shots": len(self._shots), "shots_found": len(self._hit), "errors": self.errors,
                 "places": self.places, "ms": 1e3 * self._took / max(1, self.sums["frames"])}
 
 
 def measure(folder: Path, name: str, video: dict, role: str, variant: str, detectors: Dict[str, Any]) -> Dict[str, Any]:
-    """What detectors make of one clip."""
+    """Measures what detectors make of one clip."""
     reach = REACH_PX * VARIANTS[variant][1] * max(1.0, video["width"] / 640.0)
     counts = {version: Count(detector, reach, UNLABELLED.get(name, ())) for version, detector in detectors.items()}
     for number, frame in enumerate(frames_of(folder / "clips" / name, video, role, variant)):
@@ -195,7 +195,7 @@ def measure(folder: Path, name: str, video: dict, role: str, variant: str, detec
 
 
 def write_crops(clip: Path, places: List[Tuple[int, float, float, bool]], folder: Path, reach: int = 25, around: int = 3) -> None:
-    """One picture per clip: a row per place (frame, u, v), with the frames before and after it, for looking at."""
+    """Writes one picture per clip: a row per place (frame, u, v), with the frames before and after it, for looking at."""
     capture, images = cv2.VideoCapture(str(clip)), []
     while True:
         got, image = capture.read()
@@ -216,7 +216,7 @@ def write_crops(clip: Path, places: List[Tuple[int, float, float, bool]], folder
 
 
 def figures(clips: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
-    """The figures of one clip, or of several."""
+    """Computes the figures of one clip, or of several."""
     sums = {key: sum(clip[key] for clip in clips) for key in COUNTED}
     errors = [error for clip in clips for error in clip["errors"]]
     recall, false = proportion(sums["found"], sums["labels"]), proportion(sums["false"], sums["frames"])

@@ -47,7 +47,7 @@ class AuthorsDesign:
         self._foreground = cv2.createBackgroundSubtractorMOG2(detectShadows=False)
 
     def detect(self, image: np.ndarray) -> List[Tuple[float, float]]:
-        """(u, v) [px] of the spots."""
+        """Returns (u, v) [px] of the spots."""
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         bright = cv2.adaptiveThreshold(grey, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY, 11, -20)
         moved = self._foreground.apply(image)
@@ -98,7 +98,7 @@ def measure_time(frames: int) -> Dict[str, Any]:
 def measure_scenes(
     words: List[str], seed: int, other: Optional[Path], left_out: Optional[Path], share: float, without: List[str], table: Optional[Path],
 ) -> Dict[str, Any]:
-    """Recall, false spots and errors on the floor in rendered scenes; prints each as it is done.
+    """Measures recall, false spots and errors on the floor in rendered scenes; prints each as it is done.
 
     Args:
         share: of each scene's time that is played.
@@ -140,7 +140,7 @@ def measure_scenes(
 
 
 def measure_quiet(minutes: float, seed: int) -> Dict[str, Any]:
-    """False spots without a laser, per camera."""
+    """Counts false spots without a laser, per camera."""
     from spot_scenes import quiet
 
     result = {name: outcome.summary() for name, outcome in quiet(minutes, seed).items()}

@@ -23,7 +23,7 @@ Row = Dict[str, str]
 
 
 def rows_of(name: str) -> List[Row]:
-    """A table's rows; none if it was not measured."""
+    """Reads a table's rows; none if it was not measured."""
     path = FOLDER / f"detection_{name}.csv"
     if not path.exists():
         return []
@@ -32,17 +32,17 @@ def rows_of(name: str) -> List[Row]:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> List[str]:
-    """A Markdown table."""
+    """Writes a Markdown table."""
     return ["| " + " | ".join(row) + " |" for row in [head, ["---"] * len(head), *rows]] + [""]
 
 
 def revisions(rows: Sequence[Row]) -> str:
-    """At which revisions rows were measured."""
+    """Says at which revisions rows were measured."""
     return ", ".join(sorted({row["revision"] for row in rows}))
 
 
 def clips() -> List[str]:
-    """Labelled clips: in all, and one by one."""
+    """Reports labelled clips: in all, and one by one."""
     rows = [row for row in rows_of("clips") if row["pictures"] == "plain"]
 
     def line(row: Row, first: Sequence[str]) -> List[str]:
@@ -68,7 +68,7 @@ def _paint(row: Row) -> bool:
 
 
 def left_out() -> List[str]:
-    """The classifier alone, on clips and scenes that it was not fitted on."""
+    """Reports the classifier alone, on clips and scenes that it was not fitted on."""
     rows = rows_of("left_out")
     kinds = {"clips": [row for row in rows if ":" not in row["left_out"]],
              "ceiling scenes": [row for row in rows if row["left_out"].startswith("ceiling") and not _paint(row)],
@@ -85,7 +85,7 @@ def left_out() -> List[str]:
 
 
 def scenes() -> List[str]:
-    """Rendered scenes that are not perfect."""
+    """Reports rendered scenes that are not perfect."""
     measured: List[Dict[str, Row]] = []
     for row in rows_of("scenes"):
         if row["version"] != "other":
@@ -140,7 +140,7 @@ def times() -> List[str]:
 
 
 def robots() -> List[str]:
-    """What is refused because a robot's body is in the way."""
+    """Reports what is rejected because a robot's body is in the way."""
     rows, shares = rows_of("robots"), {}
     for row in rows:
         line = shares.setdefault((row["what"], row["localisation_error_cm"], row["n"], row["hidden_anyway"]), {})

@@ -54,13 +54,13 @@ MARGINS = (0.05, 0.0, 0.10)  # [m]; the first is what ros/camera_geometry.py has
 
 
 def around(random: np.random.Generator, distance: float) -> np.ndarray:
-    """(2,) [m] in a random direction."""
+    """Returns (2,) [m] in a random direction."""
     angle = random.uniform(0.0, 2.0 * math.pi)
     return distance * np.array([math.cos(angle), math.sin(angle)])
 
 
 def share(what: str, error: float, margin: float, refused: List[bool], hidden: int) -> Dict[str, Any]:
-    """A row of the table."""
+    """Makes a row of the table."""
     found = proportion(sum(refused), len(refused))
     return {"what": what, "localisation_error_cm": round(100 * error), "margin_cm": round(100 * margin), "n": len(refused),
             "hidden_anyway": hidden, "refused": sum(refused), "share": round(found.estimate, 4),
@@ -68,7 +68,7 @@ def share(what: str, error: float, margin: float, refused: List[bool], hidden: i
 
 
 def on_surface(random: np.random.Generator, origin: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(3,) [m] a random point of a robot's side or top, by area, that a camera sees from outside."""
+    """Returns (3,) [m], a random point of a robot's side or top, by area, that a camera sees from outside."""
     side, top = 2.0 * math.pi * PROFILE.radius * TALL, math.pi * PROFILE.radius**2
     while True:
         if random.uniform() < top / (top + side):
@@ -122,7 +122,9 @@ def geometry_rows(places: int) -> List[Dict[str, Any]]:
 
 
 def time_ratio(rounds: int) -> Tuple[float, float]:
-    """Median time [ms] of searching a 1080p Bayer image with a spot and a robot; its ratio, paired, to not knowing the place."""
+    """Times the search of a 1080p Bayer image with a spot and a robot: median [ms], and its ratio, paired, to not
+    knowing the place.
+    """
     world = load_world(TOP / "src/vb_sim/worlds/lab.yaml")
     view = CeilingView(world.cameras[1], {"robot": PROFILE.radius}, render_floor(world, 1), world_mesh(world), CameraModels(), 1)
     x, y = view.pose[:2, 3]

@@ -117,7 +117,7 @@ class Rooms:
         self._floors: List[Tuple[World, FloorTexture]] = []
 
     def view(self, world: World, camera: str) -> Any:
-        """A ceiling camera's view, or with an empty name that of the robot's camera."""
+        """Returns a ceiling camera's view, or with an empty name that of the robot's camera."""
         for known, name, view in self._views:
             if known is world and name == camera:
                 return view
@@ -288,7 +288,7 @@ def play(scene: Scene, cameras: Sequence[Camera], share: float = 1.0) -> List[Ou
 
 # ------------------------------------------------------------------ what moves how
 def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[float], Place]:
-    """A spot that goes round a chain (N, 2) [m], or to and fro, at a speed [m/s], with a hand's tremor of 1 cm."""
+    """Returns the motion of a spot round a chain (N, 2) [m], or to and fro, at a speed [m/s], with a hand's tremor of 1 cm."""
     points = np.vstack([chain, chain[:1]]) if closed else np.vstack([chain, chain[-2::-1]])
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
@@ -301,13 +301,13 @@ def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[flo
 
 
 def place_and_velocity(laser_at: Callable[[float], Place], t: float) -> Tuple[Place, Tuple[float, float]]:
-    """Where a spot is [m] at a time [s], and how fast it goes [m/s]."""
+    """Returns where a spot is [m] at a time [s], and how fast it goes [m/s]."""
     (x, y), (later_x, later_y) = laser_at(t), laser_at(t + 0.01)
     return (x, y), ((later_x - x) / 0.01, (later_y - y) / 0.01)
 
 
 def still(x: float, y: float, tremor: float = 0.0) -> Callable[[float], Place]:
-    """A spot that is held on one place, with a tremor [m]."""
+    """Returns the motion of a spot that is held on one place, with a tremor [m]."""
     return lambda t: (x + tremor * math.sin(5.0 * t), y + tremor * math.sin(7.3 * t + 0.5))
 
 
@@ -341,7 +341,7 @@ class Walk:
         self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self._stations, axis=0), axis=1))])
 
     def at(self, t: float) -> Tuple[Bystander, Tuple[Glint, ...]]:
-        """The person, and what shines on the shoes, at a time [s]."""
+        """Returns the person, and what shines on the shoes, at a time [s]."""
         s = min(self._speed * t, self._arc[-1] - 1e-6)
         leg = int(np.searchsorted(self._arc, s, side="right")) - 1
         a, b = self._stations[leg], self._stations[leg + 1]
@@ -356,7 +356,7 @@ class Walk:
 
 
 def walking(*walks: Walk) -> Callable[[float], SceneConditions]:
-    """Several people."""
+    """Returns the conditions with several people walking, as a function of time [s]."""
 
     def at(t: float) -> SceneConditions:
         states = [walk.at(t) for walk in walks]
@@ -372,17 +372,17 @@ def every(period: float, *values: Any) -> Callable[[float], Any]:
 
 # ------------------------------------------------------------------ the cases
 def lab(**changes: Any) -> World:
-    """The lab, changed."""
+    """Returns the lab, changed."""
     return replace(load_world(str(TOP / "src/vb_sim/worlds/lab.yaml")), **changes)
 
 
 def with_camera(world: World, name: str = "green", **changes: Any) -> World:
-    """One of a world's ceiling cameras changed."""
+    """Changes one of a world's ceiling cameras."""
     return replace(world, cameras=tuple(replace(c, **changes) if c.name == name else c for c in world.cameras))
 
 
 def dots(places: Sequence[Place], colors: Sequence[Tuple[int, int, int]], size: float = 0.018) -> Tuple[FloorPatch, ...]:
-    """Printed dots [m] on the floor."""
+    """Returns printed dots [m] on the floor."""
     return tuple(
         FloorPatch.from_mapping({"name": "dot", "x": x, "y": y, "size": [size, size], "color": list(color), "contrast": 0.0})
         for (x, y), color in zip(places, colors)
@@ -390,7 +390,7 @@ def dots(places: Sequence[Place], colors: Sequence[Tuple[int, int, int]], size: 
 
 
 def ceiling_scenes(room: World) -> List[Scene]:
-    """Every hard case under a ceiling camera."""
+    """Lists every hard case under a ceiling camera."""
     border = along(CARPET, 0.4)
     chair = next(thing for thing in room.furniture if thing.name == "chair")
     moved = lab(furniture=tuple(replace(t, x=3.6, y=3.2, yaw=30.0) if t is chair else t for t in room.furniture))
@@ -442,7 +442,8 @@ def ceiling_scenes(room: World) -> List[Scene]:
 
 
 def training_scenes(room: World) -> List[Scene]:
-    """What only the classifier's training sees: printed dots of other colours and sizes, on other floors, under both cameras.
+    """Lists what only the classifier's training sees: printed dots of other colours and sizes, on other floors, under
+    both cameras.
 
     The dots of `ceiling_scenes` thus remain a test of whether paint is told from light.
     """
@@ -461,7 +462,7 @@ def training_scenes(room: World) -> List[Scene]:
 
 
 def mobile_scenes(room: World) -> List[Scene]:
-    """The robot's camera: distances, motion, and what is no spot."""
+    """Lists the scenes of the robot's camera: distances, motion, and what is no spot."""
     start = (6.9, 1.0, math.pi)  # looks along the free floor beside the carpet
     dark = lab(floor=replace(room.floor, color=(38, 34, 32)), patches=())
     bright = lab(floor=replace(room.floor, kind="tiles", color=(195, 192, 186), contrast=0.06), patches=())
@@ -501,7 +502,7 @@ def mobile_scenes(room: World) -> List[Scene]:
 
 
 def quiet(minutes: float, seed: int) -> Dict[str, Outcome]:
-    """The lab without a laser: three people walk, one with shiny shoes, and a robot drives, under all ceiling cameras."""
+    """Measures the lab without a laser: three people walk, one with shiny shoes, and a robot drives, under all ceiling cameras."""
     room, seconds, rooms = lab(), 60.0 * minutes, Rooms(CameraModels(), seed)
     people = walking(
         Walk(room, 10 * seed, WHITE, DARK, 0.9, 0.0, seconds), Walk(room, 10 * seed + 1, (150, 40, 40), WHITE, 1.1, 0.0, seconds),

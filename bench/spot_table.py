@@ -68,7 +68,7 @@ SENT = {
 
 
 def uyvy(image: np.ndarray) -> np.ndarray:
-    """bgr (H, W, 3) to 4:2:2 (H, W, 2), the luminance second."""
+    """Converts bgr (H, W, 3) to 4:2:2 (H, W, 2), the luminance second."""
     luminance, *chroma = (plane.astype(int) for plane in cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2YUV)))
     second = np.empty_like(luminance)
     second[:, ::2], second[:, 1::2] = chroma[0][:, ::2], chroma[1][:, ::2]
@@ -76,7 +76,7 @@ def uyvy(image: np.ndarray) -> np.ndarray:
 
 
 def rows() -> Iterator[Row]:
-    """All of the table."""
+    """Lists all rows of the table."""
     for bayer in (False, True):
         kind = "Bayer" if bayer else "bgr8"
         for name, colour in (("green", GREEN), ("red", RED)):
@@ -96,7 +96,7 @@ def rows() -> Iterator[Row]:
 
 
 def camera_of(row: Row) -> Optional[CameraModel]:
-    """What the node would know of the images."""
+    """Returns what the node would know of the images."""
     if not row.lens:
         return None
     matrix = CameraModel.ideal(row.width, row.height, 0.6 * row.width).matrix
@@ -105,7 +105,7 @@ def camera_of(row: Row) -> Optional[CameraModel]:
 
 
 def pictures(row: Row, moving: bool) -> Iterator[Tuple[float, np.ndarray, Optional[Tuple[float, float]]]]:
-    """Stamp [s], image, and where the spot is [px]."""
+    """Yields stamp [s], image, and where the spot is [px]."""
     margin = 60 if moving else 0
     size = math.hypot(row.width, row.height) / 800.0
     scene = Scene(row.width + margin, row.height + margin)
@@ -127,7 +127,7 @@ def pictures(row: Row, moving: bool) -> Iterator[Tuple[float, np.ndarray, Option
 
 
 def measure(row: Row, role: str, other: Optional[Path]) -> Dict[str, Dict[str, Any]]:
-    """The figures of each version."""
+    """Measures the figures of each version."""
     preset = "stationary" if role == "ceiling" else "mobile"
     detectors = {"this": (getattr(DetectorParams, preset), SpotDetector, search)}
     if other is not None:

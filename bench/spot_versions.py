@@ -24,7 +24,7 @@ def append_rows(path: Path, rows: Sequence[Dict[str, Any]]) -> None:
 
 @lru_cache(maxsize=None)
 def other_detector(source: Path) -> Tuple[Tuple[Any, Any], Callable]:
-    """(DetectorParams, SpotDetector) and `search` of another version of the packages, loaded beside this one."""
+    """Loads (DetectorParams, SpotDetector) and `search` of another version of the packages beside this one."""
     def ours() -> List[str]:
         return [name for name in sys.modules if name.split(".")[0] in ("vb_core", "vb_laser_detect")]
 

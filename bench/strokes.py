@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def measure(stroke: Dict[str, Any]) -> Optional[Dict[str, Any]]:
-    """What one person's stroke says; None if it is not the figure that it should be."""
+    """Measures what one person's stroke says; None if it is not the figure that it should be."""
     samples = np.array(stroke["points"], dtype=float)
     stamps, points = samples[:, 0], samples[:, 1:] * (1.0, -1.0)
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))

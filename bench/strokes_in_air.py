@@ -31,7 +31,7 @@ SIZE = 200.0  # [px] of a figure's diagonal
 
 
 def read(file: Path) -> Tuple[str, np.ndarray]:
-    """The figure's name and its rows t [s], x, y of a stroke's file."""
+    """Reads the figure's name and its rows t [s], x, y from a stroke's file."""
     known = json.loads(file.read_text())
     if "strokes" in known:
         return str(known["name"]), np.array([[spot["t"] / 1000.0, spot["x"], spot["y"]] for spot in known["strokes"]], float)

@@ -26,7 +26,7 @@ from vb_msgs.msg import DetectorStatus, LaserSpot, NoticeArray
 
 
 def listening_beyond_loopback(pid):
-    """(address, port) of a process's listening IPv4 sockets that other computers reach."""
+    """Finds (address, port) of a process's listening IPv4 sockets that other computers reach."""
     own = set()
     for descriptor in Path(f"/proc/{pid}/fd").iterdir():
         try:
@@ -80,7 +80,7 @@ class CheckLab(unittest.TestCase):
 
     @classmethod
     def play(cls, _event):
-        """A camera of 10 images/s that nobody calibrated."""
+        """Plays a camera of 10 images/s that nobody calibrated."""
         image = Image(height=48, width=64, encoding="mono8", step=64, data=bytes(48 * 64))
         image.header.stamp, image.header.frame_id = rospy.Time.now(), "head_camera"
         cls.images.publish(image)

@@ -31,14 +31,14 @@ SEED = (2.0, 1.6)
 
 
 def room():
-    """8 m x 5 m with walls."""
+    """Makes a room of 8 m x 5 m with walls."""
     data = np.zeros((100, 160), np.int8)
     data[:2], data[-2:], data[:, :2], data[:, -2:] = 100, 100, 100, 100
     return GridMap(data, 0.05, (0.0, 0.0, 0.0))
 
 
 def drawn():
-    """(N, 2) [m] one spot per image, drawn with 0.5 m/s by a hand that trembles."""
+    """Draws (N, 2) [m] one spot per image, with 0.5 m/s by a hand that trembles."""
     corners = np.array(STROKE)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
     wanted = np.arange(0.0, along[-1], 0.5 * FRAME_S)
@@ -72,7 +72,7 @@ class InputMethods(unittest.TestCase):
 
     @classmethod
     def set_time(cls, seconds):
-        """Simulated time goes on when the test says so: every interaction takes equally long."""
+        """Sets simulated time: every interaction takes equally long."""
         cls.now = seconds
         cls.clock.publish(rospy.Time.from_sec(seconds))
         wait_until(lambda: abs(rospy.get_time() - seconds) < 1e-6, "the clock")
@@ -91,14 +91,14 @@ class InputMethods(unittest.TestCase):
         self.wait_for_manager()
 
     def manager_has_the_time(self):
-        """A command that changes nothing makes it tell its time at once."""
+        """Tells whether the manager knows the time: a command that changes nothing makes it say so at once."""
         del self.state.all[:]
         rospy.ServiceProxy(names.COMMAND, Command)(command="cancel", source="test")
         stamp = self.state.wait(lambda message: True, "the state").header.stamp
         return abs(stamp.to_sec() - self.now) < 1e-6
 
     def wait_for_manager(self):
-        """Time reaches each node by itself: the next command counts from when the manager knows it too."""
+        """Waits until the manager knows the time: it reaches each node by itself, and the next command counts from then."""
         self.state.wait(lambda message: abs(message.header.stamp.to_sec() - self.now) < 1e-6, "the manager's clock")
 
     def interact(self, way, give):
@@ -143,7 +143,7 @@ class InputMethods(unittest.TestCase):
 
     @staticmethod
     def record_of(identity):
-        """An interaction's record, once it is on the disk; people are told of the save before."""
+        """Returns an interaction's record once it is on the disk, else None; people are told of the save before."""
         with open(rospy.get_param("~log")) as file:
             records = [json.loads(line) for line in file if line.endswith("\n")]
         return next((record for record in records if record["interaction_id"] == identity), None)

@@ -19,7 +19,7 @@ NEAR = 0.1  # [m] between what was seen of a hand and the line that is made of i
 
 
 def farthest(points: np.ndarray, from_points: np.ndarray) -> float:
-    """[m] the largest distance of a point (N, 2) to the nearest of other points (M, 2)."""
+    """Returns the largest distance [m] of a point (N, 2) to the nearest of other points (M, 2)."""
     return float(np.linalg.norm(points[:, None] - from_points[None], axis=2).min(axis=1).max())
 
 

@@ -46,7 +46,7 @@ EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 
 
 def bounded(share=1.0):
-    """The settings of one test; `share` for those whose examples cost more or less than others'."""
+    """Returns the settings of one test; `share` for those whose examples cost more or less than others'."""
     return settings(max_examples=max(3, int(EXAMPLES * share)), deadline=None, database=None,
                     suppress_health_check=list(HealthCheck))
 
@@ -62,7 +62,7 @@ SCALARS = {
 
 
 def field(kind):
-    """A strategy for a field of a message, by its type's name."""
+    """Makes a strategy for a field of a message, by its type's name."""
     base, is_array, length = genmsg.msgs.parse_type(kind)
     if is_array:
         if base in ("uint8", "char"):
@@ -72,7 +72,7 @@ def field(kind):
 
 
 def message(cls):
-    """A strategy for a message, by its definition."""
+    """Makes a strategy for a message, by its definition."""
     # the type "Header" of old stands for std_msgs/Header
     kinds = ["std_msgs/Header" if kind == "Header" else kind for kind in cls._slot_types]
     return st.builds(cls, **{name: field(kind) for name, kind in zip(cls.__slots__, kinds)})
@@ -84,7 +84,7 @@ ANYTHING = st.recursive(
 
 
 def damaged(good):
-    """A strategy for a file's bytes: cut off, bytes changed, pieces put in."""
+    """Makes a strategy for a file's bytes: cut off, bytes changed, pieces put in."""
     change = st.tuples(st.integers(0, max(len(good) - 1, 0)), st.integers(0, 12), st.binary(max_size=12))
 
     def apply(changes, end):
@@ -140,7 +140,7 @@ def test_compressed_images(data):
 
 # ---------------------------------------------------------------------- parameters and launch arguments
 def parameter_classes():
-    """Every parameter class of the lab's packages; those of the study read no parameter server, and load matplotlib."""
+    """Finds every parameter class of the lab's packages; those of the study read no parameter server, and load matplotlib."""
     for path in sorted(TOP.glob("src/vb_*/src/vb_*/**/*.py")):
         if "(Parameters)" in path.read_text(encoding="utf-8") and "vb_evaluation" not in path.parts:
             module = importlib.import_module(".".join(path.relative_to(TOP / "src").with_suffix("").parts[2:]))

@@ -77,7 +77,7 @@ PROFILES = {path.stem: RobotProfile.load(path) for path in sorted((TOP / "robots
 
 
 def merged(below, above):
-    """Nested parameters as the parameter server has them after both were set, the second one last."""
+    """Merges nested parameters as the parameter server does when both are set, the second one last."""
     found = dict(below)
     for key, value in above.items():
         found[key] = merged(found.get(key, {}), value) if isinstance(value, dict) else value
@@ -85,7 +85,7 @@ def merged(below, above):
 
 
 def load(name, profile="turtlebot2"):
-    """A file's parameters, and for move_base's own what follows from the robot's profile."""
+    """Loads a file's parameters, and for move_base's own what follows from the robot's profile."""
     found = yaml.safe_load((CONFIG / name).read_text())
     derived = navigation_parameters(PROFILES[profile])
     if name == "move_base.yaml":

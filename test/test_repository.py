@@ -165,7 +165,7 @@ FIXED_NAME = re.compile(r"/(?:virtual_borders|sim)/[a-z_/]+")
 
 
 def fixed_names():
-    """Every topic and service below /virtual_borders and /sim that a module names, to the module."""
+    """Finds every topic and service below /virtual_borders and /sim that a module names, to the module."""
     found = {}
     for path in TOP.glob("src/*/src/**/*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -200,14 +200,14 @@ def test_reference_names_every_fixed_topic_and_service():
 
 # ------------------------------------------------------------ words
 def read_glossary():
-    """The words that docs/glossary.md replaces."""
+    """Reads the words that docs/glossary.md replaces."""
     table = (TOP / "docs" / "glossary.md").read_text(encoding="utf-8").split("| not | but |")[1]
     cells = [line.split("|")[1] for line in table.splitlines() if line.startswith("| ")]
     return [word.strip() for cell in cells for word in cell.split(",")]
 
 
 def texts():
-    """What people read: code, interfaces, documentation, messages."""
+    """Yields what people read: code, interfaces, documentation, messages."""
     found = subprocess.run(["git", "ls-files", "*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "scripts", "src/*/scripts"],
                            cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True, check=True).stdout.split()
     return [TOP / name for name in found

@@ -65,7 +65,7 @@ class Watch:
                 sys.exit(f"waited {PATIENCE:.0f} s in vain for {what}")
 
     def crossing(self, condition, what):
-        """(received, sent) [bytes], and how long it took [s], until something has come."""
+        """Measures (received, sent) [bytes], and how long it took [s], until something has come."""
         before, began = self._bytes(), time.monotonic()
         self.wait(condition, what)
         return tuple(after - start for start, after in zip(before, self._bytes())), time.monotonic() - began

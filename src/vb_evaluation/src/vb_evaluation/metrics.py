@@ -24,7 +24,7 @@ ERRORS = ("error_mean_cm", "error_p95_cm", "error_max_cm")
 
 
 def jaccard(gt: np.ndarray, ud: np.ndarray) -> float:
-    """Jaccard similarity index |GT and UD| / |GT or UD|, 0 to 1 (paper, Sect. 5.5).
+    """Computes the Jaccard similarity index |GT and UD| / |GT or UD|, 0 to 1 (paper, Sect. 5.5).
 
     Args:
         gt: bool array, the cells of the ground truth.
@@ -44,7 +44,7 @@ def jaccard(gt: np.ndarray, ud: np.ndarray) -> float:
 
 
 def restricted_cells(prior: GridMap, posterior: GridMap) -> np.ndarray:
-    """(H, W) bool: free cells of the physical map that the posterior restricts.
+    """Returns which free cells of the physical map the map with borders restricts: (H, W) bool.
 
     Raises:
         CodedError: "bad_map" if the two maps do not have the same geometry.
@@ -88,7 +88,8 @@ def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) ->
 
 
 def accuracy(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Dict[str, object]:
-    """The accuracy's columns of a run: Jaccard index and boundary error [cm]; the latter empty where there is no boundary.
+    """Computes the accuracy's columns of a run: Jaccard index and boundary error [cm]; the latter empty where there is
+    no boundary.
 
     Rounded, for the last bits differ between processors and libraries, and mean nothing.
     """
@@ -105,7 +106,7 @@ def _edges(area: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 
 def crosses(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
-    """Whether a path (N, 2) [m] meets a region, (H, W) bool in the grid's geometry."""
+    """Tells whether a path (N, 2) [m] meets a region, (H, W) bool in the grid's geometry."""
     path = np.asarray(path, dtype=float).reshape(-1, 2)
     if len(path) == 0:
         return False
@@ -116,7 +117,8 @@ def crosses(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
 
 
 def enclosed(floor: np.ndarray, restricted: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """The cells that a border goes round: those restricted, or those left free where most of the floor is to be restricted.
+    """Returns the cells that a border goes round: those restricted, or those left free where most of the floor is to be
+    restricted.
 
     Args:
         floor, restricted, truth: (H, W) bool; floor without borders, what is restricted of it, what should be.

@@ -58,7 +58,7 @@ class Observer:
             self.outcome = {"outcome": message.data}
 
     def plan(self, start: Tuple[float, float, float], goal: Tuple[float, float, float], service: str) -> np.ndarray:
-        """move_base's plan between two poses [m, m, rad]: (N, 2) [m], empty if there is none.
+        """Asks move_base for a plan between two poses [m, m, rad]: (N, 2) [m], empty if there is none.
 
         Raises:
             CodedError: "no_planner" if the service does not answer.

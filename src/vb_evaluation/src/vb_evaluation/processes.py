@@ -17,7 +17,7 @@ from vb_core.errors import CodedError
 
 
 def free_port(wanted: int = 0) -> int:
-    """An unused TCP port on loopback: the wanted one if it is free."""
+    """Finds an unused TCP port on loopback: the wanted one if it is free."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # the leftovers of a closed server do not count
         try:
@@ -58,7 +58,7 @@ class Child:
         return self._process.pid
 
     def tail(self, lines: int = 8) -> str:
-        """The last lines it wrote."""
+        """Returns the last lines that the process wrote."""
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
 
     def stop(self, patience_s: float = 12.0) -> None:

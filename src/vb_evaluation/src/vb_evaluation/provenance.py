@@ -6,12 +6,12 @@ from pathlib import Path
 
 
 def top() -> Path:
-    """The repository."""
+    """Finds the repository's top folder."""
     return Path(__file__).resolve().parents[4]
 
 
 def revision() -> str:
-    """The repository's revision, with "-dirty" where files differ from it; "unknown" outside of one."""
+    """Returns the repository's revision, with "-dirty" where files differ from it; "unknown" outside of one."""
     try:
         found = subprocess.run(
             ["git", "describe", "--always", "--dirty", "--abbrev=12"], cwd=str(top()),

@@ -53,11 +53,11 @@ class Interval:
     confidence: float = math.nan
 
     def scaled(self, factor: float) -> "Interval":
-        """The same in another unit."""
+        """Returns the same in another unit."""
         return Interval(self.estimate * factor, self.low * factor, self.high * factor, self.confidence)
 
     def text(self, digits: int) -> str:
-        """ "2.41 [2.10, 2.80]"; "2.41 [?]" without limits, a dash where nothing is known."""
+        """Writes "2.41 [2.10, 2.80]"; "2.41 [?]" without limits, a dash where nothing is known."""
         estimate, low, high = (format_number(value, digits) for value in (self.estimate, self.low, self.high))
         if math.isnan(self.estimate):
             return estimate
@@ -109,7 +109,7 @@ def compare(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENC
 
 
 def signed_rank(differences: np.ndarray) -> SignedRank:
-    """Wilcoxon signed-rank test of differences (N,); equal ones must be equal to the last bit to be ties."""
+    """Tests differences (N,) by Wilcoxon's signed ranks; equal ones must be equal to the last bit to be ties."""
     differences = _sample(differences)
     ranked = differences[differences != 0.0]
     n, zeros = len(ranked), len(differences) - len(ranked)
@@ -126,7 +126,8 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
 
 
 def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Median of all pairwise means of differences (N,), with the interval that belongs to the Wilcoxon test.
+    """Computes the median of all pairwise means of differences (N,), with the interval that belongs to the Wilcoxon
+    test.
 
     The interval is distribution-free (Hollander, Wolfe & Chicken 2014, Sect. 3.3) and, with few differences,
     the widest there is: five of them reach 93.75 % at most.
@@ -150,17 +151,17 @@ def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> I
 
 
 def ratio_of_means(numerator: np.ndarray, denominator: np.ndarray) -> Interval:
-    """Ratio of the means of two paired samples (N,), for instance a speed-up, with a bootstrap interval."""
+    """Computes the ratio of the means of two paired samples (N,), for instance a speed-up, with a bootstrap interval."""
     return bootstrap(lambda a, b, axis=-1: np.mean(a, axis=axis) / np.mean(b, axis=axis), numerator, denominator)
 
 
 def median(values: np.ndarray) -> Interval:
-    """Median of values (N,) with a bootstrap interval."""
+    """Computes the median of values (N,) with a bootstrap interval."""
     return bootstrap(np.median, values, method="percentile")
 
 
 def mean(values: np.ndarray) -> Interval:
-    """Mean of values (N,) with a bootstrap interval."""
+    """Computes the mean of values (N,) with a bootstrap interval."""
     return bootstrap(np.mean, values)
 
 
@@ -187,7 +188,7 @@ def unpaired(first: np.ndarray, second: np.ndarray) -> UnpairedComparison:
 
 
 def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method: str = "BCa") -> Interval:
-    """A statistic of one sample, or of paired ones, with a bootstrap interval that is the same every time.
+    """Computes a statistic of one sample, or of paired ones, with a bootstrap interval that is the same every time.
 
     Args:
         statistic: takes the samples and `axis`.
@@ -211,7 +212,7 @@ def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method
 
 
 def proportion(successes: int, n: int) -> Interval:
-    """A success rate, 0 .. 1, with Wilson's interval."""
+    """Computes a success rate, 0 .. 1, with Wilson's interval."""
     if n == 0:
         return UNKNOWN
     limits = stats.binomtest(int(successes), int(n)).proportion_ci(CONFIDENCE, method="wilson")
@@ -219,12 +220,12 @@ def proportion(successes: int, n: int) -> Interval:
 
 
 def format_number(value: float, digits: int) -> str:
-    """A number as the report shows it; a dash for what is unknown."""
+    """Writes a number as the report shows it; a dash for what is unknown."""
     return "–" if math.isnan(value) else f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def format_p(p: float) -> str:
-    """p as the paper writes it: "< .001", ".016", "1"."""
+    """Writes p as the paper does: "< .001", ".016", "1"."""
     if not math.isfinite(p):
         return "–"
     if p < 0.001:

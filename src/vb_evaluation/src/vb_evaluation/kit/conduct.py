@@ -52,7 +52,7 @@ class Planned:
     cameras: Tuple[str, ...]
 
     def describe(self) -> Dict[str, Any]:
-        """What run.yaml says of it."""
+        """Returns what run.yaml says of the run."""
         return {"participant": self.entry.participant, "order": self.entry.order, "method": self.entry.method,
                 "scenario": self.entry.scenario, "cameras": list(self.cameras), "revision": revision(),
                 "command": list(self.command)}
@@ -70,7 +70,7 @@ def write_template(folder: Path) -> None:
 
 
 def next_run(path: Path, participant: str, again: bool = False, **asked: Optional[str]) -> Planned:
-    """The participant's next run: the first one in the planned order that has no finished recording.
+    """Finds the participant's next run: the first one in the planned order that has no finished recording.
 
     Args:
         again: repeats the last run that was begun, in a separate folder.
@@ -175,7 +175,7 @@ def _write(folder: Path, run: Mapping[str, Any]) -> None:
 
 
 def read_keys() -> Iterator[str]:
-    """Key presses of a terminal, without Return; a line after "n". Of anything else than a terminal, lines."""
+    """Yields key presses of a terminal, without Return; a line after "n". Of anything else than a terminal, lines."""
     import sys
     import termios
     import tty

@@ -20,7 +20,7 @@ ENDINGS = (".png", ".pgm", ".bmp", ".yaml")
 
 
 def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
-    """(H, W) bool: free cells of the physical map that a ground truth marks.
+    """Reads which free cells of the physical map a ground truth marks: (H, W) bool.
 
     Args:
         path: an image as large as the map's, in which an area has any strong colour or is black; transparent
@@ -46,7 +46,7 @@ def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
 
 
 def find_ground_truths(folder: Path, scenarios: Sequence[str], physical: GridMap) -> Dict[str, np.ndarray]:
-    """Ground truths by scenario, of files <scenario>.png, .pgm, .bmp or .yaml.
+    """Finds ground truths by scenario: files <scenario>.png, .pgm, .bmp or .yaml.
 
     Raises:
         CodedError: "bad_ground_truth" if one is missing or wrong.

@@ -78,13 +78,13 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
 
 
 def last_attempt(folder: Path) -> Path:
-    """A run's newest recording: <folder>, or the highest <folder>_2, _3, ... of a run that was done again."""
+    """Returns a run's newest recording: <folder>, or the highest <folder>_2, _3, ... of a run that was done again."""
     again = [path for path in folder.parent.glob(f"{folder.name}_*") if path.name[len(folder.name) + 1 :].isdigit()]
     return max(again, key=lambda path: int(path.name[len(folder.name) + 1 :]), default=folder)
 
 
 def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
-    """How the condition in which a recording was made differs from the planned one; empty if it does not."""
+    """Says how the condition in which a recording was made differs from the planned one; empty if it does not."""
     found = []
     session, run = recording.session, recording.run
     for name, planned in (("participant", entry.participant), ("scenario", entry.scenario), ("method", entry.method)):
@@ -146,7 +146,7 @@ def _row(entry: protocol.Entry, recording: Recording, physical: GridMap, truth: 
 
 
 def seed_is_right(seed: np.ndarray, physical: GridMap, truth: np.ndarray, reach_m: float = 0.2) -> bool:
-    """Whether a seed (2,) [m] points into the ground truth: nearer to it than to any other free floor, within reach."""
+    """Tells whether a seed (2,) [m] points into the ground truth: nearer to it than to any other free floor, within reach."""
     rows, columns = np.nonzero((physical.data >= 0) & (physical.data < metrics.RESTRICTED))
     centres = physical.cell_to_world(np.column_stack([rows, columns]))
     distance = np.hypot(*(centres - np.asarray(seed, dtype=float)).T)

@@ -106,7 +106,7 @@ class Recording:
                          "folder of its own")
 
     def result(self, interaction: Interaction) -> Optional[Tuple[GridMap, VirtualBorder]]:
-        """(posterior, border) that an interaction made; None if nothing was saved.
+        """Returns (map with borders, border) that an interaction made; None if nothing was saved.
 
         Borders of earlier attempts in the same recording act on the map too, as they did on the robot.
 

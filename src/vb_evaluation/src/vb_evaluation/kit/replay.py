@@ -105,7 +105,7 @@ class Comparison:
 
 # ---------------------------------------------------------------- bags
 def recorded(recording: Recording) -> Iterator[Recorded]:
-    """All messages of all bags in the order in which they arrived.
+    """Yields all messages of all bags in the order in which they arrived.
 
     Raises:
         CodedError: "bad_recording" for a missing or damaged bag.
@@ -124,7 +124,7 @@ def recorded(recording: Recording) -> Iterator[Recorded]:
 
 
 def unpacked(entry: Recorded, kind: type) -> Any:
-    """A recorded message as a type of today."""
+    """Decodes a recorded message as a type of today."""
     message = kind()
     try:
         message.deserialize(entry.data)
@@ -134,7 +134,7 @@ def unpacked(entry: Recorded, kind: type) -> Any:
 
 
 def physical_map(recording: Recording) -> Optional[GridMap]:
-    """The newest physical map of the bags; None if there is none."""
+    """Returns the newest physical map of the bags; None if there is none."""
     found = None
     for entry in recorded(recording):
         found = entry if entry.topic == names.PHYSICAL_MAP else found
@@ -167,7 +167,7 @@ class _Player:
             self._graph.set_clock(rospy.Time(self._scheduler.now_ns // 10**9, self._scheduler.now_ns % 10**9))
 
     def play(self) -> None:
-        """From the first message to the last."""
+        """Replays from the first message to the last."""
         for entry in recorded(self._recording):
             self._until(entry.time_ns)
             self._give(entry)
@@ -258,7 +258,7 @@ def replay(recording: Recording, images: bool = False) -> Replayed:
 # ---------------------------------------------------------------- comparing
 def compare(recording: Recording, today: Replayed, physical: Optional[GridMap] = None,
             truth: Optional[np.ndarray] = None) -> List[Comparison]:
-    """Each interaction of a recording, as it was recorded and as today's nodes see it.
+    """Compares each interaction of a recording, as it was recorded, with what today's nodes make of it.
 
     Args:
         physical: the physical map; None takes the recording's.

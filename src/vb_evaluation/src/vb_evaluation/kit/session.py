@@ -51,7 +51,7 @@ IMAGES = ("none", "raw", "compressed")
 
 
 def topics(cameras: Sequence[str], robots: Sequence[str], images: str, more: Sequence[str] = ()) -> List[str]:
-    """The topics to record.
+    """Lists the topics to record.
 
     Args:
         cameras: names of the ceiling cameras.
@@ -74,7 +74,7 @@ def topics(cameras: Sequence[str], robots: Sequence[str], images: str, more: Seq
 
 
 def next_bag(folder: Path) -> Path:
-    """The first free path bags/NN.bag: a recorder that was restarted goes on in a new file."""
+    """Returns the first free path bags/NN.bag: a recorder that was restarted goes on in a new file."""
     bags = folder / BAGS
     bags.mkdir(parents=True, exist_ok=True)
     taken = [int(path.name[:2]) for path in bags.iterdir() if re.match(r"\d\d\.bag", path.name)]

@@ -108,7 +108,7 @@ class Demo:
         self._screen = ""
 
     def run(self) -> int:
-        """The story from beginning to end; what `main` returns."""
+        """Shows the story from beginning to end; returns what `main` does."""
         options, proof = self.options, self.options.scenario.proof
         self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHODS[options.method]}")
         self._launch()

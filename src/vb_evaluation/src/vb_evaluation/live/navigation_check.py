@@ -65,7 +65,7 @@ class NavigationCheck:
         self._at_once, self._patience, self._base_frame = at_once, patience, base_frame
 
     def run(self) -> List[Check]:
-        """All checks, in order.
+        """Makes all checks, in order.
 
         Raises:
             CodedError: "no_map", "no_transform", "no_planner", "no_way" or "short_way" if there is nothing to check
@@ -156,7 +156,7 @@ class NavigationCheck:
 
 
 def main() -> None:
-    """The command; exits with 1 if a check failed or none could be made."""
+    """Runs the command; exits with 1 if a check failed or none could be made."""
     parser = argparse.ArgumentParser(prog="check_navigation", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--goal", nargs=2, type=float, required=True, metavar=("X", "Y"),
                         help="[m] in the map, some metres from the robot, with another way round")

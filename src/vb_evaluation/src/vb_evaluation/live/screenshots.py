@@ -226,11 +226,11 @@ class Lab:
         self._thread.join()
 
     def is_watched(self) -> bool:
-        """Whether RViz listens: nobody else takes the path."""
+        """Tells whether RViz listens: nobody else takes the path."""
         return self._plan.get_num_connections() > 0
 
     def show(self, robot: Sequence[float], *notices: Notice, way: bool = False) -> None:
-        """The robot's pose [m, m, rad], with the way that it came if wanted, and what its driver says."""
+        """Publishes the robot's pose [m, m, rad], with the path that it came if wanted, and what its driver says."""
         path = PathMessage()
         path.header.frame_id = names.MAP_FRAME
         for x, y in geometry.resample_chain(np.array([self._robot[:2], robot[:2]]), 0.1) if way else ():

@@ -13,7 +13,7 @@ from vb_evaluation.report.data import RUNS, Study, read_sheet
 
 
 def order(study: Study) -> Section:
-    """Whether it matters which method came first (a two-period crossover), and whether people learn."""
+    """Tests whether it matters which method came first (a two-period crossover), and whether people learn."""
     rows: List[Dict[str, Any]] = []
     for column, words, digits in (("time_total_s", "time [s]", 1), ("error_mean_cm", "mean boundary error [cm]", 2)):
         groups = _by_first(study, column) if len(study.methods) == 2 else []
@@ -47,7 +47,7 @@ def _by_first(study: Study, column: str) -> List[np.ndarray]:
 
 
 def experience(study: Study) -> Section:
-    """Who took part and what they answered; empty for simulated people."""
+    """Says who took part and what they answered; empty for simulated people."""
     path, about = study.folder / "questionnaire.csv", study.folder / "demographics.csv"
     blocks: List[Any] = []
     if study.people and about.is_file():
@@ -81,7 +81,7 @@ def experience(study: Study) -> Section:
 
 
 def assumptions(study: Study) -> Section:
-    """Everything that was put in, with where it comes from."""
+    """Lists everything that was put in, with where it comes from."""
     entries = study.meta.get("assumptions") or []
     blocks: List[Any] = []
     if study.meta.get("caveats"):
@@ -96,7 +96,7 @@ def assumptions(study: Study) -> Section:
 
 
 def runs(study: Study) -> Section:
-    """Every row."""
+    """Lists every row."""
     sheet = read_sheet(study.folder / RUNS, ()).loc[study.runs.index]
     rows = [{**row, "line": line} for line, row in sheet.to_dict("index").items()]
     blocks: List[Any] = []

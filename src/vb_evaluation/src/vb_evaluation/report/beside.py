@@ -29,7 +29,7 @@ _WHY = {
 
 
 def beside(study: Study) -> Section:
-    """Each figure of the paper beside ours, in both directions: being better does not count as agreement."""
+    """Puts each figure of the paper beside ours, in both directions: being better does not count as agreement."""
     methods = ("nrs", "robot_only")
     rows: List[Dict[str, Any]] = []
     for scenario in PAPER if set(methods) <= set(study.methods) else ():

@@ -44,7 +44,7 @@ class Grid:
     words: str = ""
 
     def text(self, row: Dict[str, Any], key: str) -> str:
-        """A cell as the page shows it."""
+        """Writes a cell as the page shows it."""
         value, digits = row.get(key, ""), self.digits.get(key, 2)
         if isinstance(value, Interval):
             return value.text(digits)
@@ -52,12 +52,12 @@ class Grid:
 
     @staticmethod
     def is_text(row: Dict[str, Any], key: str) -> bool:
-        """Whether a cell is words, which begin at the left."""
+        """Tells whether a cell is words, which begin at the left."""
         value = row.get(key, "")
         return isinstance(value, str) and not value.lstrip("+-\N{MINUS SIGN}")[:1].isdigit()
 
     def plain(self, row: Dict[str, Any]) -> Dict[str, Any]:
-        """A row as the file has it."""
+        """Returns a row as the file has it."""
         cells: Dict[str, Any] = {}
         for key in self.columns:
             value = row.get(key, "")

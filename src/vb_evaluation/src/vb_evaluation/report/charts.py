@@ -50,12 +50,12 @@ def _svg(figure: Any) -> str:
 
 
 def data_uri(content: bytes, kind: str) -> str:
-    """An image inside the page."""
+    """Encodes an image to be part of the page."""
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def color_of(method: str, index: int) -> str:
-    """A method's colour everywhere in the report."""
+    """Returns a method's colour, the same everywhere in the report."""
     return METHOD_COLORS.get(method, SERIES[2 + index % (len(SERIES) - 2)])
 
 
@@ -75,7 +75,7 @@ def _columns(axis: Any, titles: Sequence[str], label: str) -> None:
 
 
 def time_bars(cells: Sequence[Cell], limit_s: float) -> str:
-    """The paper's bars of interaction time, one per method, stacked by state; all scenarios' axes end at `limit_s`."""
+    """Draws the paper's bars of interaction time, one per method, stacked by state; all scenarios' axes end at `limit_s`."""
     found: List[str] = []
     with _drawing(WIDTH_IN, 0.75 + 0.62 * len(cells), found) as (_, axis):
         for place, cell in enumerate(cells):
@@ -117,7 +117,7 @@ def boxes(cells: Sequence[Cell], column: str, label: str, published: bool = Fals
 
 
 def rates(groups: Sequence[Tuple[str, Sequence[Tuple[Cell, Interval]]]]) -> str:
-    """Success rates [%] as bars with intervals: of each scenario by its title, the cells with their rates."""
+    """Draws success rates [%] as bars with intervals: of each scenario by its title, the cells with their rates."""
     found: List[str] = []
     with _drawing(WIDTH_IN, 3.0, found) as (figure, axis):
         handles: Dict[str, Any] = {}

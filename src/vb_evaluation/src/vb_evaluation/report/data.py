@@ -69,7 +69,7 @@ class Study:
         return WORLDS in self.tables and len(self.methods) > 1 and (self.folder / DRAWS).is_file()
 
     def scenario_title(self, key: str) -> str:
-        """A scenario's name for people, as study.json or else the paper has it."""
+        """Returns a scenario's name for people, as study.json or else the paper has it."""
         return str((self.meta.get("scenarios") or {}).get(key) or paper.scenario_title(key))
 
     @property
@@ -90,7 +90,9 @@ class Study:
         return self.methods[0], self.methods[-1]
 
     def cells(self, **where: object) -> Iterator[Tuple[str, List[Cell]]]:
-        """(scenario's title, its runs by method) of each scenario; only the runs with these values."""
+        """Groups runs by scenario and method: (scenario's title, its runs by method) of each scenario; only the runs
+        with these values.
+        """
         for scenario in self.scenarios:
             published = paper.PAPER.get(scenario)
             yield self.scenario_title(scenario), [
@@ -107,17 +109,17 @@ class Study:
 
 
 def select(table: pandas.DataFrame, **where: object) -> pandas.DataFrame:
-    """The rows whose columns have these values."""
+    """Returns the rows whose columns have these values."""
     return table[np.logical_and.reduce([table[column] == value for column, value in where.items()])] if where else table
 
 
 def known(table: pandas.DataFrame, column: str) -> np.ndarray:
-    """(N,) the known numbers of a column."""
+    """Returns the known numbers of a column, (N,)."""
     return table[column].dropna().to_numpy()
 
 
 def pairs(table: pandas.DataFrame, column: str, methods: Tuple[str, str], completed: bool = False) -> Tuple[np.ndarray, np.ndarray]:
-    """Two (N,) samples of a column, one for each method, paired by participant.
+    """Returns two (N,) samples of a column, one for each method, paired by participant.
 
     Args:
         completed: uses only those who completed both.
@@ -191,7 +193,7 @@ def read_table(path: Path, required: Sequence[str], conditions: Sequence[str] = 
 
 
 def yes_or_no(text: str, where: str, code: str) -> Optional[bool]:
-    """What a person noted; None for nothing."""
+    """Reads what a person noted; None for nothing."""
     if text and text.lower() not in _FLAGS:
         raise CodedError(code, f"{where}: expected yes or no or nothing, got '{text}'")
     return _FLAGS.get(text.lower())
@@ -203,7 +205,7 @@ def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, 
 
 
 def read_meta(path: Path) -> Dict[str, Any]:
-    """study.json; empty if there is none."""
+    """Reads study.json; empty if there is none."""
     if not path.is_file():
         return {}
     try:

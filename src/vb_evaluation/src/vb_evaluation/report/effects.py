@@ -13,7 +13,7 @@ from vb_evaluation.statistics import Interval
 
 
 def mean(values: np.ndarray) -> float:
-    """The mean; nan of nothing."""
+    """Computes the mean; nan of nothing."""
     return float(np.mean(values)) if len(values) else float("nan")
 
 
@@ -26,19 +26,19 @@ def shift(table: pandas.DataFrame, column: str, methods: Tuple[str, str], comple
 
 
 def ratio(table: pandas.DataFrame, methods: Tuple[str, str], completed: bool = False) -> Interval:
-    """Speed-up of the first method."""
+    """Computes the speed-up of the first method."""
     first, second = pairs(table, "time_total_s", methods, completed)
     return statistics.ratio_of_means(second, first)
 
 
 def mean_difference(table: pandas.DataFrame, column: str, methods: Tuple[str, str]) -> Interval:
-    """The mean of the paired differences."""
+    """Computes the mean of the paired differences."""
     first, second = pairs(table, column, methods)
     return statistics.mean(first - second)
 
 
 def test_blocks(study: Study, column: str, unit: str, completed: bool) -> List[Any]:
-    """The paper's Wilcoxon test; of people only."""
+    """Reports the paper's Wilcoxon test; of people only."""
     if not study.people or len(study.methods) < 2:
         return []
     rows = []
@@ -54,6 +54,6 @@ def test_blocks(study: Study, column: str, unit: str, completed: bool) -> List[A
 
 
 def test_row(found: statistics.PairedComparison) -> dict:
-    """A Wilcoxon test's cells."""
+    """Writes a Wilcoxon test's cells."""
     return {"n": found.n, "z": found.test.z, "p": statistics.format_p(found.test.p_exact), "r": found.r,
             "rank_biserial": found.rank_biserial, "shift": found.shift}

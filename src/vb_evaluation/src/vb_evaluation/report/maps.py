@@ -23,7 +23,7 @@ HOLE = np.ones((7, 7), np.uint8)  # [cells] the union's outline does not go roun
 
 
 def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None, start: Optional[Sequence[float]] = None) -> str:
-    """A picture, as a data URI, of a ground truth, or of what a person restricted against it.
+    """Draws a ground truth, or what a person restricted against it, as a data URI.
 
     Args:
         prior: the physical map.
@@ -54,7 +54,7 @@ def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = Non
 
 
 def representatives(study: Study) -> Tuple[List[Tuple[str, str]], List[str]]:
-    """(pictures, notes): per scenario the ground truth and, by method, the completed run nearest to the median.
+    """Draws representative maps: per scenario the ground truth and, by method, the completed run nearest to the median.
 
     A picture is a data URI and its caption. Notes say why a map is missing or does not agree with runs.csv.
     """
@@ -87,7 +87,7 @@ def representatives(study: Study) -> Tuple[List[Tuple[str, str]], List[str]]:
 
 
 def nearest_to_median(study: Study, scenario: str, method: str) -> Optional[pandas.Series]:
-    """The completed run with a map whose Jaccard index is nearest to the median, by its line; None if there is none."""
+    """Finds the completed run with a map whose Jaccard index is nearest to the median, by its line; None if there is none."""
     runs = select(study.runs, scenario=scenario, method=method, completed=1).dropna(subset=["jaccard"])
     there = runs[[bool(name) and (study.folder / name).is_file() for name in runs.get("map", pandas.Series("", runs.index))]]
     return there.loc[(there.jaccard - runs.jaccard.median()).abs().idxmin()] if len(there) else None

@@ -41,7 +41,7 @@ def summary(study: Study) -> Section:
 
 
 def error(study: Study) -> Section:
-    """Boundary error in centimetres."""
+    """Reports the boundary error in centimetres."""
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
         for cell in cells:
@@ -62,7 +62,7 @@ def error(study: Study) -> Section:
 
 
 def time(study: Study) -> Section:
-    """Interaction time by state."""
+    """Reports interaction time by state."""
     rows, panels = [], []
     totals = known(study.runs, "time_total_s")
     limit = 1.04 * float(totals.max()) if len(totals) else 1.0
@@ -87,7 +87,7 @@ def time(study: Study) -> Section:
 
 
 def accuracy(study: Study) -> Section:
-    """The paper's Jaccard index, and representative maps."""
+    """Reports the paper's Jaccard index, with representative maps."""
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
         for cell in cells:
@@ -112,7 +112,7 @@ def accuracy(study: Study) -> Section:
 
 
 def completeness(study: Study) -> Section:
-    """Success rates."""
+    """Reports success rates."""
     rows: List[Dict[str, Any]] = []
     groups = []
     for title, cells in study.cells():

@@ -56,7 +56,7 @@ def write_report(folder: Path) -> Path:
 
 
 def notices(study: Study) -> List[str]:
-    """What readers must know before any figure."""
+    """Says what readers must know before any figure."""
     count = study.runs.participant.nunique()
     found = [f"{count} people, {len(study.runs)} runs." if study.people else (
         f"This is a simulation: {count} simulated people, {len(study.runs)} runs. No person took part. The figures follow "

@@ -35,10 +35,10 @@ METHOD_TITLES = {"nrs": "Network robot system", "robot_only": "Robot only"}
 
 
 def scenario_title(key: str) -> str:
-    """A scenario's name for people."""
+    """Returns a scenario's name for people."""
     return PAPER[key].title if key in PAPER else key.replace("_", " ").capitalize()
 
 
 def method_title(key: str) -> str:
-    """A method's name for people."""
+    """Returns a method's name for people."""
     return METHOD_TITLES.get(key, key.replace("_", " ").capitalize())

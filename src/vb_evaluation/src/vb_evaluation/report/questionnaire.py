@@ -63,12 +63,12 @@ class Questionnaire:
 
 
 def ueq_columns() -> List[str]:
-    """The columns of the UEQ-S, which a file may leave out."""
+    """Lists the columns of the UEQ-S, which a file may leave out."""
     return [f"u{number}_{method}" for number in range(1, len(UEQ_S) + 1) for method in METHODS]
 
 
 def columns() -> List[str]:
-    """The columns that the CSV file must have."""
+    """Lists the columns that the CSV file must have."""
     return ["participant", *(f"s{number}_{method}" for number in range(1, len(STATEMENTS) + 1) for method in METHODS), "helped"]
 
 

@@ -27,7 +27,9 @@ _RUN = ["participant", "scenario", "method"]
 
 # ---------------------------------------------------------------- plausible worlds
 def plausible(study: Study) -> Section:
-    """The conclusions over worlds in which all assumptions differ at once; empty where draws.csv or worlds.csv is missing."""
+    """Reports the conclusions over worlds in which all assumptions differ at once; empty where draws.csv or worlds.csv
+    is missing.
+    """
     if not study.has_worlds:
         return Section("worlds", "Plausible worlds", [])
     inputs = read_sheet(study.folder / DRAWS, ("draw",)).apply(pandas.to_numeric, errors="coerce").set_index("draw")
@@ -60,7 +62,7 @@ def _completed(both: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pand
 
 
 def conclusions(study: Study, both: pandas.DataFrame) -> List[Dict[str, Any]]:
-    """In which share of worlds a conclusion holds, in all and by scenario."""
+    """Counts in which share of worlds a conclusion holds, in all and by scenario."""
     (time, time_base), (error, error_base) = (_completed(both, column) for column in ("time_total_s", "error_mean_cm"))
     claims = {
         "faster (both completed)": (time < time_base, time.notna()),
@@ -82,7 +84,8 @@ def conclusions(study: Study, both: pandas.DataFrame) -> List[Dict[str, Any]]:
 
 
 def deciding(both: pandas.DataFrame, inputs: pandas.DataFrame) -> Tuple[List[Dict[str, Any]], float]:
-    """Spearman's correlation of each assumption with each outcome, ranked within scenarios so that these do not count.
+    """Computes Spearman's correlation of each assumption with each outcome, ranked within scenarios so that these do
+    not count.
 
     Returns:
         (the twelve strongest for each outcome, what the largest of all stays below by chance).
@@ -116,7 +119,7 @@ def _correlation(rho: float, count: int) -> Interval:
 
 
 def noise(count: int, dimensions: int) -> float:
-    """What the largest of this many rank correlations of `count` pairs stays below by chance, 95 % (Sidak, Fisher's z)."""
+    """Returns what the largest of this many rank correlations of `count` pairs stays below by chance, 95 % (Sidak, Fisher's z)."""
     if count < 5 or not dimensions:
         return 1.0
     level = 0.95 ** (1.0 / dimensions)
@@ -125,7 +128,7 @@ def noise(count: int, dimensions: int) -> float:
 
 # ---------------------------------------------------------------- curves
 def curves(study: Study) -> Section:
-    """Speed-up, time and boundary error over coverage, distance, length and number of robots."""
+    """Plots speed-up, time and boundary error over coverage, distance, length and number of robots."""
     if CURVES not in study.tables or len(study.methods) < 2:
         return Section("curves", "Curves", [])
     table = study.tables[CURVES]
@@ -164,7 +167,7 @@ def _curve(study: Study, table: pandas.DataFrame, sweep: str) -> List[Any]:
 
 # ---------------------------------------------------------------- every image searched
 def ungated(study: Study) -> Section:
-    """A random part of the runs with every image searched, beside the same runs of the study."""
+    """Compares a random part of the runs, with every image searched, with the same runs of the study."""
     if UNGATED not in study.tables:
         return Section("ungated", "Every image searched", [])
     both, rows = study.tables[UNGATED].merge(study.runs, on=_RUN, suffixes=("", "_cut")), []

@@ -37,18 +37,18 @@ class Assumption(Parameters):
 
 @lru_cache(maxsize=1)
 def assumptions() -> Mapping[str, Assumption]:
-    """All figures by their key, as `Study.changed` calls them."""
+    """Returns all figures by their key, as `Study.changed` calls them."""
     document = yaml.safe_load((PACKAGE / "config" / "assumptions.yaml").read_text(encoding="utf-8"))
     return {key: Assumption.from_mapping(entry, key) for key, entry in document.items()}
 
 
 def varied(study: Study) -> Dict[str, Assumption]:
-    """Those that have a plausible range, and a value in this study."""
+    """Selects those that have a plausible range, and a value in this study."""
     return {key: entry for key, entry in assumptions().items() if entry.range and _get(study, key) is not None}
 
 
 def table(study: Study) -> List[Dict[str, str]]:
-    """Key, value, unit, range, source and reason of each, for the report."""
+    """Lists key, value, unit, range, source and reason of each, for the report."""
     rows = []
     for key, entry in assumptions().items():
         value = _get(study, key)
@@ -59,7 +59,7 @@ def table(study: Study) -> List[Dict[str, str]]:
 
 
 def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
-    """A Latin hypercube: for each of `count` worlds a factor for each assumption, even on a logarithmic scale.
+    """Draws a Latin hypercube: for each of `count` worlds a factor for each assumption, even on a logarithmic scale.
 
     Worlds that were drawn for another count are other worlds.
     """
@@ -73,12 +73,12 @@ def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
 
 
 def changes(study: Study, factors: Mapping[str, float]) -> Dict[str, Any]:
-    """What `Study.changed` needs for a world."""
+    """Returns what `Study.changed` needs for a world."""
     return {key: scaled(_get(study, key), factor) for key, factor in factors.items()}
 
 
 def scaled(value: Any, factor: float) -> Any:
-    """A number, a list of numbers or a distribution, times a factor; whole numbers stay whole and at least 1."""
+    """Multiplies a number, a list of numbers or a distribution by a factor; whole numbers stay whole and at least 1."""
     if isinstance(value, bool):
         return value
     if isinstance(value, int):

@@ -70,7 +70,7 @@ Work = Callable[[Mapping[str, Any], Mapping[str, Any], Job], Outcome]
 
 
 def columns(file: str) -> Tuple[str, ...]:
-    """The columns of one of a study's CSV files; what was varied comes first, as readers look for it."""
+    """Lists the columns of one of a study's CSV files; what was varied comes first, as readers look for it."""
     order = ("order", "map") if file == RUNS else ()
     return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order)
 
@@ -180,7 +180,7 @@ def _progress(console: Console) -> Progress:
 
 # ---------------------------------------------------------------- metadata of the runs
 def configuration(study: Study) -> str:
-    """What identifies studies whose rows must not be mixed: configuration and program.
+    """Returns what identifies studies whose rows must not be mixed: configuration and program.
 
     How many participants there are, and which curves, is left out: rows of some are rows of all.
     """
@@ -213,7 +213,7 @@ def about(study: Study) -> Dict[str, Any]:
 
 
 def made_by() -> Dict[str, str]:
-    """Revision, command and machine, for study.json."""
+    """Returns revision, command and machine, for study.json."""
     return {"revision": revision(), "command": " ".join(["python3 -m vb_evaluation.study", *sys.argv[1:]]),
             "machine": f"{os.cpu_count()} processors, {platform.machine()}, Python {platform.python_version()}"}
 

@@ -81,12 +81,12 @@ class Study:
     cameras: CameraModels
 
     def traits(self, participant: int) -> Traits:
-        """A participant, numbered from 1."""
+        """Draws a participant, numbered from 1."""
         model = read_section(self.sources["models"], "participant", ParticipantModel)
         return Population(self.document["participants"], model).draw(self.streams(participant))
 
     def marks(self, scenario: str) -> Tuple[float, float, float]:
-        """(dx, dy) [m] and turn [rad] by which the marks on the floor are off the map: the same for all participants."""
+        """Draws (dx, dy) [m] and turn [rad] by which the marks on the floor are off the map: the same for all participants."""
         settings = self.document.get("marks") or {}
         rng = np.random.default_rng([self.design.seed, zlib.crc32(scenario.encode()), zlib.crc32(b"marks")])
         dx, dy, turn = (draw(f"marks/{key}", settings.get(key, 0.0), rng) for key in ("offset", "offset", "turn"))
@@ -97,7 +97,7 @@ class Study:
         return lambda name: np.random.default_rng([self.design.seed, participant, zlib.crc32(name.encode())])
 
     def run_seed(self, participant: int) -> int:
-        """The seed of the simulated lab's nodes for one participant's runs."""
+        """Returns the seed of the simulated lab's nodes for one participant's runs."""
         return self.design.seed * 1000 + participant
 
     @property
@@ -107,7 +107,7 @@ class Study:
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def changed(self, changes: Mapping[str, Any]) -> "Study":
-        """The same study with other values.
+        """Returns the same study with other values.
 
         Args:
             changes: "design/seed", "timing/save_s", "participants/traits/tremor", "models/optics/exposure_ms" or
@@ -151,7 +151,7 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
 
 
 def study_of(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
-    """The study of a document and of the files that it names, checked; see `Study`."""
+    """Makes the study of a document and of the files that it names, checked; see `Study`."""
     known = ("design", "timing", "participants", "marks", "curves")
     for key in document:
         if key not in known:

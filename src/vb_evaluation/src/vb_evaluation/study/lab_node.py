@@ -48,11 +48,11 @@ class Room:
         self._world, self._models = world, models
 
     def ceiling_view(self, camera: CeilingCamera) -> CeilingView:
-        """The view of a ceiling camera, before anything moved."""
+        """Returns the view of a ceiling camera, before anything moved."""
         return self._fresh("ceiling", camera, CeilingView)
 
     def robot_view(self, robot: Robot) -> RobotView:
-        """The view of a robot's camera, before anything moved."""
+        """Returns the view of a robot's camera, before anything moved."""
         return self._fresh("robot", robot, RobotView)
 
     def _fresh(self, what: str, whose: Any, kind: Any) -> Any:
@@ -68,7 +68,7 @@ class Room:
 
 
 def frame_generator(seed: int, camera: str, stamp: float) -> np.random.Generator:
-    """The noise of one frame, whatever was rendered before it."""
+    """Makes the generator of one frame's noise, the same whatever was rendered before it."""
     return np.random.default_rng([seed, zlib.crc32(camera.encode()), int(round(stamp * 1e4))])
 
 

@@ -34,7 +34,7 @@ class Traits:
 
 
 def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
-    """One value of a trait's distribution, as the configuration writes it.
+    """Draws one value of a trait's distribution, as the configuration writes it.
 
     A number is the same for everybody. {uniform: [low, high]}, {normal: [mean, standard deviation]} and
     {lognormal: [median, standard deviation of the logarithm]} are drawn; `low` and `high` beside them are limits.
@@ -99,7 +99,7 @@ class Population:
                     raise ParameterError(f"participants/{part}/{key}", f"unknown trait of {kind.__name__}")
 
     def draw(self, streams: Streams) -> Traits:
-        """A participant; the same for the same streams."""
+        """Draws a participant; the same for the same streams."""
         values: Dict[str, Any] = {key: draw(f"participants/traits/{key}", spec, streams(key)) for key, spec in self._traits.items()}
         for key in ("drawing_speed", "tremor_band"):
             # models.yaml gives these as ranges; a person has one speed

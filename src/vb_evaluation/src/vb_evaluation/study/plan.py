@@ -34,7 +34,7 @@ class Job:
     thorough: bool = False
 
     def columns(self, seed: int) -> Dict[str, Any]:
-        """The columns that say which run it is."""
+        """Returns the columns that say which run it is."""
         task = self.task
         return {**dict(zip(KEY, (task.participant, task.scenario, task.method, seed))), **self.conditions}
 
@@ -51,7 +51,7 @@ class Job:
 
 
 def jobs(study: Study, size: str, only: Optional[str] = None) -> List[Job]:
-    """All runs of a study; those of a size are among those of the next one.
+    """Lists all runs of a study; those of a size are among those of the next one.
 
     Args:
         size: "quick" shows that all works; "usual" answers the paper's questions with intervals; "full" also says which
@@ -67,7 +67,7 @@ def jobs(study: Study, size: str, only: Optional[str] = None) -> List[Job]:
 
 
 def main_jobs(study: Study, participants: int) -> List[Job]:
-    """Every participant with every method in every scenario, in each one's order."""
+    """Lists every participant with every method in every scenario, in each one's order."""
     design = study.design
     return [
         Job(Task(participant, scenario, method), order=place)
@@ -78,7 +78,7 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
 
 
 def ungated_jobs(study: Study, main: List[Job]) -> List[Job]:
-    """A random part of the main runs again, with every image searched, of each scenario with each method alike.
+    """Lists a random part of the main runs again, with every image searched, of each scenario with each method alike.
 
     At a share of a tenth it is one of each ten participants; more participants leave the others' runs as they were.
     """
@@ -93,7 +93,7 @@ def ungated_jobs(study: Study, main: List[Job]) -> List[Job]:
 
 
 def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
-    """Both methods in each of the first worlds, each world with another person and one scenario in turn."""
+    """Lists both methods in each of the first worlds, each world with another person and one scenario in turn."""
     scenarios = study.design.scenarios
     return [
         Job(Task(draw, scenarios[draw % len(scenarios)], method), WORLDS, assumptions.changes(study, factors), {"draw": draw})
@@ -103,7 +103,7 @@ def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
 
 
 def curve_jobs(study: Study, only: Optional[str] = None) -> List[Job]:
-    """The same runs in other surroundings, by the first participants of the study; `only` one curve."""
+    """Lists the same runs in other surroundings, by the first participants of the study; `only` one curve."""
     curves, design = study.document.get("curves") or {}, study.design
     return [
         Job(Task(participant, scenario, method), CURVES,
@@ -116,7 +116,7 @@ def curve_jobs(study: Study, only: Optional[str] = None) -> List[Job]:
 
 
 def find(among: List[Job], **wanted: Any) -> Job:
-    """The one job with these columns.
+    """Finds the one job with these columns.
 
     Raises:
         CodedError: "no_such_run".

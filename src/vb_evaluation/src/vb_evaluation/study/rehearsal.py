@@ -23,7 +23,7 @@ from vb_map_integration.storage.recording import MapRecording
 
 
 def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[], None]]:
-    """What `conduct` starts instead of the system; appends to `outcomes` whether the person completed the run."""
+    """Returns the person that `conduct` starts instead of the system; appends to `outcomes` whether the run was completed."""
 
     def start(planned: Planned) -> Callable[[], None]:
         number = int(re.sub(r"\D", "", planned.entry.participant) or 1)
@@ -36,7 +36,7 @@ def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[
 
 
 def run(study: Study, task: Task) -> Result:
-    """A run of the simulated study."""
+    """Performs a run of the simulated study."""
     # the rest of the kit works without ROS
     from vb_evaluation.study import runner
 
@@ -58,5 +58,5 @@ def write_recording(result: Result, folder: Path) -> None:
 
 
 def default_study() -> Study:
-    """The simulated study whose people rehearse."""
+    """Returns the simulated study whose people rehearse."""
     return config.load()

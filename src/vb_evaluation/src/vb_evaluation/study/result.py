@@ -97,7 +97,7 @@ class Result:
 
 
 def measure(result: Result) -> Dict[str, object]:
-    """All columns of a run but those that say which run it was."""
+    """Measures all columns of a run but those that say which run it was."""
     restricted, floor = metrics.restricted_cells(result.prior, result.posterior), result.prior.data == FREE
     # in spot cleaning the paper's people drew around 3.2 m2 and restricted the rest, which hides their drawing
     enclosed = (metrics.enclosed(floor, cells & floor, result.truth) for cells in (result.truth, restricted))

@@ -58,10 +58,10 @@ class _NoState:
     """A lab that need not survive its process."""
 
     def read(self) -> None:
-        """Nothing was left."""
+        """Returns None: nothing was left."""
 
     def write(self, _document: Dict[str, Any]) -> None:
-        """Nothing is kept."""
+        """Keeps nothing."""
 
 
 class _Observer:
@@ -230,7 +230,7 @@ def _records(state: Path) -> Tuple[Dict[str, Any], ...]:
 def personal_scenario(
     world: World, scenario: Scenario, traits: Traits, grid: GridMap, marks: Tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> Scenario:
-    """The scenario as this person sees it: the border by the marks on the floor, and where the person stands.
+    """Returns the scenario as this person sees it: the border by the marks on the floor, and where the person stands.
 
     The place is near the common one, on free floor, off the border. The ground truth stays the map's.
 

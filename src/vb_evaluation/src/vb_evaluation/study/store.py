@@ -35,7 +35,7 @@ class RowFile:
         self.write()
 
     def name_of(self, row: Mapping[str, Any]) -> Tuple[str, ...]:
-        """The name of a row."""
+        """Returns the name of a row."""
         return tuple(str(row[column]) for column in self.key)
 
     def append(self, row: Mapping[str, Any]) -> None:

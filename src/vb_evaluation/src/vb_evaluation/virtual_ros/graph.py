@@ -41,7 +41,7 @@ class Node:
         }
 
     def resolve(self, name: str) -> str:
-        """A name as the node means it."""
+        """Resolves a name as the node means it."""
         full = rosgraph.names.resolve_name(name, self.name)
         return self.remappings.get(full, full)
 
@@ -110,11 +110,11 @@ class Graph:
                 rospy.rostime._rostime_initialized, rospy.rostime._rostime_current = before
 
     def delay_of(self, name: str) -> int:
-        """[ns] that a topic's messages or a service's answers take."""
+        """Returns the time [ns] that a topic's messages or a service's answers take."""
         return self._delays.get(name, 0)
 
     def topic(self, name: str) -> _Topic:
-        """A topic by its resolved name."""
+        """Returns a topic by its resolved name."""
         return self._topics.setdefault(name, _Topic())
 
     def play(self, name: str, kind: str, definition: str, data: bytes) -> None:
@@ -135,7 +135,7 @@ class Graph:
             subscriber.put(delivery)
 
     def set_clock(self, now: genpy.Time) -> None:
-        """/clock has come: it is the same for everybody."""
+        """Takes a message of /clock: it is the same for everybody."""
         rospy.rostime._set_rostime(now)
         due = [entry for entry in self._sleepers if entry[0] <= now]
         if due:
@@ -159,14 +159,14 @@ class Graph:
 
     # ------------------------------------------------------------- time
     def sleep(self, duration: Any) -> None:
-        """rospy.sleep, by /clock."""
+        """Sleeps as rospy.sleep does, by /clock."""
         seconds = duration if isinstance(duration, genpy.Duration) else genpy.Duration.from_sec(duration)
         if seconds > genpy.Duration(0):
             self._sleepers.append((rospy.get_rostime() + seconds, greenlet.getcurrent()))
             self.scheduler.wait()
 
     def spin(self) -> None:
-        """rospy.spin."""
+        """Waits as rospy.spin does."""
         self.scheduler.wait()
 
     def _wait_for_service(self, name: str, timeout: Any = None) -> None:
@@ -269,7 +269,7 @@ class Publisher:
             subscriber.put(delivery)
 
     def get_num_connections(self) -> int:
-        """How many listen."""
+        """Returns how many listen."""
         return len(self._topic.subscribers)
 
     def unregister(self) -> None:
@@ -299,7 +299,7 @@ class Subscriber:
                 publisher.send(self, publisher.latched)
 
     def put(self, delivery: _Delivery) -> None:
-        """A message has come; of too many the oldest ones are lost, as in rospy."""
+        """Takes a message; of too many the oldest ones are lost, as in rospy."""
         if not self._over:
             self._queue.append(delivery)
             self._line.wake()
@@ -321,7 +321,7 @@ class Subscriber:
         self._line.wake()
 
     def get_num_connections(self) -> int:
-        """How many publish."""
+        """Returns how many publish."""
         return len(self._topic.publishers)
 
 

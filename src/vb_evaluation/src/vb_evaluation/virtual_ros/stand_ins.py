@@ -92,7 +92,7 @@ class Line:
         self._tasks: Deque[Task] = deque()
 
     def wait(self, timeout_ns: Optional[int] = None) -> bool:
-        """Whether it was woken within a time [ns]."""
+        """Waits; tells whether it was woken within a time [ns]."""
         task = greenlet.getcurrent()
         self._tasks.append(task)
         try:
@@ -103,7 +103,7 @@ class Line:
                 self._tasks.remove(task)
 
     def wait_for(self, predicate: Callable[[], Any], timeout_ns: Optional[int] = None) -> bool:
-        """Whether something came to hold within a time [ns]; looks each time that it is woken."""
+        """Waits until something holds and tells whether it came to hold within a time [ns]; looks each time that it is woken."""
         end = None if timeout_ns is None else self._scheduler.now_ns + timeout_ns
         while not predicate() and (end is None or self._scheduler.now_ns < end):
             self.wait(None if end is None else end - self._scheduler.now_ns)
@@ -196,7 +196,7 @@ class Event:
         self._set = False
 
     def is_set(self) -> bool:
-        """Whether it was set."""
+        """Tells whether it was set."""
         return self._set
 
     def set(self) -> None:
@@ -241,7 +241,7 @@ class Thread:
             self._over.wait(timeout)
 
     def is_alive(self) -> bool:
-        """Whether it has begun and not ended."""
+        """Tells whether it has begun and not ended."""
         return self._started and not self._over.is_set()
 
 
