@@ -41,7 +41,7 @@ from vb_core.ros.messages import OccupancyGridArray, grid_from_message, pose_fro
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port
 from vb_evaluation.study import config
-from vb_evaluation.study.result import Task
+from vb_evaluation.study.result import RunTask
 from vb_evaluation.study.runner import LiveRun
 from vb_msgs.msg import DetectorStatus, InteractionState, LabState, LaserSpot
 from vb_sim.room.world import load_world
@@ -157,7 +157,7 @@ class Judge:
 def run_here(study, scenario: str, method: str, seed: int) -> dict:
     """Performs one run in one process; the seed is the participant's number."""
     began = time.monotonic()
-    run = LiveRun(study, Task(seed, scenario, method))
+    run = LiveRun(study, RunTask(seed, scenario, method))
     judge = Judge(study.world.robots[0].radius, method == "robot_only")
     goals_after = []
 

@@ -13,7 +13,7 @@ from vb_core import names
 from vb_core.grid_map import GridMap
 from vb_core.ros import commands
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_grid
-from vb_evaluation.provenance import top
+from vb_evaluation.provenance import repository_top
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
@@ -112,7 +112,8 @@ def in_one_process():
 
     with tempfile.TemporaryDirectory() as state, graph.installed():
         graph.start(Node("/clock", {}), clock)
-        start_launch(graph, top() / "launch" / "parts" / "borders.launch", {"state": state, "robot_frame": "", "record": "false"})
+        launch = repository_top() / "launch" / "parts" / "borders.launch"
+        start_launch(graph, launch, {"state": state, "robot_frame": "", "record": "false"})
         graph.start(Node("/test", {}), lambda: results.append(Session().run()))
         scheduler.run(lambda: bool(results), scheduler.now_ns + 600 * 10**9)
     return results[0]

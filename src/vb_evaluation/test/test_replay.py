@@ -187,7 +187,7 @@ def test_another_definition_of_a_message_is_told(tmp_path):
     with graph.installed():
         graph.start(Node("/listener", {}), lambda: rospy.Subscriber("/virtual_borders/spots", LaserSpot))
         graph.scheduler.run(lambda: False, 10)
-        entry = next(entry for entry in replay.recorded(recording) if entry.topic == "/virtual_borders/spots")
+        entry = next(entry for entry in replay.read_messages(recording) if entry.topic == "/virtual_borders/spots")
         with pytest.raises(CodedError, match="another definition"):
             graph.play(entry.topic, entry.kind, "0" * 32, entry.data)
 
@@ -273,12 +273,12 @@ def test_the_command_replays(tmp_path, capsys):
 def test_a_recording_without_bag_or_with_a_damaged_one(tmp_path):
     make_recording(tmp_path, stroke())
     with pytest.raises(CodedError) as caught:
-        list(replay.recorded(Recording(tmp_path)))
+        list(replay.read_messages(Recording(tmp_path)))
     assert "record:=" in str(caught.value)
     (tmp_path / "bags").mkdir()
     (tmp_path / "bags" / "01.bag").write_text("#ROSBAG V2.0\nrest is lost")
     with pytest.raises(CodedError) as caught:
-        list(replay.recorded(Recording(tmp_path)))
+        list(replay.read_messages(Recording(tmp_path)))
     assert "01.bag" in str(caught.value)
 
 

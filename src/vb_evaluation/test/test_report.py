@@ -12,7 +12,7 @@ import pytest
 
 from vb_core.errors import CodedError
 from vb_evaluation.kit import __main__ as command
-from vb_evaluation.report import background, beside, charts, sensitivity
+from vb_evaluation.report import background, charts, paper_comparison, sensitivity
 from vb_evaluation.report.data import read_study
 from vb_evaluation.report.maps import nearest_to_median
 from vb_evaluation.report.page import write_report
@@ -76,7 +76,7 @@ def test_no_p_of_simulated_people_and_p_of_people(full, tmp_path, no_pictures):
     (Interval(0.982, 0.975, 0.990, 0.95), 0.856, "better"), (Interval(0.80, 0.78, 0.82, 0.95), 0.856, "worse"),
     (Interval(0.86, 0.84, 0.88, 0.95), 0.856, "same")])
 def test_better_than_the_paper_is_no_agreement(full, ours, published, reading):
-    row = beside._beside(read_study(full[0]), "carpet", "Jaccard index, robot only", published, ours, 3)
+    row = paper_comparison._compare(read_study(full[0]), "carpet", "Jaccard index, robot only", published, ours, 3)
     assert row["reading"] == reading and bool(row["why"]) == (reading != "same")
 
 
@@ -93,7 +93,7 @@ def test_the_worlds_tell_what_decides(full):
     assert "All 3 assumptions" in blocks[0].words[0] and "60 draws" in blocks[0].words[0]
     conclusions, deciding = (next(block.rows for block in blocks if getattr(block, "name", "") == name) for name in ("worlds", "deciding"))
     first = next(row for row in deciding if row["outcome"] == "speed-up (logarithm)")
-    assert first["assumption"] == "hand/speed" and first["clear"] == "yes" and first["rho"].low > sensitivity.noise(first["n"], 3)
+    assert first["assumption"] == "hand/speed" and first["clear"] == "yes" and first["rho"].low > sensitivity.chance_level(first["n"], 3)
     assert [row["clear"] for row in deciding if row["outcome"] == "boundary error, network robot system"] == ["no"] * 3
     faster = next(row for row in conclusions if row["conclusion"].startswith("faster") and row["scenario"] == "all")
     assert faster["holds"].estimate == 100.0 and faster["holds"].low < 97.0 and faster["n"] < 60  # who failed is no evidence
@@ -106,7 +106,7 @@ def test_noise_of_many_correlations_is_that_of_shuffled_draws():
         drawn = rng.random((60, 20))
         outcome = rng.random(60)
         largest.append(max(abs(np.corrcoef(drawn[:, index], outcome)[0, 1]) for index in range(20)))
-    assert sensitivity.noise(60, 20) == pytest.approx(np.percentile(largest, 95), abs=0.04)
+    assert sensitivity.chance_level(60, 20) == pytest.approx(np.percentile(largest, 95), abs=0.04)
 
 
 def test_order_effects_are_found(tmp_path):

@@ -9,7 +9,7 @@ from vb_core import geometry
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length, resample_chain
 from vb_evaluation.design import order_of_runs
-from vb_evaluation.provenance import top
+from vb_evaluation.provenance import repository_top
 from vb_evaluation.report.data import CURVES, RUNS, WORLDS
 from vb_evaluation.study import assumptions, campaign, config, plan
 from vb_evaluation.study.people import draw
@@ -207,7 +207,7 @@ def test_curves_say_what_they_are_over():
 
 
 def test_the_examples_of_the_documentation_work(tmp_path):
-    text = (top() / "docs" / "how-to" / "extend-the-study.md").read_text(encoding="utf-8")
+    text = (repository_top() / "docs" / "how-to" / "extend-the-study.md").read_text(encoding="utf-8")
     studies = []
     for number, document in enumerate(re.findall(r"```yaml\n(.*?)```", text, re.S)):
         (tmp_path / f"{number}.yaml").write_text(document)

@@ -12,7 +12,7 @@ from rich.console import Console
 from vb_core.errors import CodedError
 from vb_evaluation.study import campaign, config, plan
 from vb_evaluation.study.__main__ import main
-from vb_evaluation.study.result import Task
+from vb_evaluation.study.result import RunTask
 from vb_evaluation.study.runner import run
 
 STUDY = config.load()
@@ -25,7 +25,7 @@ def moments(seconds, **changes):
 
 
 def test_robot_only_is_led_there():
-    result = run(moments(10.0), Task(1, "carpet", "robot_only"))
+    result = run(moments(10.0), RunTask(1, "carpet", "robot_only"))
     assert result.spots and all(spot.mobile for spot in result.spots) and result.left_out > 0
     # time was up while the robot was being led
     assert result.records[0]["guide_s"] > 3.0 and result.records[0]["border_s"] == 0.0
@@ -33,9 +33,9 @@ def test_robot_only_is_led_there():
 
 
 def test_the_same_whatever_was_run_before():
-    task, study = Task(2, "carpet", "nrs"), moments(7.0)
+    task, study = RunTask(2, "carpet", "nrs"), moments(7.0)
     first = run(study, task)
-    run(moments(0.1), Task(5, "corner", "nrs"))
+    run(moments(0.1), RunTask(5, "corner", "nrs"))
     again = run(study, task)
     assert [(spot.camera, spot.stamp) for spot in first.spots] == [(spot.camera, spot.stamp) for spot in again.spots]
     # the last bits of what OpenCV works out depend on where its arrays lie in memory

@@ -3,7 +3,7 @@ import pytest
 
 from vb_core.ros import node
 from vb_evaluation.study import config
-from vb_evaluation.study.result import Task
+from vb_evaluation.study.result import RunTask
 from vb_evaluation.study.runner import run
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.scheduler import Scheduler
@@ -90,6 +90,6 @@ def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():
 
 def test_a_run_leaves_nothing_in_what_it_imports():
     before = GrowingBorder.chain
-    run(config.load().changed({"timing/time_limit_s": 0.1}), Task(1, "corner", "robot_only"))
+    run(config.load().changed({"timing/time_limit_s": 0.1}), RunTask(1, "corner", "robot_only"))
     # else the next run's borders are extracted in this one's time, which is over: they never come
     assert GrowingBorder.chain is before

@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 
 from vb_core.grid_map import GridMap
-from vb_core.notices import Notice as Held
+from vb_core.notices import Notice
 from vb_core.notices import Severity
 from vb_core.ros.messages import values_from_mapping
 from vb_feedback.display.display_messages import preview_notices
@@ -38,15 +38,15 @@ def test_what_save_would_do():
 
 def test_what_others_say_is_said_whatever_its_words():
     held = [
-        Held("robot_in_a_newer_version", Severity.ERROR, message="Der Roboter steht im Teppich."),
-        Held("stopped", Severity.WARNING), Held("stopped", Severity.WARNING, robot="b"),
-        Held("robot_coming_along", Severity.INFO, message="It comes."),
+        Notice("robot_in_a_newer_version", Severity.ERROR, message="Der Roboter steht im Teppich."),
+        Notice("stopped", Severity.WARNING), Notice("stopped", Severity.WARNING, robot="b"),
+        Notice("robot_coming_along", Severity.INFO, message="It comes."),
     ]
     assert texts(of_others(held, "en")) == [
         ("Der Roboter steht im Teppich.", True), ('Stopped: no robot drives until you say "resume".', True), ("It comes.", False),
     ]
     assert "Angehalten" in texts(of_others(held, "de"))[1][0]
-    assert len(of_others([Held(f"code_{number}") for number in range(9)], "en")) == 3
+    assert len(of_others([Notice(f"code_{number}") for number in range(9)], "en")) == 3
 
 
 def test_a_spot_that_nobody_sees():
@@ -76,4 +76,4 @@ def test_a_spot_that_nobody_sees():
         assert "robot" not in texts(coverage_notices("seed", (), (1.2, 0.5), coverage, False, (), "en"))[0][0]
     # others that say so themselves know better
     for code in ("spot_unseen_robot_comes", "no_spot_seen"):
-        assert coverage_notices("border", (), (1.2, 0.5), partly, True, [Held(code)], "en") == []
+        assert coverage_notices("border", (), (1.2, 0.5), partly, True, [Notice(code)], "en") == []

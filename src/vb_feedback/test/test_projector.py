@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import node
-from vb_feedback.projector import floor_picture
-from vb_feedback.projector.floor_picture import FloorContent, FloorPicture
+from vb_feedback.projector import floor_image
+from vb_feedback.projector.floor_image import FloorContent, FloorImage
 from vb_feedback.projector.projector_calibration import ProjectorCalibration, calibrate, load, markers
 from vb_feedback.projector.projector_window import ProjectorWindow
 from vb_feedback.display.scene import Border, Drawing
@@ -101,7 +101,7 @@ def at(picture, x, y):
 
 
 def test_things_lie_where_the_calibration_says():
-    picture = FloorPicture(CALIBRATION)
+    picture = FloorImage(CALIBRATION)
     shown = picture.render(FloorContent("default", (Border("b", SQUARE, True, (4, 2.1)),)))
     assert shown.shape == (400, 640, 3) and shown.dtype == np.uint8
     assert all(at(shown, x, y).max() > 150 for x, y in SQUARE + ((4.0, 1.9), (3.7, 2.1)))
@@ -113,7 +113,7 @@ def test_things_lie_where_the_calibration_says():
 
 
 def test_the_drawing_keeps_off_the_spot_and_borders_do_not():
-    picture = FloorPicture(CALIBRATION)
+    picture = FloorImage(CALIBRATION)
     drawing = Drawing(chain=((3.4, 2.1), (4.4, 2.1)), seed=(3.6, 1.8))
     whole = picture.render(FloorContent("border", (), drawing))
     part = picture.render(FloorContent("border", (), drawing, spot=(4.4, 2.1)))
@@ -131,7 +131,7 @@ def test_what_save_would_restrict_is_striped(yaw):
     centres = region.cell_to_world(np.column_stack([rows.ravel(), columns.ravel()]))
     inside = (np.abs(centres - (4.0, 2.1)) < (0.35, 0.25)).all(axis=1).reshape(cells.shape)
     region = region.with_data(np.where(inside, 100, 0).astype(np.int8))
-    shown = FloorPicture(CALIBRATION).render(FloorContent("default", region=region))
+    shown = FloorImage(CALIBRATION).render(FloorContent("default", region=region))
     grid = [(x, y) for x in np.linspace(3.72, 4.28, 29) for y in np.linspace(1.92, 2.28, 19)]
     assert 0.35 < np.mean([at(shown, x, y).max() > 40 for x, y in grid]) < 0.65
     assert all(at(shown, x, y).max() == 0 for x, y in ((3.5, 2.1), (4.5, 2.1), (4.0, 1.75), (4.0, 2.45)))
@@ -141,7 +141,7 @@ def test_nothing_looks_like_a_laser_spot():
     """No small bright thing: each connected piece of light is longer than the largest spot that a detector takes."""
     drawing = Drawing(chain=SQUARE, seed=(4.0, 2.1))
     for content in (FloorContent("border", (Border("b", SQUARE, True, (4, 2.1)),), drawing), FloorContent("seed", (), drawing)):
-        shown = FloorPicture(CALIBRATION).render(content)
+        shown = FloorImage(CALIBRATION).render(content)
         count, _, boxes, _ = cv2.connectedComponentsWithStats((shown.max(axis=2) > 20).astype(np.uint8))
         for x, y, width, height, _ in boxes[1:]:
             floor = CALIBRATION.to_floor([(x, y), (x + width, y + height)])
@@ -151,22 +151,22 @@ def test_nothing_looks_like_a_laser_spot():
 
 def test_brightness_counts():
     content = FloorContent("border", (Border("b", SQUARE, True, (4, 2.1)),))
-    bright, dim = (FloorPicture(CALIBRATION, level).render(content).astype(int).max() for level in (1.0, 0.3))
+    bright, dim = (FloorImage(CALIBRATION, level).render(content).astype(int).max() for level in (1.0, 0.3))
     assert dim == pytest.approx(0.3 * bright, abs=3)
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=6))
 def test_whatever_is_drawn_nothing_breaks(chain):
-    shown = FloorPicture(CALIBRATION).render(FloorContent("seed", (), Drawing(chain=tuple(chain), closed=True, seed=chain[0])))
+    shown = FloorImage(CALIBRATION).render(FloorContent("seed", (), Drawing(chain=tuple(chain), closed=True, seed=chain[0])))
     assert shown.shape == (400, 640, 3)
 
 
 def test_the_calibrations_own_pictures():
     for number in range(len(markers(*SIZE))):
-        shown = floor_picture.calibration_picture(*SIZE, number)
+        shown = floor_image.draw_calibration_image(*SIZE, number)
         assert [shown[row, column].max() for column, row in np.rint(markers(*SIZE)).astype(int)].index(255) == number
-    grid = floor_picture.grid_picture(CALIBRATION)
+    grid = floor_image.draw_grid_image(CALIBRATION)
     assert at(grid, 4.0, 2.0).max() > 200 and at(grid, 4.25, 2.25).max() == 0
 
 
@@ -190,7 +190,7 @@ def test_the_window_shows_each_pixel_where_it_belongs(screen, monkeypatch, tmp_p
     pytest.importorskip("tkinter")
     monkeypatch.setenv("DISPLAY", screen)
     window = ProjectorWindow(100, 50, *SIZE, start=node.start_thread)
-    picture = floor_picture.calibration_picture(*SIZE, 0)
+    picture = floor_image.draw_calibration_image(*SIZE, 0)
     picture[:, -3:] = (0, 200, 100)
     path, deadline = str(tmp_path / "screen.png"), time.monotonic() + 60.0
     try:

@@ -63,7 +63,7 @@ def test_segments_join_at_corners():
 
 def test_spots_fade_and_go():
     layout = fit(Box(0, 0, 8, 5), 16 / 9)
-    seen = [scene.Spot("red", 1.0, 1.0, 10.0), scene.Spot("red", 1.1, 1.0, 11.0), scene.Spot("blue", 2.0, 2.0, 10.9)]
+    seen = [scene.TrailPoint("red", 1.0, 1.0, 10.0), scene.TrailPoint("red", 1.1, 1.0, 11.0), scene.TrailPoint("blue", 2.0, 2.0, 10.9)]
     shapes = {shape.key: shape for shape in scene.trails(layout, seen, 11.0)}
     trail = shapes[("spots/red/trail", 0)]
     assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colours[0]) > sum(trail.colours[1])

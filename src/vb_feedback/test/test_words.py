@@ -9,11 +9,11 @@ import pytest
 from vb_feedback.display import colours
 from vb_feedback.display.layout import Box, fit
 from vb_feedback.display.scene import PLATE, TEXT, text_boxes
-from vb_feedback.display.text_panel import Notice, PanelContent, words
+from vb_feedback.display.text_panel import PanelNotice, PanelContent, words
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
-NOTICES = (Notice("Save would restrict 12.50 m2."), Notice("Note: " + LONG, True))
+NOTICES = (PanelNotice("Save would restrict 12.50 m2."), PanelNotice("Note: " + LONG, True))
 LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
 
 
@@ -45,9 +45,9 @@ def arc_minutes(size, layout):
     # ISO 9241-303: at least 16 minutes of arc; Snellen: 20/40 eyes need 10
     ("Draw the border on the floor with the laser.", (), 16.0),
     ("Saved: the robot now stays out of this area.", (), 16.0),
-    ("Point at the side that the robot must not enter.", (Notice("Save would restrict 2.50 m2."),), 14.0),
+    ("Point at the side that the robot must not enter.", (PanelNotice("Save would restrict 2.50 m2."),), 14.0),
     ("Save needs a seed: say define seed, then point at the side that is off limits.", (), 14.0),
-    (LONG[:100], (Notice("Save would be refused: the border separates nothing from the rest.", True),), 10.0),
+    (LONG[:100], (PanelNotice("Save would be refused: the border separates nothing from the rest.", True),), 10.0),
 ])
 def test_letters_can_be_read_from_three_metres(extent, message, notices, least):
     layout = fit(extent, 16 / 9)
@@ -81,7 +81,7 @@ def test_state_and_commands_are_said():
 
 def test_an_answer_that_stands_as_a_notice_is_said_once():
     layout = fit(LAB, 16 / 9)
-    stopped, more = Notice("Stopped: no robot drives.", True), Notice("The spot is seen.")
+    stopped, more = PanelNotice("Stopped: no robot drives.", True), PanelNotice("The spot is seen.")
     found = said(words(layout, PanelContent("seed", 1.0, (), True, stopped.text, (), (stopped, more))))
     assert [found[name] for name in found if "answer" in name or "notice" in name] == [stopped.text, more.text]
 

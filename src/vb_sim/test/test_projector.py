@@ -7,7 +7,7 @@ import pytest
 from vb_core import geometry
 from vb_core.errors import ParameterError
 from vb_feedback.projector import projector_calibration
-from vb_feedback.projector.floor_picture import FloorContent, FloorPicture
+from vb_feedback.projector.floor_image import FloorContent, FloorImage
 from vb_feedback.display.scene import Border, Drawing
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_sim.cameras.ceiling_view import CeilingView
@@ -152,7 +152,7 @@ class Lit:
         self.world, self.models = world, CameraModels()
         self.scenario = world.scenarios["carpet"]
         calibration = projector_calibration.load(str(PACKAGE / "config" / "lab_projector.yaml"))
-        self.picture = FloorPicture(calibration)
+        self.picture = FloorImage(calibration)
         self.view = CeilingView(world.camera("green"), {"robot": 0.18}, render_floor(world, 1), world_mesh(world), self.models, 1)
         chain = np.vstack([self.scenario.border, self.scenario.border[:1]])
         self.line = geometry.resample_chain(chain, 0.02)

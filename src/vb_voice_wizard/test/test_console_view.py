@@ -10,7 +10,7 @@ from rich.console import Console
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState, VirtualBorder
-from vb_voice_wizard.console.view import BAD, GOOD, View, render
+from vb_voice_wizard.console.view import BAD, GOOD, ConsoleContent, render
 
 
 def screen(view, width=80, height=24):
@@ -30,7 +30,7 @@ def refused(message, *issues):
 
 
 def drawing():
-    view = View("http://here:11311", True)
+    view = ConsoleContent("http://here:11311", True)
     view.state = InteractionState(
         name="border", interaction_id="ab12", guide_s=1.0, border_s=72.3, commands=["define_seed", "cancel"])
     view.progress = BorderProgress(
@@ -87,8 +87,8 @@ def test_an_earlier_drawing_is_not_shown_in_a_new_interaction():
 
 
 def test_what_is_away_is_said():
-    assert "waiting for the ROS master at http://here" in screen(View("http://here"))
-    assert "waiting for the interaction manager" in screen(View("http://here", True))
+    assert "waiting for the ROS master at http://here" in screen(ConsoleContent("http://here"))
+    assert "waiting for the interaction manager" in screen(ConsoleContent("http://here", True))
     view = drawing()
     view.away = ("interaction_manager", "border_fusion", "map_integrator")
     assert "not responding: The interaction manager, The border fusion, The map integrator" in screen(view, 120)
@@ -103,7 +103,7 @@ def test_markup_in_names_is_only_text():
 
 
 def test_messages_do_not_grow_for_ever_nor_repeat():
-    view = View()
+    view = ConsoleContent()
     for number in range(500):
         view.say("10:00:00", f"message {number // 2}", GOOD)
     assert len(view.messages) == 50 and view.messages[-1][1] == "message 249"

@@ -45,7 +45,7 @@ def test_nothing_is_done_while_nothing_changes():
         changed(seed=np.zeros((0, 2))),
         changed(borders=(7.0, 4)),
         changed(borders=(7.1, 3)),
-        changed(doubts=(Notice("cameras_disagree"),)),
+        changed(warnings=(Notice("cameras_disagree"),)),
     ],
 )
 def test_what_matters_is_looked_at_after_the_period(now):

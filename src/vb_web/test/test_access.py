@@ -9,16 +9,16 @@ from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
 from vb_web import access
-from vb_web.access import Keys, Limiter, Logins, Role
+from vb_web.access import AccessCodes, Limiter, LoginLimiter, Role
 
-KEYS = Keys("view-er22", "oper-at33", "k" * 64)
+KEYS = AccessCodes("view-er22", "oper-at33", "k" * 64)
 
 
 def test_keys_are_made_once_and_only_their_owner_can_read_them(tmp_path):
     path = tmp_path / "folder" / "codes.yaml"
-    first = access.load_keys(path)
+    first = access.load_codes(path)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert access.load_keys(path) == first
+    assert access.load_codes(path) == first
     assert len({first.viewer, first.operator, first.cookie_key}) == 3
     assert first.role_of(first.operator) == Role.OPERATOR and first.role_of(first.viewer) == Role.VIEWER
 
@@ -32,16 +32,16 @@ def test_a_file_of_codes_that_protects_nothing_is_refused(tmp_path, change):
     path.write_text(yaml.safe_dump({**vars(KEYS), **change}))
     path.chmod(0o600)
     with pytest.raises(CodedError) as found:
-        access.load_keys(path)
+        access.load_codes(path)
     assert found.value.code == "page_codes_bad"
 
 
 def test_a_file_of_codes_that_others_can_read_is_refused(tmp_path):
     path = tmp_path / "codes.yaml"
-    access.load_keys(path)
+    access.load_codes(path)
     path.chmod(0o644)
     with pytest.raises(CodedError) as found:
-        access.load_keys(path)
+        access.load_codes(path)
     assert found.value.code == "page_codes_open"
 
 
@@ -56,7 +56,7 @@ def test_a_cookie_gives_its_role_and_only_with_the_same_key(role):
     cookie = KEYS.make_cookie(role)
     found, browser = KEYS.read_cookie(cookie)
     assert found == role and browser
-    other = Keys(KEYS.viewer, KEYS.operator, "x" * 64)
+    other = AccessCodes(KEYS.viewer, KEYS.operator, "x" * 64)
     assert other.read_cookie(cookie) == (Role.NOBODY, "")
 
 
@@ -109,7 +109,7 @@ def test_a_limiter_forgets_the_oldest_of_many_keys():
 
 
 def test_codes_cannot_be_tried_fast_from_one_address_nor_from_many():
-    logins = Logins()
+    logins = LoginLimiter()
     assert sum(logins.allows("a", 0.0) for _ in range(50)) == 5
     assert sum(logins.allows(str(number), 0.0) for number in range(500)) < 100
 
@@ -124,5 +124,5 @@ def test_files_of_others_cannot_be_overwritten_through_a_link(tmp_path):
     target = tmp_path / "target"
     os.symlink(str(target), str(tmp_path / "codes.yaml"))
     with pytest.raises(CodedError):
-        access.load_keys(tmp_path / "codes.yaml")
+        access.load_codes(tmp_path / "codes.yaml")
     assert not target.exists()

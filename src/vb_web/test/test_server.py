@@ -15,12 +15,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
 from vb_core.errors import CodedError, ParameterError  # noqa: E402
 from vb_web import access, requests  # noqa: E402
-from vb_web.access import Keys, Role  # noqa: E402
-from vb_web.pictures import Album, Picture  # noqa: E402
+from vb_web.access import AccessCodes, Role  # noqa: E402
+from vb_web.images import ImageCache, EncodedImage  # noqa: E402
 from vb_web.server import PageServer, ServerParams  # noqa: E402
 from vb_web.view import View  # noqa: E402
 
-KEYS = Keys("view-er22", "oper-at33", "k" * 64)
+KEYS = AccessCodes("view-er22", "oper-at33", "k" * 64)
 BOUNDS = requests.Bounds((0.0, 0.0), (8.0, 5.0))
 
 
@@ -54,10 +54,10 @@ class Running:
     """A server that listens on loopback."""
 
     def __init__(self, keys, params=ServerParams(port=0)):
-        self.backend, self.view, self.album, self.faults = FakeBackend(), View(), Album(), []
-        self.album.put("map", Picture(b"png", "a" * 16, 1))
+        self.backend, self.view, self.images, self.faults = FakeBackend(), View(), ImageCache(), []
+        self.images.put("map", EncodedImage(b"png", "a" * 16, 1))
         self.view.put("state", {"name": "default"})
-        self.server = PageServer(params, keys, self.view, self.album, self.backend, self.faults.append)
+        self.server = PageServer(params, keys, self.view, self.images, self.backend, self.faults.append)
         # one address asks for all: what limits it is tested on its own
         self.server.requests = access.Limiter(rate=1e9, burst=1e9)
         self.server.start()
@@ -368,5 +368,5 @@ def test_an_address_that_asks_too_often_is_told_so(local):
 
 def test_a_port_that_is_taken_is_told(local):
     with pytest.raises(CodedError) as found:
-        PageServer(ServerParams(port=local.server.port), None, View(), Album(), FakeBackend(), print).start()
+        PageServer(ServerParams(port=local.server.port), None, View(), ImageCache(), FakeBackend(), print).start()
     assert found.value.code == "page_no_address"

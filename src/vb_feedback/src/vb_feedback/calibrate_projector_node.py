@@ -18,7 +18,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros.images import image_message
 from vb_core.ros import node, parameters
 
-from vb_feedback.projector import floor_picture
+from vb_feedback.projector import floor_image
 from vb_feedback.floor_projector_node import FRAME
 from vb_feedback.projector.projector_calibration import calibrate
 from vb_feedback.projector.projector_window import ProjectorWindow
@@ -70,7 +70,7 @@ class CalibrateProjector:
 
     def _ask(self) -> None:
         number = len(self._clicked)
-        self._show(floor_picture.calibration_picture(self._params.width, self._params.height, number))
+        self._show(floor_image.draw_calibration_image(self._params.width, self._params.height, number))
         rospy.loginfo("calibrate_projector: click in RViz ('Publish Point') where marker %d of %d shines brightly on the floor",
                       number + 1, _MARKERS)
 
@@ -107,7 +107,7 @@ class CalibrateProjector:
         write_atomically(path, (head + content).encode("utf-8"))
         rospy.loginfo("calibrate_projector: wrote %s; the grid now shown has lines every 0.5 m, bright ones every 1 m, "
                       "for %g s", path, params.check)
-        self._show(floor_picture.grid_picture(calibration))
+        self._show(floor_image.draw_grid_image(calibration))
         node.start_thread(self._end)
 
     def _end(self) -> None:

@@ -13,7 +13,7 @@ from nav_msgs.msg import OccupancyGrid
 from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.notices import Notice as Said
+from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, grid_from_message, message_from_grid
@@ -26,7 +26,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from vb_feedback.display import display_messages, notices, restriction_overlay, scene
 from vb_feedback.display.display_messages import marker_from_shape
 from vb_feedback.display.layout import Box, Layout, fit
-from vb_feedback.display.text_panel import Notice, words
+from vb_feedback.display.text_panel import PanelNotice, words
 
 _REFRESH_S = 2.0
 _PERIOD_S = 0.1  # between two drawings of everything but live spots: RViz draws 8 frames/s, more would only cost
@@ -60,8 +60,8 @@ class _Known:
     progress: Optional[BorderProgress] = None
     preview: Optional[BorderPreview] = None
     borders: Tuple[VirtualBorder, ...] = ()
-    spots: Tuple[scene.Spot, ...] = ()
-    held: Tuple[Said, ...] = ()
+    spots: Tuple[scene.TrailPoint, ...] = ()
+    held: Tuple[Notice, ...] = ()
 
 
 class DisplayMarkers:
@@ -98,7 +98,7 @@ class DisplayMarkers:
         self._urgent = False  # something that a person waits for: an answer, the new map
         self._newcomers: List[Any] = []
         self._known = _Known()
-        self._spots: Deque[scene.Spot] = collections.deque(maxlen=_TRAIL)
+        self._spots: Deque[scene.TrailPoint] = collections.deque(maxlen=_TRAIL)
         # of the worker alone
         self._shown: Dict[Tuple[str, int], scene.Shape] = {}
         self._made: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
@@ -167,7 +167,7 @@ class DisplayMarkers:
             rospy.logwarn_throttle(5.0, f"display_markers: a spot of camera '{message.camera}' has no position")
             return
         with self._lock:
-            self._spots.append(scene.Spot(message.camera, x, y, message.header.stamp.to_sec()))
+            self._spots.append(scene.TrailPoint(message.camera, x, y, message.header.stamp.to_sec()))
         self._wake.set()
 
     # ------------------------------------------------------------------ work
@@ -282,7 +282,7 @@ class DisplayMarkers:
             shapes += scene.robot(str(frame), number, self._radii[frame])
         return shapes
 
-    def _notices(self, known: _Known, seeing: Sequence[str], now: float) -> List[Notice]:
+    def _notices(self, known: _Known, seeing: Sequence[str], now: float) -> List[PanelNotice]:
         preview, lost = self._current_preview(known), None
         if known.spots and known.state is not None and known.spots[-1].stamp >= known.state.started.to_sec():
             last = known.spots[-1]

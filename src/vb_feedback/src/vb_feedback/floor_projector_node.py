@@ -20,7 +20,7 @@ from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSp
 
 from vb_feedback.projector import projector_calibration
 from vb_feedback.display.display_messages import border_from_message, drawing_from_progress
-from vb_feedback.projector.floor_picture import FloorContent, FloorPicture
+from vb_feedback.projector.floor_image import FloorContent, FloorImage
 from vb_feedback.projector.projector_window import ProjectorWindow
 from vb_feedback.display.scene import Border, Drawing
 
@@ -61,7 +61,7 @@ class FloorProjector:
         window: shows; None: only the topic.
     """
 
-    def __init__(self, params: ProjectorParams, picture: FloorPicture, window: Optional[ProjectorWindow] = None) -> None:
+    def __init__(self, params: ProjectorParams, picture: FloorImage, window: Optional[ProjectorWindow] = None) -> None:
         self._picture = picture
         self._window = window
         self._period = 1.0 / params.max_rate
@@ -158,7 +158,7 @@ def _build() -> FloorProjector:
     calibration = projector_calibration.load(params.calibration)
     size = (calibration.width, calibration.height)
     window = ProjectorWindow(params.window_x, params.window_y, *size, node.start_thread) if params.window else None
-    return FloorProjector(params, FloorPicture(calibration, params.brightness), window)
+    return FloorProjector(params, FloorImage(calibration, params.brightness), window)
 
 
 def main() -> None:

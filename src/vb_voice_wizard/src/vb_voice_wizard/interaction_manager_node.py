@@ -24,7 +24,7 @@ from vb_voice_wizard.interaction import (
     REDO, RESUME, SAVE, STOP, UNDO, Answer, Interaction, InteractionParams, State, normalise,
 )
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
-from vb_voice_wizard.dialogue.once import Once
+from vb_voice_wizard.dialogue.answer_cache import AnswerCache
 from vb_voice_wizard.dialogue.previewer import Previewer
 
 # [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
@@ -89,7 +89,7 @@ class InteractionManager:
         self._interaction = Interaction(params)
         # a save calls two services, undo calls one three times
         self._patience_s = 3.0 * (params.service_wait + params.service_answer)
-        self._once = Once(self._patience_s)
+        self._answer_cache = AnswerCache(self._patience_s)
         self._memory_lost = False
         self._cameras: List[str] = []
         self._cameras_of = ""
@@ -155,7 +155,7 @@ class InteractionManager:
             self._stop.publish(True)
             answer = self._carry_out(command, order)
         else:
-            answer = self._once.carry_out(order.id, lambda: self._carry_out(command, order))
+            answer = self._answer_cache.carry_out(order.id, lambda: self._carry_out(command, order))
             if order.id:
                 with self._lock:
                     self._remember()
@@ -253,7 +253,7 @@ class InteractionManager:
         try:
             self._state_file.write({
                 "interaction": interaction.to_mapping(), "stopped": interaction.stopped,
-                "stopped_by": interaction.stopped_by, "answers": self._once.to_list(),
+                "stopped_by": interaction.stopped_by, "answers": self._answer_cache.to_list(),
             })
         except OSError as error:
             rospy.logwarn_throttle(30.0, f"interaction_manager: cannot remember the interaction: {error}")
@@ -264,7 +264,7 @@ class InteractionManager:
             remembered = self._state_file.read()
             if remembered is not None:
                 self._interaction = Interaction.from_mapping(remembered.get("interaction"), self._params)
-                self._once = Once(self._patience_s, remembered.get("answers") or ())
+                self._answer_cache = AnswerCache(self._patience_s, remembered.get("answers") or ())
         except (CodedError, TypeError, ValueError) as error:
             rospy.logwarn("interaction_manager: starting again: %s", error)
         self._interaction.stopped, self._interaction.stopped_by = stopped, stopped_by

@@ -30,7 +30,7 @@ from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.console import view as console_view
 from vb_voice_wizard.console.keys import COMMAND_KEYS, QUIT_KEY, KeyReader
-from vb_voice_wizard.console.view import BAD, GOOD, NOTE, View
+from vb_voice_wizard.console.view import BAD, GOOD, NOTE, ConsoleContent
 
 _PERIOD_S = 0.2  # between two looks at the screen: an operator cannot follow more
 _WATCH_S = 1.0
@@ -63,7 +63,7 @@ class WizardConsole:
         self._source = source
         self._robot_frame = robot_frame
         self._lock = threading.RLock()
-        self._view = View(language=language, master=rosgraph.get_master_uri())
+        self._view = ConsoleContent(language=language, master=rosgraph.get_master_uri())
         self._changed = threading.Event()
         self._told: Optional[NoticeListener] = None
         self._detectors: Dict[str, Tuple[float, float]] = {}

@@ -43,7 +43,7 @@ def normalise(code: str) -> str:
 
 
 @dataclass(frozen=True)
-class Keys:
+class AccessCodes:
     """The secrets of one installation.
 
     Attributes:
@@ -82,14 +82,14 @@ def _new_code() -> str:
     return f"{letters[:4]}-{letters[4:]}"
 
 
-def load_keys(path: Path) -> Keys:
+def load_codes(path: Path) -> AccessCodes:
     """Reads the codes from a file that only its owner can read; makes the file if there is none.
 
     Raises:
         CodedError: "page_codes_open" if others can read the file, "page_codes_bad" if it is unusable.
     """
     if not path.exists():
-        keys = Keys(_new_code(), _new_code(), secrets.token_hex(32))
+        keys = AccessCodes(_new_code(), _new_code(), secrets.token_hex(32))
         text = "# The codes of the page; delete this file and restart the page to replace all of them.\n"
         text += yaml.safe_dump(vars(keys), sort_keys=True)
         try:
@@ -108,7 +108,7 @@ def load_keys(path: Path) -> Keys:
     names = ("viewer", "operator", "cookie_key")
     if not isinstance(found, dict) or set(found) != set(names) or not all(isinstance(found[n], str) for n in names):
         raise CodedError("page_codes_bad", file=path, reason=f"it needs the texts {', '.join(names)}")
-    keys = Keys(**found)
+    keys = AccessCodes(**found)
     if min(len(normalise(keys.viewer)), len(normalise(keys.operator))) < _CODE_LENGTH or len(keys.cookie_key) < 32:
         reason = f"codes need {_CODE_LENGTH} letters or digits at least, the cookie_key 32"
         raise CodedError("page_codes_bad", file=path, reason=reason)
@@ -167,7 +167,7 @@ class Limiter:
         return allowed
 
 
-class Logins:
+class LoginLimiter:
     """Limits wrong codes: per address, and of all addresses together."""
 
     def __init__(self) -> None:

@@ -28,9 +28,9 @@ from vb_core.ros import messages, node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.ros.transforms import TransformLookup
-from vb_web import access, pictures, ros_view
-from vb_web.carrying_out import Carrier
-from vb_web.looking import Looker
+from vb_web import access, images, ros_view
+from vb_web.actions import ActionHandler
+from vb_web.camera_images import CameraImages
 from vb_web.requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
 from vb_web.view import View, border_changes, coarse_age, number
@@ -120,7 +120,7 @@ class PageNode:
     def __init__(self, params: PageParams) -> None:
         self._params = params
         self._lock = threading.Lock()
-        self._view, self._album = View(), pictures.Album()
+        self._view, self._images = View(), images.ImageCache()
         self._journal = Journal(Path(params.events_file).expanduser())
         self._grid: Optional[GridMap] = None
         self._borders: Dict[str, VirtualBorder] = {}
@@ -135,18 +135,20 @@ class PageNode:
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
         self._diagnostics: Dict[str, Any] = {}  # name: (heard [s], entry)
         self._transforms = TransformLookup()
-        self._looker = Looker(self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms)
-        self._carrier = Carrier(self._borders.get, lambda: self._connected(names.STATE), self._on_study, self._invitation)
+        self._camera_images = CameraImages(
+            self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
+        )
+        self._actions = ActionHandler(self._borders.get, lambda: self._connected(names.STATE), self._on_study, self._invitation)
         self._view.put("events", self._journal.shown())
         self._recall_study()
         self._subscribe()
 
         local = access.is_loopback(params.address)
         codes = Path(params.codes_file).expanduser()
-        self._keys = None if local else access.load_keys(codes)
-        backend = Backend(self._carrier.carry_out, self._bounds, self._looker.camera_jpeg, self._looker.floor_webp)
+        self._keys = None if local else access.load_codes(codes)
+        backend = Backend(self._actions.carry_out, self._bounds, self._camera_images.camera_jpeg, self._camera_images.floor_webp)
         self._server = PageServer(
-            params, self._keys, self._view, self._album, backend, lambda error: node.fail(CodedError("internal_error"))
+            params, self._keys, self._view, self._images, backend, lambda error: node.fail(CodedError("internal_error"))
         )
         self._server.start()
         self._addresses = addresses(params, self._server.port, _own_addresses())
@@ -157,7 +159,7 @@ class PageNode:
         # wall time goes on when simulated time stops
         self._beats = [node.WakeTimer(_POSES_S), node.WakeTimer(_HEALTH_S), node.WakeTimer(_HEALTH_S)]
         # the last one waits for the manager's answer, which may take long: the others go on
-        for beat, look in zip(self._beats, (self._look_at_robots, self._look_at_health, self._carrier.repeat_stop)):
+        for beat, look in zip(self._beats, (self._look_at_robots, self._look_at_health, self._actions.repeat_stop)):
             node.Worker(beat, lambda _woken, look=look: look())
 
     def close(self) -> None:
@@ -203,13 +205,13 @@ class PageNode:
         if prior is None:
             return
         self._grid = prior
-        base = pictures.draw_map(prior)
-        self._album.put("map", base)
+        base = images.draw_map(prior)
+        self._images.put("map", base)
         restricted = ""
         if posterior is not None and posterior.same_geometry(prior):
-            picture = pictures.draw_restricted(prior, posterior)
-            self._album.put("restricted", picture)
-            restricted = picture.name
+            image = images.draw_restricted(prior, posterior)
+            self._images.put("restricted", image)
+            restricted = image.name
         rows, columns = prior.shape
         origin = [number(value, 5) for value in prior.origin]
         self._view.put(
@@ -222,7 +224,7 @@ class PageNode:
                 "resolution": number(prior.resolution, 6),
                 "origin": origin,
                 "cells": base.cells,
-                "floor": pictures.floor_cells(prior) if self._params.cameras else 0,
+                "floor": images.floor_cells(prior) if self._params.cameras else 0,
             },
         )
 
@@ -352,8 +354,8 @@ class PageNode:
     def _recall_study(self) -> None:
         for event in self._journal.recalled:
             if "participant" in event:
-                self._carrier.participant, self._carrier.condition = str(event["participant"]), str(event["condition"])
-        self._view.put("study", {"participant": self._carrier.participant, "condition": self._carrier.condition})
+                self._actions.participant, self._actions.condition = str(event["participant"]), str(event["condition"])
+        self._view.put("study", {"participant": self._actions.participant, "condition": self._actions.condition})
 
     # ------------------------------------------------------------- for the server
     def _bounds(self) -> Optional[Bounds]:

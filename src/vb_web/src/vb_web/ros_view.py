@@ -14,7 +14,7 @@ from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 
 from vb_core.notices import Notice
 from vb_core.ros.messages import mapping_from_values, points_from_array
-from vb_web import pictures
+from vb_web import images
 from vb_web.requests import Draft
 from vb_web.view import number
 
@@ -33,14 +33,14 @@ def centimetres(points: Iterable[Point]) -> List[int]:
     return np.rint(found * 100.0).astype(int).ravel().tolist()
 
 
-def said(message: Any) -> Dict[str, Any]:
+def coded_sentence(message: Any) -> Dict[str, Any]:
     """Returns code, values and English sentence of any message that has these three."""
     return {"code": message.code, "values": mapping_from_values(message.values), "message": message.message}
 
 
-def findings_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
+def issues_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
     """Converts the issues that a check reported."""
-    return [{"severity": int(found.severity), **said(found)} for found in issues]
+    return [{"severity": int(found.severity), **coded_sentence(found)} for found in issues]
 
 
 def state_section(message: InteractionState) -> Dict[str, Any]:
@@ -74,7 +74,7 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
         "closed": bool(message.closed),
         "seed": centimetres([message.seed]) if message.has_seed else [],
         "seeing": list(message.seeing),
-        **said(message),
+        **coded_sentence(message),
     }
 
 
@@ -84,10 +84,10 @@ def region_uri(region: Any) -> str:
     cells = np.asarray(region.data, np.int8)
     if not cells.size or cells.size != info.width * info.height:
         return ""
-    picture = pictures.draw_region(
-        cells.reshape(info.height, info.width), info.resolution, pictures.PLANNED, pictures.PREVIEW_SIDE
+    image = images.draw_region(
+        cells.reshape(info.height, info.width), info.resolution, images.PLANNED, images.PREVIEW_SIDE
     )
-    return "data:image/png;base64," + base64.b64encode(picture.data).decode("ascii")
+    return "data:image/png;base64," + base64.b64encode(image.data).decode("ascii")
 
 
 def preview_section(message: BorderPreview) -> Dict[str, Any]:
@@ -99,9 +99,9 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
         "ok": bool(message.success),
         "area": number(message.area_m2, 2),
         "parts": int(message.free_parts),
-        "issues": findings_section(message.issues),
+        "issues": issues_section(message.issues),
         "region": region_uri(message.region),
-        **said(message),
+        **coded_sentence(message),
     }
 
 
@@ -131,7 +131,7 @@ def borders_section(message: VirtualBorderArray) -> Dict[str, Any]:
         "map_name": message.map_name,
         "unconfirmed": bool(message.needs_confirmation),
         "list": [border_section(border) for border in message.borders],
-        **said(message),
+        **coded_sentence(message),
     }
 
 

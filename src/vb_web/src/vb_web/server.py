@@ -26,8 +26,8 @@ from vb_core import sentences
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_web import access, requests
-from vb_web.access import Keys, Limiter, Logins, Role
-from vb_web.pictures import Album
+from vb_web.access import AccessCodes, Limiter, LoginLimiter, Role
+from vb_web.images import ImageCache
 from vb_web.view import View
 
 STATIC = Path(__file__).resolve().parent / "static"
@@ -103,15 +103,15 @@ class PageServer:
     """
 
     def __init__(
-        self, params: ServerParams, keys: Optional[Keys], view: View, album: Album, backend: Backend,
+        self, params: ServerParams, keys: Optional[AccessCodes], view: View, images: ImageCache, backend: Backend,
         on_fault: Callable[[BaseException], None],
     ) -> None:
-        self.params, self.keys, self.view, self.album, self.backend = params, keys, view, album, backend
-        self.logins = Logins()
+        self.params, self.keys, self.view, self.images, self.backend = params, keys, view, images, backend
+        self.logins = LoginLimiter()
         self.requests = Limiter(rate=40.0, burst=120.0)
-        self.browsers: Set[_Link] = set()
+        self.browsers: Set[_LinkHandler] = set()
         self.pool = ThreadPoolExecutor(max_workers=4, thread_name_prefix="page")
-        self.picture_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_pictures")
+        self.image_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_images")
         self.stop_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_stop")  # stop does not wait
         self.answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = OrderedDict()
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
@@ -146,24 +146,24 @@ class PageServer:
         if self._loop is not None and self._thread.is_alive():
             self._loop.add_callback(self._loop.stop)
             self._thread.join(timeout=5.0)
-        for pool in (self.pool, self.picture_pool, self.stop_pool):
+        for pool in (self.pool, self.image_pool, self.stop_pool):
             pool.shutdown(wait=False)
 
     def application(self) -> web.Application:
         """Makes the application with all handlers; also for tests."""
         given = {"page": self}
         routes = [
-            (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _Picture, given),
-            (r"/floor\.webp", _Floor, given),
-            (r"/camera/([A-Za-z0-9_]{1,40})\.jpg", _Camera, given),
-            (r"/session", _Session, given),
-            (r"/login", _Login, given),
-            (r"/logout", _Logout, given),
-            (r"/link", _Link, given),
-            (r"/(|[a-z_.]{1,40}|words/[a-z]{2}\.json)", _File, given),
+            (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, given),
+            (r"/floor\.webp", _FloorHandler, given),
+            (r"/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, given),
+            (r"/session", _SessionHandler, given),
+            (r"/login", _LoginHandler, given),
+            (r"/logout", _LogoutHandler, given),
+            (r"/link", _LinkHandler, given),
+            (r"/(|[a-z_.]{1,40}|words/[a-z]{2}\.json)", _FileHandler, given),
         ]
         return web.Application(
-            routes, default_handler_class=_Nothing, default_handler_args=given, log_function=lambda _handler: None,
+            routes, default_handler_class=_NotFoundHandler, default_handler_args=given, log_function=lambda _handler: None,
             websocket_max_message_size=requests.MAX_BYTES, websocket_ping_interval=15, websocket_ping_timeout=45,
         )
 
@@ -332,7 +332,7 @@ class _Handler(_Guarded, web.RequestHandler):
         return None
 
 
-class _Nothing(_Handler):
+class _NotFoundHandler(_Handler):
     NEEDS = Role.NOBODY
 
     def prepare(self) -> None:
@@ -340,7 +340,7 @@ class _Nothing(_Handler):
         raise web.HTTPError(404)
 
 
-class _File(_Handler):
+class _FileHandler(_Handler):
     NEEDS = Role.NOBODY  # the page itself says nothing about the house
 
     def get(self, name: str) -> None:
@@ -350,12 +350,12 @@ class _File(_Handler):
         self.send(*found, keep="no-cache", tag=True)
 
 
-class _Picture(_Handler):
+class _ImageHandler(_Handler):
     def get(self, kind: str, name: str) -> None:
-        picture = self.page.album.get(kind, name)
-        if picture is None:
+        image = self.page.images.get(kind, name)
+        if image is None:
             raise web.HTTPError(404)
-        self.send(picture.data, "image/png", keep="private, max-age=31536000, immutable")
+        self.send(image.data, "image/png", keep="private, max-age=31536000, immutable")
 
 
 class _Slow(_Handler):
@@ -364,23 +364,23 @@ class _Slow(_Handler):
     NEEDS = Role.OPERATOR
 
     async def answer(self, kind: str, make: Callable[..., Optional[bytes]], *args: str) -> None:
-        data = await asyncio.get_event_loop().run_in_executor(self.page.picture_pool, make, *args)
+        data = await asyncio.get_event_loop().run_in_executor(self.page.image_pool, make, *args)
         if data is None:
             raise web.HTTPError(404)
         self.send(data, kind)
 
 
-class _Floor(_Slow):
+class _FloorHandler(_Slow):
     async def get(self) -> None:
         await self.answer("image/webp", self.page.backend.floor_webp)
 
 
-class _Camera(_Slow):
+class _CameraHandler(_Slow):
     async def get(self, camera: str) -> None:
         await self.answer("image/jpeg", self.page.backend.camera_jpeg, camera)
 
 
-class _Login(_Handler):
+class _LoginHandler(_Handler):
     NEEDS = Role.NOBODY
 
     def post(self) -> None:
@@ -403,7 +403,7 @@ class _Login(_Handler):
         self.send(b'{"ok":true}', "application/json")
 
 
-class _Session(_Handler):
+class _SessionHandler(_Handler):
     """Tells a browser its role, which a failed WebSocket does not."""
 
     NEEDS = Role.NOBODY
@@ -413,7 +413,7 @@ class _Session(_Handler):
         self.send(json.dumps(found).encode("ascii"), "application/json")
 
 
-class _Logout(_Handler):
+class _LogoutHandler(_Handler):
     NEEDS = Role.NOBODY
 
     def post(self) -> None:
@@ -421,7 +421,7 @@ class _Logout(_Handler):
         self.send(b'{"ok":true}', "application/json")
 
 
-class _Link(_Guarded, WebSocketHandler):
+class _LinkHandler(_Guarded, WebSocketHandler):
     """One browser."""
 
     def prepare(self) -> None:

@@ -13,7 +13,7 @@ from vb_core.map_files import read_map
 from vb_evaluation import metrics
 
 # [grey levels] between the largest and the smallest channel; less is grey
-LEAST_COLOR = 40
+MIN_COLOR = 40
 # [grey levels] darker is black: map_server's occupied_thresh of 0.65
 BLACK = 89
 ENDINGS = (".png", ".pgm", ".bmp", ".yaml")
@@ -87,6 +87,6 @@ def _marked(path: Path, physical: GridMap) -> np.ndarray:
     channels = image.reshape(*image.shape[:2], -1).astype(int)
     chroma = channels.max(axis=2) - channels.min(axis=2)
     # half of the strongest colour: cuts the soft edge that an editor gives an area in its middle
-    colored = chroma >= max(LEAST_COLOR, chroma.max() / 2.0)
+    colored = chroma >= max(MIN_COLOR, chroma.max() / 2.0)
     black = channels.max(axis=2) <= BLACK
     return ((colored | black) & opaque)[::-1]

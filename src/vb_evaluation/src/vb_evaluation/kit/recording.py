@@ -28,7 +28,7 @@ RUN, EVENTS = "run.yaml", "events.jsonl"
 
 
 @dataclass(frozen=True)
-class Interaction:
+class LoggedInteraction:
     """One line of the interaction log; times in seconds."""
 
     id: str
@@ -105,7 +105,7 @@ class Recording:
         raise CodedError("bad_recording", f"{self.folder / MAPS}: no map without borders was recorded: start each recording in a "
                          "folder of its own")
 
-    def result(self, interaction: Interaction) -> Optional[Tuple[GridMap, VirtualBorder]]:
+    def result(self, interaction: LoggedInteraction) -> Optional[Tuple[GridMap, VirtualBorder]]:
         """Returns (map with borders, border) that an interaction made; None if nothing was saved.
 
         Borders of earlier attempts in the same recording act on the map too, as they did on the robot.
@@ -145,11 +145,11 @@ def _lines(path: Path) -> List[Tuple[Dict[str, Any], str]]:
     return found
 
 
-def _interaction(values: Mapping[str, Any], where: str) -> Interaction:
+def _interaction(values: Mapping[str, Any], where: str) -> LoggedInteraction:
     times = ("started", "guide_s", "border_s", "seed_s", "total_s")
     try:
         names = {"id": str(values["interaction_id"]), **{key: str(values[key]) for key in ("outcome", "border_id", "method")}}
-        found = Interaction(**names, **{key: float(values[key]) for key in times}, cameras=tuple(values.get("cameras", ())))
+        found = LoggedInteraction(**names, **{key: float(values[key]) for key in times}, cameras=tuple(values.get("cameras", ())))
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_recording", f"{where}: this is no interaction: {error!r}") from None
     if not all(math.isfinite(value) and value >= 0.0 for value in (found.guide_s, found.border_s, found.seed_s, found.total_s)):

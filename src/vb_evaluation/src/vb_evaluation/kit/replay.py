@@ -23,7 +23,7 @@ from vb_core.ros import messages, services
 from vb_evaluation import metrics
 from vb_evaluation.kit.recording import Recording
 from vb_evaluation.kit.session import ROBOT_IMAGES
-from vb_evaluation.provenance import top
+from vb_evaluation.provenance import repository_top
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
@@ -32,7 +32,7 @@ from vb_map_integration.integration import IntegrationParams, integrate
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder as BorderMessage
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderRequest
 
-PARTS = top() / "launch" / "parts"
+PARTS = repository_top() / "launch" / "parts"
 # the recording says what people commanded and where the robot was
 WITHOUT = ("interaction_manager", "map_integrator", "map_recorder", "robot_driver", "lab_monitor")
 TICK_NS = 10_000_000
@@ -104,7 +104,7 @@ class Comparison:
 
 
 # ---------------------------------------------------------------- bags
-def recorded(recording: Recording) -> Iterator[Recorded]:
+def read_messages(recording: Recording) -> Iterator[Recorded]:
     """Yields all messages of all bags in the order in which they arrived.
 
     Raises:
@@ -123,7 +123,7 @@ def recorded(recording: Recording) -> Iterator[Recorded]:
             raise CodedError("bad_recording", f"cannot read {path}: {error}") from None
 
 
-def unpacked(entry: Recorded, kind: type) -> Any:
+def decode_message(entry: Recorded, kind: type) -> Any:
     """Decodes a recorded message as a type of today."""
     message = kind()
     try:
@@ -136,9 +136,9 @@ def unpacked(entry: Recorded, kind: type) -> Any:
 def physical_map(recording: Recording) -> Optional[GridMap]:
     """Returns the newest physical map of the bags; None if there is none."""
     found = None
-    for entry in recorded(recording):
+    for entry in read_messages(recording):
         found = entry if entry.topic == names.PHYSICAL_MAP else found
-    return messages.grid_from_message(unpacked(found, messages.OccupancyGridArray)) if found else None
+    return messages.grid_from_message(decode_message(found, messages.OccupancyGridArray)) if found else None
 
 
 # ---------------------------------------------------------------- playing
@@ -168,7 +168,7 @@ class _Player:
 
     def play(self) -> None:
         """Replays from the first message to the last."""
-        for entry in recorded(self._recording):
+        for entry in read_messages(self._recording):
             self._until(entry.time_ns)
             self._give(entry)
         self._ask("")
@@ -177,10 +177,10 @@ class _Player:
         topic, counts = entry.topic, self._result.cameras
         if topic == names.STATE:
             # a cancelled drawing is forgotten with the state's end
-            message = unpacked(entry, InteractionState)
+            message = decode_message(entry, InteractionState)
             self._ask("" if message.state == message.DEFAULT else message.interaction_id)
         elif topic == names.SPOTS and counts:
-            camera = unpacked(entry, LaserSpot).camera
+            camera = decode_message(entry, LaserSpot).camera
             if camera in counts:
                 counts[camera].recorded += 1
             return
@@ -220,7 +220,7 @@ def replay(recording: Recording, images: bool = False) -> Replayed:
     robots = [str(robot).strip("/") for robot in session.get("robots", [""])] if images else []
     held: Counter = Counter()
     first = None
-    for entry in recorded(recording):
+    for entry in read_messages(recording):
         first = entry.time_ns if first is None else first
         held[entry.topic] += 1
     topics = {f"/{camera}/image_raw": camera for camera in ceiling}

@@ -72,7 +72,7 @@ def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> i
                 raise CodedError("not_ready", "the ROS master did not come up")
             rospy.init_node("screenshots", disable_signals=True, log_level=rospy.ERROR)
             stack.callback(rospy.signal_shutdown, "all pictures are taken")
-            lab = Lab(world)
+            lab = StagedLab(world)
             stack.callback(lab.close)
             for size in SIZES:
                 _take(lab, Path(folder, str(size[1])), top, size, given.out, given.language)
@@ -82,7 +82,7 @@ def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> i
     return 0
 
 
-def _take(lab: "Lab", folder: Path, top: Path, size: Tuple[int, int], out: Path, language: str) -> None:
+def _take(lab: "StagedLab", folder: Path, top: Path, size: Tuple[int, int], out: Path, language: str) -> None:
     """Starts the system with a screen of this size, and takes all pictures."""
     with contextlib.ExitStack() as stack:
         screen, os.environ["DISPLAY"] = start_screen(folder / "xvfb.txt", *size)
@@ -106,7 +106,7 @@ def _take(lab: "Lab", folder: Path, top: Path, size: Tuple[int, int], out: Path,
         _play(lab, seen, shoot)
 
 
-def _play(lab: "Lab", seen: Observer, shoot: Callable[[str], None]) -> None:
+def _play(lab: "StagedLab", seen: Observer, shoot: Callable[[str], None]) -> None:
     """Draws a border as a person does, with a picture in each state."""
     world = lab.world
     start, drawn = world.robots[0].start_pose(), min(world.scenarios.values(), key=lambda scenario: not scenario.closed)
@@ -202,7 +202,7 @@ def _alike(one: np.ndarray, other: np.ndarray) -> bool:
     return one.shape == other.shape and float((cv2.absdiff(one, other).max(axis=2) > 40).mean()) <= SAME
 
 
-class Lab:
+class StagedLab:
     """What the nodes get: the map, where the robot is, and the spot of a laser pointer, over and over, for it would fade."""
 
     def __init__(self, world: World) -> None:

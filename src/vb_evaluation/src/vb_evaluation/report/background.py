@@ -7,12 +7,12 @@ import numpy as np
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report import effects, questionnaire
+from vb_evaluation.report import effect_sizes, questionnaire
 from vb_evaluation.report.blocks import Grid, Section, Text
-from vb_evaluation.report.data import RUNS, Study, read_sheet
+from vb_evaluation.report.data import RUNS, StudyResults, read_sheet
 
 
-def order(study: Study) -> Section:
+def order(study: StudyResults) -> Section:
     """Tests whether it matters which method came first (a two-period crossover), and whether people learn."""
     rows: List[Dict[str, Any]] = []
     for column, words, digits in (("time_total_s", "time [s]", 1), ("error_mean_cm", "mean boundary error [cm]", 2)):
@@ -37,7 +37,7 @@ def order(study: Study) -> Section:
                                       Grid("order", {**columns, "p": "p (Mann-Whitney)"} if study.people else columns, rows)])
 
 
-def _by_first(study: Study, column: str) -> List[np.ndarray]:
+def _by_first(study: StudyResults, column: str) -> List[np.ndarray]:
     """(N, 2) means of each person with the first method and with the baseline, for those who began with either."""
     runs = study.runs.dropna(subset=["order"])
     first = runs.loc[runs.groupby("participant").order.idxmin()].set_index("participant").method
@@ -46,7 +46,7 @@ def _by_first(study: Study, column: str) -> List[np.ndarray]:
     return [group.to_numpy() for group in (means[means.index.map(first) == method] for method in study.comparison) if len(group)]
 
 
-def experience(study: Study) -> Section:
+def experience(study: StudyResults) -> Section:
     """Says who took part and what they answered; empty for simulated people."""
     path, about = study.folder / "questionnaire.csv", study.folder / "demographics.csv"
     blocks: List[Any] = []
@@ -69,8 +69,8 @@ def experience(study: Study) -> Section:
         )
     if study.people and path.is_file():
         found = questionnaire.read(path)
-        rows = [{"statement": answers.statement, "nrs": effects.mean(answers.first), "robot_only": effects.mean(answers.second),
-                 **effects.test_row(answers.comparison)} for answers in found.answers]
+        rows = [{"statement": answers.statement, "nrs": effect_sizes.mean(answers.first), "robot_only": effect_sizes.mean(answers.second),
+                 **effect_sizes.test_row(answers.comparison)} for answers in found.answers]
         columns = {"statement": "Statement", "nrs": "Network robot system", "robot_only": "Robot only", "shift": "Difference",
                    "z": "Z", "p": "exact p", "r": "r", "n": "People"}
         blocks += [
@@ -80,7 +80,7 @@ def experience(study: Study) -> Section:
     return Section("experience", "People and their experience", blocks)
 
 
-def assumptions(study: Study) -> Section:
+def assumptions(study: StudyResults) -> Section:
     """Lists everything that was put in, with where it comes from."""
     entries = study.meta.get("assumptions") or []
     blocks: List[Any] = []
@@ -95,7 +95,7 @@ def assumptions(study: Study) -> Section:
     return Section("assumptions", "What was assumed, and where the simulation is too optimistic", blocks)
 
 
-def runs(study: Study) -> Section:
+def runs(study: StudyResults) -> Section:
     """Lists every row."""
     sheet = read_sheet(study.folder / RUNS, ()).loc[study.runs.index]
     rows = [{**row, "line": line} for line, row in sheet.to_dict("index").items()]

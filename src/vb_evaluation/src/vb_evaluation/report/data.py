@@ -41,7 +41,7 @@ class Cell(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Study:
+class StudyResults:
     """A study's folder, read and checked.
 
     Attributes:
@@ -130,7 +130,7 @@ def pairs(table: pandas.DataFrame, column: str, methods: Tuple[str, str], comple
     return wide[methods[0]].to_numpy(float), wide[methods[1]].to_numpy(float)
 
 
-def read_study(folder: Path) -> Study:
+def read_study(folder: Path) -> StudyResults:
     """Reads a study.
 
     Raises:
@@ -147,7 +147,7 @@ def read_study(folder: Path) -> Study:
     tables[RUNS] = runs[planned]
     if not len(tables[RUNS]):
         raise CodedError("bad_study", f"{folder / RUNS} has no rows: no run has ended yet")
-    return Study(folder, tables, {**read_meta(folder / META), "deviating": len(runs) - len(tables[RUNS])})
+    return StudyResults(folder, tables, {**read_meta(folder / META), "deviating": len(runs) - len(tables[RUNS])})
 
 
 def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> pandas.DataFrame:

@@ -12,13 +12,13 @@ from vb_core.grid_map import OCCUPIED_FROM, GridMap
 from vb_core.map_files import read_map
 from vb_evaluation import metrics
 from vb_evaluation.report.charts import data_uri
-from vb_evaluation.report.data import RUNS, Study, select
+from vb_evaluation.report.data import RUNS, StudyResults, select
 from vb_evaluation.report.paper import method_title
 
 # RGB, the paper's colours
 TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)
 FREE, OCCUPIED, UNKNOWN = (255, 255, 255), (0, 0, 0), (176, 176, 176)
-LEAST_WIDTH_PX = 640
+MIN_WIDTH_PX = 640
 HOLE = np.ones((7, 7), np.uint8)  # [cells] the union's outline does not go round the feet of furniture
 
 
@@ -38,7 +38,7 @@ def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = Non
     else:
         colors[truth & drawn], colors[drawn & ~truth] = AGREEMENT, EXCESS
     colors[prior.data >= OCCUPIED_FROM] = OCCUPIED
-    scale = max(1, -(-LEAST_WIDTH_PX // prior.shape[1]))
+    scale = max(1, -(-MIN_WIDTH_PX // prior.shape[1]))
     size = (prior.shape[1] * scale, prior.shape[0] * scale)
     image = cv2.resize(colors, size, interpolation=cv2.INTER_NEAREST)
     if drawn is not None:
@@ -53,7 +53,7 @@ def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = Non
     return data_uri(cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes(), "image/png")
 
 
-def representatives(study: Study) -> Tuple[List[Tuple[str, str]], List[str]]:
+def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[str]]:
     """Draws representative maps: per scenario the ground truth and, by method, the completed run nearest to the median.
 
     A picture is a data URI and its caption. Notes say why a map is missing or does not agree with runs.csv.
@@ -86,7 +86,7 @@ def representatives(study: Study) -> Tuple[List[Tuple[str, str]], List[str]]:
     return pictures, notes
 
 
-def nearest_to_median(study: Study, scenario: str, method: str) -> Optional[pandas.Series]:
+def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:
     """Finds the completed run with a map whose Jaccard index is nearest to the median, by its line; None if there is none."""
     runs = select(study.runs, scenario=scenario, method=method, completed=1).dropna(subset=["jaccard"])
     there = runs[[bool(name) and (study.folder / name).is_file() for name in runs.get("map", pandas.Series("", runs.index))]]

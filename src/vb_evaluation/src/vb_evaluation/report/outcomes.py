@@ -5,15 +5,15 @@ import math
 from typing import Any, Dict, List
 
 from vb_evaluation import statistics
-from vb_evaluation.report import charts, effects, maps, paper
+from vb_evaluation.report import charts, effect_sizes, maps, paper
 from vb_evaluation.report.blocks import Figure, Grid, Section, Text
-from vb_evaluation.report.data import ERRORS, STATES, Study, known, pairs, select
+from vb_evaluation.report.data import ERRORS, STATES, StudyResults, known, pairs, select
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
 _WHICH = {"scenario": "Scenario", "method": "Method"}
 
 
-def summary(study: Study) -> Section:
+def summary(study: StudyResults) -> Section:
     """Effects of the method, each with its interval."""
     if len(study.methods) < 2:
         return Section("summary", "Findings", [])
@@ -22,9 +22,9 @@ def summary(study: Study) -> Section:
         here = select(study.runs, scenario=scenario)
         rows.append({
             "scenario": study.scenario_title(scenario), "pairs": len(pairs(here, "time_total_s", both)[0]),
-            "error": effects.shift(here, "error_mean_cm", both, True), "time": effects.shift(here, "time_total_s", both),
-            "speedup": effects.ratio(here, both), "jaccard": effects.shift(here, "jaccard", both, True),
-            "completed": effects.mean_difference(here, "completed", both).scaled(100.0)})
+            "error": effect_sizes.shift(here, "error_mean_cm", both, True), "time": effect_sizes.shift(here, "time_total_s", both),
+            "speedup": effect_sizes.ratio(here, both), "jaccard": effect_sizes.shift(here, "jaccard", both, True),
+            "completed": effect_sizes.mean_difference(here, "completed", both).scaled(100.0)})
     names = [paper.method_title(method).lower() for method in both]
     grid = Grid("summary", {
         "scenario": "Scenario", "pairs": "Pairs", "error": "Mean boundary error [cm]", "time": "Time [s]", "speedup": "Speed-up",
@@ -40,7 +40,7 @@ def summary(study: Study) -> Section:
     return Section("summary", "Findings", [grid] if study.people else [grid, caveat])
 
 
-def error(study: Study) -> Section:
+def error(study: StudyResults) -> Section:
     """Reports the boundary error in centimetres."""
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
@@ -58,10 +58,10 @@ def error(study: Study) -> Section:
               "over runs with bootstrap intervals.",)),
         Figure(panels), Grid("error", columns, rows, {key: 1 for key in (*ERRORS, "worst")}),
         Text(("The map's cells are 2.5 cm wide, so that single distances come in steps of about one cell.",), "caveat"),
-        *effects.test_blocks(study, "error_mean_cm", "cm", True)])
+        *effect_sizes.test_blocks(study, "error_mean_cm", "cm", True)])
 
 
-def time(study: Study) -> Section:
+def time(study: StudyResults) -> Section:
     """Reports interaction time by state."""
     rows, panels = [], []
     totals = known(study.runs, "time_total_s")
@@ -73,7 +73,7 @@ def time(study: Study) -> Section:
                 "method": cell.title,
                 "total": statistics.mean(known(cell.runs, "time_total_s")),
                 "runs": len(cell.runs),
-                **{state: effects.mean(known(cell.runs, f"time_{state}_s")) for state in STATES},
+                **{state: effect_sizes.mean(known(cell.runs, f"time_{state}_s")) for state in STATES},
             }
             for cell in cells
         ]
@@ -83,10 +83,10 @@ def time(study: Study) -> Section:
         Text(("From leaving the state Default to the border in the map, in the states Guide (orange), Border (blue) and Seed "
               "(green), attempts that were cancelled included (paper, Sect. 5.5).",)),
         Figure(panels, wide=True), Grid("time", columns, rows, {key: 1 for key in (*STATES, "total")}),
-        *effects.test_blocks(study, "time_total_s", "s", False)])
+        *effect_sizes.test_blocks(study, "time_total_s", "s", False)])
 
 
-def accuracy(study: Study) -> Section:
+def accuracy(study: StudyResults) -> Section:
     """Reports the paper's Jaccard index, with representative maps."""
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
@@ -103,7 +103,7 @@ def accuracy(study: Study) -> Section:
         Text(("The index saturates with the area's size: of the same error a large area shows little. A line across the 0.70 m "
               "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart.",), "caveat"),
         Figure(panels), Grid("accuracy", columns, rows, {"median": 3, "least": 3, "paper": 3}),
-        *effects.test_blocks(study, "jaccard", "", True)]
+        *effect_sizes.test_blocks(study, "jaccard", "", True)]
     if pictures:
         blocks += [Text(("Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
                          "(green), restricted beyond the ground truth (red), union (blue outline).",)),
@@ -111,7 +111,7 @@ def accuracy(study: Study) -> Section:
     return Section("accuracy", "Jaccard index", [*blocks, Text(tuple(notes), "list")] if notes else blocks)
 
 
-def completeness(study: Study) -> Section:
+def completeness(study: StudyResults) -> Section:
     """Reports success rates."""
     rows: List[Dict[str, Any]] = []
     groups = []

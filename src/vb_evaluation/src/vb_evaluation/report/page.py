@@ -13,14 +13,15 @@ import jinja2
 from markupsafe import Markup
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import background, beside, outcomes, sensitivity
+from vb_evaluation.report import background, outcomes, paper_comparison, sensitivity
 from vb_evaluation.report.blocks import Grid
-from vb_evaluation.report.data import Study, read_study, write_table
+from vb_evaluation.report.data import StudyResults, read_study, write_table
 
 PAGE, TABLES = "report.html", "tables"
 SECTIONS = (
-    outcomes.summary, outcomes.error, outcomes.time, outcomes.accuracy, outcomes.completeness, beside.beside, sensitivity.plausible,
-    sensitivity.curves, sensitivity.ungated, background.order, background.experience, background.assumptions, background.runs)
+    outcomes.summary, outcomes.error, outcomes.time, outcomes.accuracy, outcomes.completeness,
+    paper_comparison.compare_with_paper, sensitivity.plausible, sensitivity.curves, sensitivity.ungated,
+    background.order, background.experience, background.assumptions, background.runs)
 _SIZES = {
     "quick": "A quick run, to see that all works: one person, so that there are no intervals.",
     "usual": "The usual size: `make study SIZE=full` also says which assumption decides, has curves, and takes some hours.",
@@ -55,7 +56,7 @@ def write_report(folder: Path) -> Path:
     return study.folder / PAGE
 
 
-def notices(study: Study) -> List[str]:
+def notices(study: StudyResults) -> List[str]:
     """Says what readers must know before any figure."""
     count = study.runs.participant.nunique()
     found = [f"{count} people, {len(study.runs)} runs." if study.people else (

@@ -9,13 +9,13 @@ import pandas
 from scipy import stats
 
 from vb_evaluation import statistics
-from vb_evaluation.report import charts, effects, paper
+from vb_evaluation.report import charts, effect_sizes, paper
 from vb_evaluation.report.blocks import Figure, Grid, Section, Text
-from vb_evaluation.report.data import CURVES, DRAWS, UNGATED, WORLDS, Study, known, read_sheet, select
+from vb_evaluation.report.data import CURVES, DRAWS, UNGATED, WORLDS, StudyResults, known, read_sheet, select
 from vb_evaluation.statistics import Interval
 
 TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot keeps a border more exactly
-LEAST_GROUP, LEAST_PAIRS = 5, 10  # of ranks within a scenario, and in all
+MIN_GROUP, MIN_PAIRS = 5, 10  # of ranks within a scenario, and in all
 SWEEPS = {
     "coverage": ("Camera coverage", "part of the floor that ceiling cameras see"),
     "distance": ("Distance of the robot", "path of the robot to the border [m]"),
@@ -26,7 +26,7 @@ _RUN = ["participant", "scenario", "method"]
 
 
 # ---------------------------------------------------------------- plausible worlds
-def plausible(study: Study) -> Section:
+def plausible(study: StudyResults) -> Section:
     """Reports the conclusions over worlds in which all assumptions differ at once; empty where draws.csv or worlds.csv
     is missing.
     """
@@ -35,11 +35,11 @@ def plausible(study: Study) -> Section:
     inputs = read_sheet(study.folder / DRAWS, ("draw",)).apply(pandas.to_numeric, errors="coerce").set_index("draw")
     table, (first, baseline) = study.tables[WORLDS], study.comparison
     both = select(table, method=first).merge(select(table, method=baseline), on=["draw", "scenario"], suffixes=("", "_base"))
-    rows, noise = deciding(both, inputs)
+    rows, by_chance = rank_influences(both, inputs)
     panels = []
     for outcome in dict.fromkeys(row["outcome"] for row in rows):
         bars = [(row["assumption"], row["rho"]) for row in rows if row["outcome"] == outcome]
-        panels.append((charts.rank_bars(bars, f"rank correlation with {outcome}", noise), f"What decides: {outcome}"))
+        panels.append((charts.rank_bars(bars, f"rank correlation with {outcome}", by_chance), f"What decides: {outcome}"))
     return Section("worlds", "Plausible worlds", [
         Text((f"All {len(inputs.columns)} assumptions vary together over their plausible ranges (last section): a Latin hypercube of "
               f"{table.draw.nunique()} draws.",)),
@@ -49,7 +49,7 @@ def plausible(study: Study) -> Section:
                    "the lab's own check of the cameras asks for a shorter exposure before anybody draws."),
         Figure(panels, wide=True),
         Text((f"Grey: what the largest of {len(inputs.columns)} correlations reaches by pure chance in 95 % of cases "
-              f"(±{noise:.2f}); this number of draws cannot show that an assumption with a bar within it matters. The ranges are "
+              f"(±{by_chance:.2f}); this number of draws cannot show that an assumption with a bar within it matters. The ranges are "
               "assumed, too; a share of worlds is no probability that a conclusion is true.",), "caveat"),
         Grid("deciding", {"outcome": "Outcome", "assumption": "Assumption", "rho": "Rank correlation", "n": "Pairs",
                           "clear": "beyond chance"}, rows, folded=True, words="The assumptions with the largest correlations")])
@@ -61,7 +61,7 @@ def _completed(both: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pand
     return both[column].where(done), both[f"{column}_base"].where(done)
 
 
-def conclusions(study: Study, both: pandas.DataFrame) -> List[Dict[str, Any]]:
+def conclusions(study: StudyResults, both: pandas.DataFrame) -> List[Dict[str, Any]]:
     """Counts in which share of worlds a conclusion holds, in all and by scenario."""
     (time, time_base), (error, error_base) = (_completed(both, column) for column in ("time_total_s", "error_mean_cm"))
     claims = {
@@ -83,7 +83,7 @@ def conclusions(study: Study, both: pandas.DataFrame) -> List[Dict[str, Any]]:
     return rows
 
 
-def deciding(both: pandas.DataFrame, inputs: pandas.DataFrame) -> Tuple[List[Dict[str, Any]], float]:
+def rank_influences(both: pandas.DataFrame, inputs: pandas.DataFrame) -> Tuple[List[Dict[str, Any]], float]:
     """Computes Spearman's correlation of each assumption with each outcome, ranked within scenarios so that these do
     not count.
 
@@ -98,18 +98,18 @@ def deciding(both: pandas.DataFrame, inputs: pandas.DataFrame) -> Tuple[List[Dic
     rows: List[Dict[str, Any]] = []
     for outcome, values in outcomes.items():
         found = both[["draw", "scenario"]].assign(outcome=values).dropna().join(inputs, on="draw", how="inner")
-        found = found.groupby("scenario").filter(lambda group: len(group) >= LEAST_GROUP)
-        if len(found) < LEAST_PAIRS:
+        found = found.groupby("scenario").filter(lambda group: len(group) >= MIN_GROUP)
+        if len(found) < MIN_PAIRS:
             continue
         numbers = found.drop(columns=["draw", "scenario"])
         # ranks are centred and made shares, so that groups of different size can be put together
         ranks = numbers.groupby(found.scenario).transform(lambda column: (column.rank() - column.rank().mean()) / len(column))
         rhos = ranks[inputs.columns].corrwith(ranks.outcome).dropna()
-        limit = noise(len(found), len(inputs.columns))
+        limit = chance_level(len(found), len(inputs.columns))
         rows += [{"outcome": outcome, "assumption": name, "n": len(found), "clear": "yes" if abs(rho) > limit else "no",
                   "rho": _correlation(rho, len(found))}
                  for name, rho in rhos.sort_values(key=np.abs, ascending=False, kind="stable")[:12].items()]
-    return rows, noise(min((row["n"] for row in rows), default=0), len(inputs.columns))
+    return rows, chance_level(min((row["n"] for row in rows), default=0), len(inputs.columns))
 
 
 def _correlation(rho: float, count: int) -> Interval:
@@ -118,7 +118,7 @@ def _correlation(rho: float, count: int) -> Interval:
     return Interval(rho, math.tanh(middle - reach), math.tanh(middle + reach), 0.95)
 
 
-def noise(count: int, dimensions: int) -> float:
+def chance_level(count: int, dimensions: int) -> float:
     """Returns what the largest of this many rank correlations of `count` pairs stays below by chance, 95 % (Sidak, Fisher's z)."""
     if count < 5 or not dimensions:
         return 1.0
@@ -127,7 +127,7 @@ def noise(count: int, dimensions: int) -> float:
 
 
 # ---------------------------------------------------------------- curves
-def curves(study: Study) -> Section:
+def curves(study: StudyResults) -> Section:
     """Plots speed-up, time and boundary error over coverage, distance, length and number of robots."""
     if CURVES not in study.tables or len(study.methods) < 2:
         return Section("curves", "Curves", [])
@@ -140,7 +140,7 @@ def curves(study: Study) -> Section:
     return Section("curves", "Curves", blocks)
 
 
-def _curve(study: Study, table: pandas.DataFrame, sweep: str) -> List[Any]:
+def _curve(study: StudyResults, table: pandas.DataFrame, sweep: str) -> List[Any]:
     name, axis = SWEEPS.get(sweep, (sweep.replace("_", " ").capitalize(), sweep.replace("_", " ")))
     rows: List[Dict[str, Any]] = []
     lines: Dict[str, List[charts.Line]] = {"speed-up": [], "mean time [s]": [], "mean boundary error [cm], median": []}
@@ -148,7 +148,7 @@ def _curve(study: Study, table: pandas.DataFrame, sweep: str) -> List[Any]:
         label, points = study.scenario_title(scenario), dict(list(select(table, scenario=scenario).groupby("value")))
         if not points:
             continue
-        ratios = [effects.ratio(point, study.comparison, True) for point in points.values()]
+        ratios = [effect_sizes.ratio(point, study.comparison, True) for point in points.values()]
         lines["speed-up"].append(charts.Line(label, "", index, list(points), ratios))
         for words, column, of in (
             ("mean time [s]", "time_total_s", np.mean),
@@ -166,7 +166,7 @@ def _curve(study: Study, table: pandas.DataFrame, sweep: str) -> List[Any]:
 
 
 # ---------------------------------------------------------------- every image searched
-def ungated(study: Study) -> Section:
+def ungated(study: StudyResults) -> Section:
     """Compares a random part of the runs, with every image searched, with the same runs of the study."""
     if UNGATED not in study.tables:
         return Section("ungated", "Every image searched", [])

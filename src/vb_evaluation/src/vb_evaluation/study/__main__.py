@@ -17,7 +17,7 @@ from typing import List, Optional
 from rich.console import Console
 
 from vb_core.errors import CodedError
-from vb_evaluation.provenance import top
+from vb_evaluation.provenance import repository_top
 from vb_evaluation.report.data import CURVES, RUNS, UNGATED, WORLDS
 from vb_evaluation.study import campaign, config, plan
 
@@ -51,7 +51,7 @@ def _parser() -> argparse.ArgumentParser:
         sub.add_argument("--seed", type=int, default=None, help="instead of the configuration's")
         return sub
 
-    out = top() / "out" / "study"
+    out = repository_top() / "out" / "study"
     every = command("all", _all, "every run that has not been done yet")
     every.add_argument("--out", type=Path, default=out)
     every.add_argument("--size", choices=plan.SIZES, default="usual", help="quick: one person; full: curves, and all worlds")

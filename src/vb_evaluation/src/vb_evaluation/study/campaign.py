@@ -26,7 +26,7 @@ from rich.progress import (BarColumn, MofNCompleteColumn, Progress, SpinnerColum
 from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap
 from vb_core.map_files import write_map
-from vb_evaluation.provenance import revision, top
+from vb_evaluation.provenance import repository_top, revision
 from vb_evaluation.report.data import CONDITIONS, DRAWS, KEY, REQUIRED, RUNS, WORLDS, write_table
 from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study, study_of
@@ -194,7 +194,7 @@ def configuration(study: Study) -> str:
 def _fingerprint(folder: str) -> str:
     """Of all that is run: nodes, parameters, interfaces; tests do not take part."""
     digest = hashlib.sha256()
-    for path in sorted((top() / folder).rglob("*")):
+    for path in sorted((repository_top() / folder).rglob("*")):
         if path.suffix in (".py", ".yaml", ".json", ".msg", ".srv", ".launch") and "test" not in path.parts:
             digest.update(path.read_bytes())
     return digest.hexdigest()

@@ -14,7 +14,7 @@ import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_evaluation.provenance import top
+from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.people import KINDS, Population, Streams, Traits, draw
 from vb_sim.room.models import read_document, read_section
 from vb_sim.room.camera_models import CameraModels, read_camera_models
@@ -192,7 +192,7 @@ def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> Dict[str, Any]:
 
 def _found(name: str, folder: Path) -> Path:
     """A file beside the configuration, in the current folder, or of vb_sim."""
-    for path in (folder / name, Path(name), top() / name, top() / "src" / "vb_sim" / name):
+    for path in (folder / name, Path(name), repository_top() / name, repository_top() / "src" / "vb_sim" / name):
         if path.is_file():
             return path
     raise CodedError("no_file", f"'{name}' is neither beside the configuration nor in the repository")

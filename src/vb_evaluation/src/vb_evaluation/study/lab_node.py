@@ -24,7 +24,7 @@ _SPOT_MARGIN_PX = 40.0  # a spot whose middle is outside the image by less may s
 _IDLE_EVERY = 5  # of a robot's images that cannot show the spot: how far it turns so that the next one can be matched
 
 
-class Room:
+class RenderCache:
     """Keeps what all runs of a process share and is expensive to make: the room as it is drawn.
 
     Views are kept for one set of worlds and models; other ones replace them.
@@ -85,12 +85,14 @@ class StudyCeilingCameras(CeilingCamerasNode):
         too_bright: whether a camera's image of the empty room is one that the lab's own check would have darkened.
     """
 
-    def __init__(self, world: World, models: CameraModels, cameras: List[CeilingCamera], seed: int, room: Room, idle_every: int) -> None:
+    def __init__(
+        self, world: World, models: CameraModels, cameras: List[CeilingCamera], seed: int, cache: RenderCache, idle_every: int
+    ) -> None:
         self._seed, self._idle_every = seed, idle_every
         self._idle = [0] * len(cameras)
         self._from_map = [geometry.invert(camera.pose()) for camera in cameras]
         self.left_out = 0
-        views = [room.ceiling_view(camera) for camera in cameras]
+        views = [cache.ceiling_view(camera) for camera in cameras]
         self.too_bright = any(
             saturated_share(view.frame(Snapshot(0.0), frame_generator(seed, camera.name, 0.0))) > TOO_BRIGHT
             for camera, view in zip(cameras, views))
@@ -140,10 +142,12 @@ class StudyRobotCamera(RobotCameraNode):
         whole: sends every image.
     """
 
-    def __init__(self, world: World, models: CameraModels, robot: Robot, seed: int, tf_prefix: str, room: Room, whole: bool) -> None:
+    def __init__(
+        self, world: World, models: CameraModels, robot: Robot, seed: int, tf_prefix: str, cache: RenderCache, whole: bool
+    ) -> None:
         self._seed, self._whole, self._idle = seed, whole, 0
         self.left_out = 0
-        super().__init__(world, models, robot, seed, tf_prefix, room.robot_view(robot))
+        super().__init__(world, models, robot, seed, tf_prefix, cache.robot_view(robot))
 
     def _wanted(self, snapshot: Snapshot) -> bool:
         if not self._worth_a_look(snapshot):

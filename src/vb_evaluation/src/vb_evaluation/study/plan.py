@@ -9,7 +9,7 @@ from vb_evaluation.design import order_of_runs
 from vb_evaluation.report.data import CURVES, KEY, RUNS, UNGATED, WORLDS
 from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study
-from vb_evaluation.study.result import Task
+from vb_evaluation.study.result import RunTask
 
 SIZES = ("quick", "usual", "full")
 
@@ -26,7 +26,7 @@ class Job:
         thorough: whether every image is searched.
     """
 
-    task: Task
+    task: RunTask
     file: str = RUNS
     changes: Mapping[str, Any] = field(default_factory=dict)
     conditions: Mapping[str, Any] = field(default_factory=dict)
@@ -70,7 +70,7 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
     """Lists every participant with every method in every scenario, in each one's order."""
     design = study.design
     return [
-        Job(Task(participant, scenario, method), order=place)
+        Job(RunTask(participant, scenario, method), order=place)
         for participant in range(1, participants + 1)
         for place, (scenario, method) in enumerate(
             order_of_runs(participant, design.scenarios, design.methods, design.seed), 1)
@@ -85,7 +85,7 @@ def ungated_jobs(study: Study, main: List[Job]) -> List[Job]:
     share = study.design.ungated_share
     size = round(1.0 / share) if share else 0
 
-    def drawn(task: Task) -> bool:
+    def drawn(task: RunTask) -> bool:
         block, place = divmod(task.participant - 1, size)
         return int(study.streams(block)(f"ungated {task.scenario} {task.method}").integers(size)) == place
 
@@ -96,7 +96,7 @@ def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
     """Lists both methods in each of the first worlds, each world with another person and one scenario in turn."""
     scenarios = study.design.scenarios
     return [
-        Job(Task(draw, scenarios[draw % len(scenarios)], method), WORLDS, assumptions.changes(study, factors), {"draw": draw})
+        Job(RunTask(draw, scenarios[draw % len(scenarios)], method), WORLDS, assumptions.changes(study, factors), {"draw": draw})
         for draw, factors in enumerate(assumptions.draw_worlds(study, study.design.worlds, study.design.seed)[:first], 1)
         for method in study.design.methods
     ]
@@ -106,7 +106,7 @@ def curve_jobs(study: Study, only: Optional[str] = None) -> List[Job]:
     """Lists the same runs in other surroundings, by the first participants of the study; `only` one curve."""
     curves, design = study.document.get("curves") or {}, study.design
     return [
-        Job(Task(participant, scenario, method), CURVES,
+        Job(RunTask(participant, scenario, method), CURVES,
             point.get("changes", {}) if method in point.get("methods", design.methods) else {},
             {"sweep": point["sweep"], "value": point["value"]})
         for point in curves.get("points", []) if only in (None, point["sweep"])

@@ -17,7 +17,7 @@ from vb_evaluation.kit.recording import LOG, MAPS, SESSION
 from vb_evaluation.provenance import revision
 from vb_evaluation.study import config
 from vb_evaluation.study.config import METHODS, Study
-from vb_evaluation.study.result import Result, Task
+from vb_evaluation.study.result import Result, RunTask
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.storage.recording import MapRecording
 
@@ -27,7 +27,7 @@ def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[
 
     def start(planned: Planned) -> Callable[[], None]:
         number = int(re.sub(r"\D", "", planned.entry.participant) or 1)
-        result = run(study, Task(number, planned.entry.scenario, planned.entry.method))
+        result = run(study, RunTask(number, planned.entry.scenario, planned.entry.method))
         write_recording(result, planned.folder)
         outcomes.append(result.saved and result.seed_is_right)
         return lambda: None
@@ -35,7 +35,7 @@ def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[
     return start
 
 
-def run(study: Study, task: Task) -> Result:
+def run(study: Study, task: RunTask) -> Result:
     """Performs a run of the simulated study."""
     # the rest of the kit works without ROS
     from vb_evaluation.study import runner

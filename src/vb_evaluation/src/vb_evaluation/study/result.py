@@ -21,7 +21,7 @@ COLUMNS = (*MEASURES, *FURTHER)
 
 
 @dataclass(frozen=True)
-class Task:
+class RunTask:
     """Which run it is; with the study it is all that a run depends on."""
 
     participant: int
@@ -65,7 +65,7 @@ class Result:
         too_bright: whether a ceiling camera was, by the lab's own check, before anybody came.
     """
 
-    task: Task
+    task: RunTask
     traits: Traits
     world: World
     scenario: Scenario

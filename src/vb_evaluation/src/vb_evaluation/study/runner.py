@@ -19,11 +19,11 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import commands, parameters
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
-from vb_evaluation.provenance import top
+from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.config import METHODS, Study
-from vb_evaluation.study.lab_node import Room, StudyCeilingCameras, StudyRobotCamera
+from vb_evaluation.study.lab_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
 from vb_evaluation.study.people import Traits
-from vb_evaluation.study.result import FALSE_M, Result, SavedBorder, SeenSpot, Task
+from vb_evaluation.study.result import FALSE_M, Result, SavedBorder, SeenSpot, RunTask
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
@@ -64,7 +64,7 @@ class _NoState:
         """Keeps nothing."""
 
 
-class _Observer:
+class _RunRecorder:
     """Subscribes to what a run is measured by."""
 
     def __init__(self, robots: List[str]) -> None:
@@ -109,11 +109,11 @@ class LiveRun:
     """A lab with one participant, and the live system in it.
 
     Args:
-        room: keeps what is expensive to make from one run to the next; None: the process's.
+        cache: keeps what is expensive to make from one run to the next; None: the process's.
         thorough: every camera sends every image.
     """
 
-    def __init__(self, study: Study, task: Task, room: Optional[Room] = None, thorough: bool = False) -> None:
+    def __init__(self, study: Study, task: RunTask, cache: Optional[RenderCache] = None, thorough: bool = False) -> None:
         self._study, self._task = study, task
         self._traits = study.traits(task.participant)
         self._world = study.world
@@ -122,7 +122,7 @@ class LiveRun:
         self.scenario = personal_scenario(
             self._world, self._world.scenario(task.scenario), self._traits, self._prior, study.marks(task.scenario))
         self._models: CameraModels = replace(study.cameras, body=self._traits.body)
-        self._room, self._thorough = room or _kept_room(), thorough
+        self._cache, self._thorough = cache or _kept_cache(), thorough
         self._lab = Lab(self._world, *(study.models[name] for name in ("robot", "localisation", "scan")), self._seed)
         self._robots = [robot.namespace.strip("/") for robot in self._world.robots]
         self._camera_nodes: List[Any] = []
@@ -136,7 +136,7 @@ class LiveRun:
             watch: called as another node, to subscribe to whatever it wants.
             afterwards: called as a node once the border is saved; the run goes on until it returns.
         """
-        self._room.enter(self._world, self._models)
+        self._cache.enter(self._world, self._models)
         timing = self._study.timing
         scheduler = Scheduler(START_NS)
         graph = Graph(scheduler, {
@@ -146,7 +146,7 @@ class LiveRun:
             "world": "study", "cameras": " ".join(cameras) or "none", "method": self._task.method,
             "robots": " ".join(filter(None, self._robots)), "rviz": "false", "page": "false",
             "state": ""}
-        import_nodes(top() / LAUNCH, arguments, (*WITHOUT, *LAB_NODES))
+        import_nodes(repository_top() / LAUNCH, arguments, (*WITHOUT, *LAB_NODES))
         extracted = GrowingBorder.chain
 
         def chain(drawing: GrowingBorder) -> Any:
@@ -157,9 +157,9 @@ class LiveRun:
 
         with tempfile.TemporaryDirectory() as state, graph.installed(), \
                 replaced({GrowingBorder: {"chain": chain}}):
-            watching: List[_Observer] = []
-            graph.start(Node("/study", {}), lambda: (watching.append(_Observer(self._robots)), watch()))
-            start_launch(graph, top() / LAUNCH, {**arguments, "state": state}, WITHOUT, self._lab_nodes(cameras))
+            watching: List[_RunRecorder] = []
+            graph.start(Node("/study", {}), lambda: (watching.append(_RunRecorder(self._robots)), watch()))
+            start_launch(graph, repository_top() / LAUNCH, {**arguments, "state": state}, WITHOUT, self._lab_nodes(cameras))
             graph.start(Node("/participant", {}), self._participant_comes)
             until = START_NS + int((WARM_UP_S + timing.time_limit_s) * 1e9)
             scheduler.run(lambda: self._outcome() != "", until)
@@ -190,7 +190,7 @@ class LiveRun:
 
         def ceiling_cameras() -> None:
             found = StudyCeilingCameras(
-                self._world, self._models, [self._world.camera(name) for name in cameras], self._seed, self._room,
+                self._world, self._models, [self._world.camera(name) for name in cameras], self._seed, self._cache,
                 1 if self._thorough else self._study.timing.idle_every)
             self._camera_nodes.append(found)
             self._too_bright = found.too_bright
@@ -199,7 +199,7 @@ class LiveRun:
             name, prefix = rospy.get_param("~robot", ""), rospy.get_param("~tf_prefix", "")
             robot = self._world.robot(name) if name else self._world.robots[0]
             self._camera_nodes.append(StudyRobotCamera(
-                self._world, self._models, robot, self._seed, prefix, self._room, self._thorough))
+                self._world, self._models, robot, self._seed, prefix, self._cache, self._thorough))
 
         def map_server() -> None:
             MapServerNode(self._prior)
@@ -212,7 +212,7 @@ class LiveRun:
         params = ParticipantParams(method=self._task.method, seed=self._seed, scenario=self.scenario.key)
         self._participant = ParticipantNode(self._world, self.scenario, self._traits.model, params)
 
-    def _result(self, seen: _Observer, records: Tuple[Dict[str, Any], ...]) -> Result:
+    def _result(self, seen: _RunRecorder, records: Tuple[Dict[str, Any], ...]) -> Result:
         script = self._participant._script if self._participant is not None else None
         return Result(
             self._task, self._traits, self._world, self.scenario, self._prior, seen.posterior or self._prior,
@@ -249,11 +249,11 @@ def personal_scenario(
 
 
 @lru_cache(maxsize=1)
-def _kept_room() -> Room:
+def _kept_cache() -> RenderCache:
     """What a process keeps from one run to the next."""
-    return Room()
+    return RenderCache()
 
 
-def run(study: Study, task: Task, room: Optional[Room] = None, thorough: bool = False) -> Result:
+def run(study: Study, task: RunTask, cache: Optional[RenderCache] = None, thorough: bool = False) -> Result:
     """Carries out one run; the same result for the same arguments, whatever was run before."""
-    return LiveRun(study, task, room, thorough).run()
+    return LiveRun(study, task, cache, thorough).run()

@@ -18,7 +18,7 @@ import rospy.msg
 
 from vb_core.errors import CodedError
 from vb_evaluation.virtual_ros.scheduler import Scheduler
-from vb_evaluation.virtual_ros.stand_ins import Line, StandIns, replaced
+from vb_evaluation.virtual_ros.stand_ins import WaitQueue, StandIns, replaced
 
 LOG = logging.getLogger("vb_evaluation.nodes")
 _LEVELS = {"debug": logging.DEBUG, "info": logging.INFO, "warn": logging.WARNING, "err": logging.ERROR,
@@ -290,7 +290,7 @@ class Subscriber:
         size = queue_size if queue_size is not None and queue_size > 0 else None
         self._queue: Deque[_Delivery] = deque(maxlen=size)
         self._over = False
-        self._line = Line(graph.scheduler)
+        self._line = WaitQueue(graph.scheduler)
         self._topic = graph.topic(self.resolved_name)
         self._topic.subscribers.append(self)
         graph.scheduler.spawn(self._work)

@@ -81,7 +81,7 @@ def _Queues(scheduler: Scheduler) -> _Module:
     return _Module(real_queue, Queue=lambda maxsize=0: Queue(scheduler))
 
 
-class Line:
+class WaitQueue:
     """Tasks that wait for something, first come first served: what locks, conditions, events and queues are made of.
 
     Tasks take turns and lose their turn only where they wait, so that nothing else needs protection.
@@ -123,7 +123,7 @@ class Lock:
     """threading.Lock, or RLock."""
 
     def __init__(self, scheduler: Scheduler, again: bool = False) -> None:
-        self._line, self._again = Line(scheduler), again
+        self._line, self._again = WaitQueue(scheduler), again
         self._holder: Any = None
         self._depth = 0
 
@@ -157,7 +157,7 @@ class Condition:
     """threading.Condition."""
 
     def __init__(self, scheduler: Scheduler, lock: Optional[Lock] = None) -> None:
-        self._scheduler, self._line = scheduler, Line(scheduler)
+        self._scheduler, self._line = scheduler, WaitQueue(scheduler)
         self._lock = lock or Lock(scheduler, True)
         self.acquire, self.release = self._lock.acquire, self._lock.release
         self.notify = self._line.wake
@@ -192,7 +192,7 @@ class Event:
     """threading.Event."""
 
     def __init__(self, scheduler: Scheduler) -> None:
-        self._line = Line(scheduler)
+        self._line = WaitQueue(scheduler)
         self._set = False
 
     def is_set(self) -> bool:
@@ -249,7 +249,7 @@ class Queue:
     """queue.Queue without a limit."""
 
     def __init__(self, scheduler: Scheduler) -> None:
-        self._line = Line(scheduler)
+        self._line = WaitQueue(scheduler)
         self._items: Deque[Any] = deque()
 
     def put(self, item: Any, *_: Any, **__: Any) -> None:

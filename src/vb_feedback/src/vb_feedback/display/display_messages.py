@@ -12,7 +12,7 @@ from vb_msgs.msg import BorderPreview, BorderProgress, BorderIssue, InteractionS
 from visualization_msgs.msg import Marker
 
 from vb_feedback.display import scene
-from vb_feedback.display.text_panel import Notice, PanelContent
+from vb_feedback.display.text_panel import PanelNotice, PanelContent
 
 _KINDS = {
     scene.LINES: Marker.LINE_LIST,
@@ -59,7 +59,7 @@ def removal(namespace: str, number: int) -> Marker:
 
 
 def talk_from_state(
-    state: Optional[InteractionState], seeing: Sequence[str], said: Sequence[Notice], has_map: bool, language: str
+    state: Optional[InteractionState], seeing: Sequence[str], said: Sequence[PanelNotice], has_map: bool, language: str
 ) -> PanelContent:
     """Converts the state to what the panel shows; without a map that is only whether robots are stopped."""
     stopped = state is not None and state.stopped
@@ -114,7 +114,7 @@ def border_from_message(border: VirtualBorder) -> scene.Border:
     )
 
 
-def preview_notices(preview: Optional[BorderPreview], language: str) -> List[Notice]:
+def preview_notices(preview: Optional[BorderPreview], language: str) -> List[PanelNotice]:
     """Says why saving would fail, or what it would restrict and what to note."""
     if preview is None:
         return []
@@ -126,8 +126,8 @@ def preview_notices(preview: Optional[BorderPreview], language: str) -> List[Not
     warnings = [issue for issue in preview.issues if issue.severity != BorderIssue.ERROR]
     if not preview.success:
         why = say((errors or [preview])[0])
-        return [Notice(sentences.say("preview_refused", {"why": why}, language), warning=True)]
-    said = [Notice(sentences.say("preview_restricts", {"area": f"{preview.area_m2:.2f}"}, language))]
+        return [PanelNotice(sentences.say("preview_refused", {"why": why}, language), warning=True)]
+    said = [PanelNotice(sentences.say("preview_restricts", {"area": f"{preview.area_m2:.2f}"}, language))]
     if warnings:
-        said.append(Notice(sentences.say("preview_mind", {"what": say(warnings[0])}, language), warning=True))
+        said.append(PanelNotice(sentences.say("preview_mind", {"what": say(warnings[0])}, language), warning=True))
     return said

@@ -8,7 +8,7 @@ from typing import List, Optional, Sequence, Tuple
 
 from vb_core import notices, sentences
 from vb_core.grid_map import GridMap
-from vb_feedback.display.text_panel import Notice
+from vb_feedback.display.text_panel import PanelNotice
 
 # more sentences cannot be read from across the room, and letters would get too small
 _MOST = 3
@@ -16,11 +16,11 @@ _MOST = 3
 _ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahead_unseen", "no_spot_seen")
 
 
-def of_others(held: Sequence[notices.Notice], language: str) -> List[Notice]:
+def of_others(held: Sequence[notices.Notice], language: str) -> List[PanelNotice]:
     """Selects other nodes' notices, the most severe first; each sentence once, and no more than can be read."""
-    said: List[Notice] = []
+    said: List[PanelNotice] = []
     for notice in held:
-        shown = Notice(notice.sentence(language), notice.severity >= notices.Severity.WARNING)
+        shown = PanelNotice(notice.sentence(language), notice.severity >= notices.Severity.WARNING)
         if shown not in said:
             said.append(shown)
     return said[:_MOST]
@@ -33,7 +33,7 @@ _NEAR = 0.6
 def coverage_notices(
     state: str, seeing: Sequence[str], lost: Optional[Tuple[float, float]], coverage: Optional[GridMap], robots: bool,
     held: Sequence[notices.Notice], language: str,
-) -> List[Notice]:
+) -> List[PanelNotice]:
     """Says why no spot is seen while spots are wanted.
 
     Args:
@@ -50,11 +50,11 @@ def coverage_notices(
         return []
     comes = "_robot_comes" if robots else ""
     if coverage is None:
-        return [Notice(sentences.say("spot_not_seen" + comes, {}, language))]
+        return [PanelNotice(sentences.say("spot_not_seen" + comes, {}, language))]
     if _sees_all(coverage, lost):
         # it was switched off
         return []
-    return [Notice(sentences.say("place_not_seen" + comes, {}, language), warning=True)]
+    return [PanelNotice(sentences.say("place_not_seen" + comes, {}, language), warning=True)]
 
 
 def _sees_all(coverage: GridMap, place: Tuple[float, float]) -> bool:

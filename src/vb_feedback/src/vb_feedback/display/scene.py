@@ -199,7 +199,7 @@ def drawing(layout: Layout, drawn: Drawing) -> List[Shape]:
 
 # ----------------------------------------------------------------- live spots
 @dataclass(frozen=True)
-class Spot:
+class TrailPoint:
     """A spot that a camera saw at a time [s]."""
 
     camera: str
@@ -212,13 +212,13 @@ FADE_S = 1.5  # how long a spot stays visible: long enough to follow with the ey
 _LIFETIME_S = 2.0 * FADE_S  # after which RViz removes it by itself, should this node have ended
 
 
-def trails(layout: Layout, seen: Sequence[Spot], now: float) -> List[Shape]:
+def trails(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
     """Draws for each camera a trail that fades into the floor's white.
 
     Args:
         seen: the newest last; those older than FADE_S, or from the future by more than that, are left out.
     """
-    by_camera: Dict[str, List[Spot]] = {}
+    by_camera: Dict[str, List[TrailPoint]] = {}
     for spot in seen:
         if abs(now - spot.stamp) <= FADE_S:
             by_camera.setdefault(spot.camera, []).append(spot)
@@ -233,7 +233,7 @@ def trails(layout: Layout, seen: Sequence[Spot], now: float) -> List[Shape]:
     return shapes
 
 
-def live_spots(layout: Layout, seen: Sequence[Spot], now: float) -> List[Shape]:
+def live_spots(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
     """Draws for each camera a disc where it saw the spot last; arguments as for `trails`."""
     newest = {spot.camera: spot for spot in seen if abs(now - spot.stamp) <= FADE_S}
     shapes = []

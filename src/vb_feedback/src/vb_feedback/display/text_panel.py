@@ -15,12 +15,12 @@ TITLE, COMMAND, CLOCK, NAME, LABEL = 0.125, 0.088, 0.07, 0.062, 0.055
 # of the strip's sentences: the largest in which they all fit
 SENTENCES = (0.088, 0.08, 0.074, 0.068, 0.062, 0.056, 0.05, 0.045)
 
-MOST_COMMANDS = 4
-MOST_CAMERAS = 3
+MAX_COMMANDS = 4
+MAX_CAMERAS = 3
 
 
 @dataclass(frozen=True)
-class Notice:
+class PanelNotice:
     """A sentence beside the last answer; a warning stands out."""
 
     text: str
@@ -37,7 +37,7 @@ class PanelContent:
     success: bool = True
     message: str = ""
     seeing: Tuple[str, ...] = ()  # cameras that see the spot
-    notices: Tuple[Notice, ...] = ()
+    notices: Tuple[PanelNotice, ...] = ()
     stopped: bool = False
     language: str = sentences.ENGLISH
 
@@ -81,23 +81,23 @@ def _panel(layout: Layout, talk: PanelContent) -> List[Shape]:
         line("elapsed", clock(talk.elapsed_s), 0.185, CLOCK, colours.PALE)
     if talk.commands:
         line("say", talk.words("display_say"), 0.253, LABEL, colours.PALE)
-        for number, command in enumerate(talk.commands[:MOST_COMMANDS]):
+        for number, command in enumerate(talk.commands[:MAX_COMMANDS]):
             line(f"say/{number}", command.replace("_", " "), 0.333 + 0.089 * number, COMMAND, colours.WHITE)
     if talk.seeing:
         line("seen", talk.words("display_seen_by"), 0.676, LABEL, colours.PALE)
         names = [plain(camera).replace(" ", "_") for camera in talk.seeing]
         tints = [colours.blend(colours.camera_colour(camera), colours.WHITE, 0.3) for camera in talk.seeing]
-        if len(names) > MOST_CAMERAS:
-            rest = len(names) - MOST_CAMERAS + 1
-            names[MOST_CAMERAS - 1 :], tints[MOST_CAMERAS - 1 :] = [f"+{rest}"], [colours.PALE]
+        if len(names) > MAX_CAMERAS:
+            rest = len(names) - MAX_CAMERAS + 1
+            names[MAX_CAMERAS - 1 :], tints[MAX_CAMERAS - 1 :] = [f"+{rest}"], [colours.PALE]
         line("seen/0", " ".join(names), 0.736, NAME, *tints)
     return shapes
 
 
 def _strip(layout: Layout, talk: PanelContent) -> List[Shape]:
     start = talk.words("display_start" if talk.state else "display_waiting_system")
-    answer = Notice(plain(talk.message or start), warning=not talk.success)
-    said = [Notice(plain(notice.text), notice.warning) for notice in talk.notices]
+    answer = PanelNotice(plain(talk.message or start), warning=not talk.success)
+    said = [PanelNotice(plain(notice.text), notice.warning) for notice in talk.notices]
     if all(notice.text != answer.text for notice in said):  # else it stands as a notice, which stays as long as it holds
         said.insert(0, answer)
     unit, strip = layout.unit, layout.strip

@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 # the markers' distance from the image's edges, as a share of its sides: near the corners, where they weigh most
 _INSET = 0.12
 # [m] clicks nearer to each other, or three nearer to one line, are mistakes: the markers are decimetres apart
-_LEAST_M = 0.10
+_MIN_DISTANCE_M = 0.10
 
 
 @dataclass(frozen=True)
@@ -97,12 +97,12 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     if len(points) != 4 or not np.isfinite(points).all():
         raise CodedError("bad_points", f"four points with finite coordinates are needed, got {len(points)}")
     for one, other in combinations(range(4), 2):
-        if np.linalg.norm(points[one] - points[other]) < _LEAST_M:
+        if np.linalg.norm(points[one] - points[other]) < _MIN_DISTANCE_M:
             raise CodedError("bad_points", f"points {one + 1} and {other + 1} are the same place: click each marker once")
     for triple in combinations(range(4), 3):
         a, b, c = points[list(triple)]
         longest = max(np.linalg.norm(a - b), np.linalg.norm(b - c), np.linalg.norm(c - a))
-        if abs(_turn(a, b, c)) / longest < _LEAST_M:
+        if abs(_turn(a, b, c)) / longest < _MIN_DISTANCE_M:
             raise CodedError("bad_points", f"points {', '.join(str(n + 1) for n in triple)} lie on one line")
     turns = [_turn(*points[[number, (number + 1) % 4, (number + 2) % 4]]) for number in range(4)]
     if min(turns) < 0 < max(turns):

@@ -29,7 +29,7 @@ _WIDEST = 400
 
 
 @dataclass
-class View:
+class ConsoleContent:
     """Everything the screen shows: the newest messages as they came, and what the console has found out itself."""
 
     master: str = ""  # the ROS master's address
@@ -67,7 +67,7 @@ class View:
             self.messages.append((clock, text, style))
 
 
-def render(view: View, width: int = 80, height: int = 24) -> Layout:
+def render(view: ConsoleContent, width: int = 80, height: int = 24) -> Layout:
     """Writes the whole screen.
 
     Args:
@@ -92,7 +92,7 @@ def render(view: View, width: int = 80, height: int = 24) -> Layout:
     return layout
 
 
-def _head(view: View) -> Text:
+def _head(view: ConsoleContent) -> Text:
     if not view.connected:
         return Text(view.words("console_waiting_master", address=view.master), style="bold red")
     state = view.state
@@ -119,7 +119,7 @@ def _head(view: View) -> Text:
     return text
 
 
-def _interaction(view: View) -> Panel:
+def _interaction(view: ConsoleContent) -> Panel:
     say, drawn, state = view.words, view.drawn, view.state or InteractionState()
     guide, border, seed = (f"{seconds:.1f}" for seconds in (state.guide_s, state.border_s, state.seed_s))
     chain = view.sentence(drawn) if drawn.code not in ("", "ok") else say("console_none")
@@ -154,7 +154,7 @@ def _interaction(view: View) -> Panel:
     return Panel(table, title=say("console_interaction"), padding=(0, 1))
 
 
-def _borders(view: View, room: int) -> Panel:
+def _borders(view: ConsoleContent, room: int) -> Panel:
     lines: List[RenderableType] = []
     for row in view.borders[-room:]:  # the newest are at the end
         details = f" {row.area_m2:.2f} m\u00b2"
@@ -174,7 +174,7 @@ def _borders(view: View, room: int) -> Panel:
     )
 
 
-def _preview(view: View, width: int) -> Panel:
+def _preview(view: ConsoleContent, width: int) -> Panel:
     preview = view.preview
     good, text = preview.available and preview.success, view.sentence(preview)
     if good:
@@ -194,7 +194,7 @@ def _preview(view: View, width: int) -> Panel:
 _SEVERITY = {Severity.INFO: NOTE, Severity.WARNING: "bold " + BAD, Severity.ERROR: "bold red"}
 
 
-def _messages(view: View, width: int, room: int) -> Panel:
+def _messages(view: ConsoleContent, width: int, room: int) -> Panel:
     pinned: List[Text] = []
     for notice in view.notices:
         style = _SEVERITY.get(notice.severity, "bold red")
@@ -218,7 +218,7 @@ def _wrapped(text: str, width: int) -> List[str]:
     return textwrap.wrap(text, max(10, width), subsequent_indent="  ") or [""]
 
 
-def _keys(view: View) -> Group:
+def _keys(view: ConsoleContent) -> Group:
     lines = [Text(no_wrap=True) for _ in range(_KEYS)]
     for line, keys in zip(lines, (DRAWING_KEYS, OTHER_KEYS)):
         for key, command in keys.items():

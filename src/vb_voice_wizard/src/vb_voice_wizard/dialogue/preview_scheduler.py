@@ -28,7 +28,7 @@ class PreviewInputs:
         seed: (1, 2) float64 [m] the seed so far; (0, 2): none.
         borders: changes with every change of the map or the borders in it.
         code, message, values: why there is no border or no seed, if known.
-        doubts: what else makes the drawing doubtful (doubts.py).
+        warnings: what else makes the drawing doubtful (drawing_warnings.py).
     """
 
     interaction_id: str = ""
@@ -38,7 +38,7 @@ class PreviewInputs:
     code: str = ""
     message: str = ""
     values: Tuple[Tuple[str, str], ...] = ()
-    doubts: Tuple[Notice, ...] = ()
+    warnings: Tuple[Notice, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -51,7 +51,7 @@ class PreviewInputs:
             return False
         if not self.complete:
             return (self.code, self.message, self.values) == (other.code, other.message, other.values)
-        return (self.borders, self.doubts) == (other.borders, other.doubts) and all(
+        return (self.borders, self.warnings) == (other.borders, other.warnings) and all(
             mine.shape == others.shape and bool(np.abs(mine - others).max() <= TOLERANCE_M)
             for mine, others in ((self.chain, other.chain), (self.seed, other.seed))
         )

@@ -16,7 +16,7 @@ from vb_core.ros.messages import BorderPreviewArray, array_from_points, mapping_
 from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorderArray
 
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
-from vb_voice_wizard.dialogue.doubts import Doubts
+from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
 from vb_voice_wizard.dialogue.preview_scheduler import PreviewInputs, PreviewScheduler
 
 
@@ -27,7 +27,7 @@ class Previewer:
 
     Args:
         neighbours: the services to call.
-        told: returns all that people are told now; a doubt in it is an issue of the preview, like those of the border's
+        told: returns all that people are told now; a warning in it is an issue of the preview, like those of the border's
             check.
     """
 
@@ -36,7 +36,7 @@ class Previewer:
         self._pace = PreviewScheduler()
         self._condition = threading.Condition()
         self._situation = PreviewInputs()
-        self._doubts = Doubts()
+        self._warnings = DrawingWarnings()
         self._progress: Optional[BorderProgress] = None
         self._held = False
         self._closed = False
@@ -51,18 +51,18 @@ class Previewer:
         """
         with self._condition:
             self._held = saving
-            self._doubts.hear(self._told())
+            self._warnings.update(self._told())
             if interaction_id != self._situation.interaction_id:
-                self._doubts.begin()
+                self._warnings.start()
                 self._situation = PreviewInputs(interaction_id, borders=self._situation.borders)
                 self._take_progress()
-            self._situation = dataclasses.replace(self._situation, doubts=self._doubts.all)
+            self._situation = dataclasses.replace(self._situation, warnings=self._warnings.all)
             self._condition.notify()
 
     def is_doubtful(self, interaction_id: str) -> bool:
         """Tells whether saving would succeed, but with a warning in its preview."""
         with self._condition:
-            return bool(interaction_id) and (self._doubtful_of == interaction_id or bool(self._situation.doubts))
+            return bool(interaction_id) and (self._doubtful_of == interaction_id or bool(self._situation.warnings))
 
     def on_progress(self, message: BorderProgress) -> None:
         """Takes what was drawn so far."""
@@ -133,7 +133,7 @@ class Previewer:
         preview = self._empty(situation, answer.code, answer.message)
         preview.values = answer.values
         preview.available, preview.success = True, answer.success
-        preview.issues = [*answer.issues, *map(_issue, situation.doubts)]
+        preview.issues = [*answer.issues, *map(_issue, situation.warnings)]
         preview.border, preview.region = border, answer.region
         preview.area_m2, preview.free_parts = answer.area_m2, answer.free_parts
         return preview
@@ -148,6 +148,6 @@ class Previewer:
         return preview
 
 
-def _issue(doubt: Notice) -> BorderIssue:
-    return BorderIssue(severity=BorderIssue.WARNING, code=doubt.code, message=doubt.sentence(),
-                       values=values_from_mapping(doubt.values))
+def _issue(warning: Notice) -> BorderIssue:
+    return BorderIssue(severity=BorderIssue.WARNING, code=warning.code, message=warning.sentence(),
+                       values=values_from_mapping(warning.values))

@@ -12,18 +12,18 @@ from vb_core.notices import Notice, Severity
 LEFT_OUT = "strokes_left_out"  # a part of what was drawn is not in the border, as long as this is said
 
 
-class Doubts:
+class DrawingWarnings:
     """Collects them from the notices; not thread safe."""
 
     def __init__(self) -> None:
         self._standing: Tuple[Notice, ...] = ()
         self._failed: Set[str] = set()
 
-    def begin(self) -> None:
+    def start(self) -> None:
         """Begins another interaction: what was over before it does not concern it."""
         self._failed = self._cameras()
 
-    def hear(self, notices: Sequence[Notice]) -> None:
+    def update(self, notices: Sequence[Notice]) -> None:
         """Takes all notices that hold now."""
         self._standing = tuple(
             notice for notice in notices

@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from vb_voice_wizard.interaction import Answer
-from vb_voice_wizard.dialogue.once import Once
+from vb_voice_wizard.dialogue.answer_cache import AnswerCache
 
 
 class Counter:
@@ -19,23 +19,23 @@ class Counter:
 
 
 def test_the_same_id_is_carried_out_once_and_gets_the_same_answer_also_after_a_restart():
-    once, do = Once(5.0), Counter()
-    first = once.carry_out("a", do)
-    assert once.carry_out("a", do) == first and do.count == 1
-    again = Once(5.0, once.to_list())
+    cache, do = AnswerCache(5.0), Counter()
+    first = cache.carry_out("a", do)
+    assert cache.carry_out("a", do) == first and do.count == 1
+    again = AnswerCache(5.0, cache.to_list())
     assert again.carry_out("a", do) == first and do.count == 1
     assert again.carry_out("b", do) != first and do.count == 2
 
 
 def test_without_an_id_everything_is_carried_out():
-    once, do = Once(5.0), Counter()
-    once.carry_out("", do)
-    once.carry_out("", do)
-    assert do.count == 2 and once.to_list() == []
+    cache, do = AnswerCache(5.0), Counter()
+    cache.carry_out("", do)
+    cache.carry_out("", do)
+    assert do.count == 2 and cache.to_list() == []
 
 
 def test_a_repetition_waits_for_the_first_one():
-    once, began, go_on = Once(60.0), threading.Event(), threading.Event()
+    cache, began, go_on = AnswerCache(60.0), threading.Event(), threading.Event()
 
     def slow():
         began.set()
@@ -43,7 +43,7 @@ def test_a_repetition_waits_for_the_first_one():
         return Answer(True, "saved")
 
     answers = []
-    threads = [threading.Thread(target=lambda: answers.append(once.carry_out("a", slow))) for _ in range(2)]
+    threads = [threading.Thread(target=lambda: answers.append(cache.carry_out("a", slow))) for _ in range(2)]
     threads[0].start()
     assert began.wait(60)
     threads[1].start()
@@ -51,18 +51,18 @@ def test_a_repetition_waits_for_the_first_one():
     for thread in threads:
         thread.join()
     assert answers == [Answer(True, "saved")] * 2
-    assert Once(0.0).carry_out("a", lambda: Answer(True, "saved")).success
+    assert AnswerCache(0.0).carry_out("a", lambda: Answer(True, "saved")).success
 
 
 def test_a_fault_is_not_an_answer():
-    once, do = Once(5.0), Counter()
+    cache, do = AnswerCache(5.0), Counter()
     with pytest.raises(ZeroDivisionError):
-        once.carry_out("a", lambda: Answer(1 // 0, ""))
-    assert once.carry_out("a", do).success and do.count == 1
+        cache.carry_out("a", lambda: Answer(1 // 0, ""))
+    assert cache.carry_out("a", do).success and do.count == 1
 
 
 def test_only_the_newest_answers_are_kept():
-    once, do = Once(5.0), Counter()
+    cache, do = AnswerCache(5.0), Counter()
     for number in range(1000):
-        once.carry_out(str(number), do)
-    assert len(once.to_list()) < 100 and once.carry_out("999", do).values == {"borders": "1000"}
+        cache.carry_out(str(number), do)
+    assert len(cache.to_list()) < 100 and cache.carry_out("999", do).values == {"borders": "1000"}

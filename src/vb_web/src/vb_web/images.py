@@ -28,7 +28,7 @@ PREVIEW_SIDE = 700  # [px] of a preview, which travels inside a message
 
 
 @dataclass(frozen=True)
-class Picture:
+class EncodedImage:
     """A PNG or WebP.
 
     Attributes:
@@ -41,20 +41,20 @@ class Picture:
     cells: float
 
 
-class Album:
+class ImageCache:
     """The newest two images of each kind: a browser may still be fetching the previous one."""
 
     def __init__(self) -> None:
-        self._pictures: Dict[str, Tuple[Picture, ...]] = {}
+        self._images: Dict[str, Tuple[EncodedImage, ...]] = {}
 
-    def put(self, kind: str, picture: Picture) -> None:
+    def put(self, kind: str, image: EncodedImage) -> None:
         """Adds an image as the newest one of its kind."""
-        kept = [old for old in self._pictures.get(kind, ()) if old.name != picture.name]
-        self._pictures[kind] = (picture, *kept[:1])
+        kept = [old for old in self._images.get(kind, ()) if old.name != image.name]
+        self._images[kind] = (image, *kept[:1])
 
-    def get(self, kind: str, name: str) -> Optional[Picture]:
+    def get(self, kind: str, name: str) -> Optional[EncodedImage]:
         """Returns an image by its name; None if it is not there (any more)."""
-        return next((picture for picture in self._pictures.get(kind, ()) if picture.name == name), None)
+        return next((image for image in self._images.get(kind, ()) if image.name == name), None)
 
 
 def reduction(shape: Tuple[int, int], side: int = MAX_SIDE) -> int:
@@ -71,13 +71,13 @@ def _reduce(data: np.ndarray, cells: int) -> np.ndarray:
     return padded.reshape(rows, cells, columns, cells).max(axis=(1, 3))
 
 
-def _png(pixels: np.ndarray, cells: int) -> Picture:
+def _png(pixels: np.ndarray, cells: int) -> EncodedImage:
     # the map's last row is the image's first
     data = cv2.imencode(".png", np.ascontiguousarray(pixels[::-1]), [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
-    return Picture(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
+    return EncodedImage(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
 
 
-def draw_map(grid: GridMap) -> Picture:
+def draw_map(grid: GridMap) -> EncodedImage:
     """Draws walls as ink, by their occupancy, and unknown floor as grey."""
     cells = reduction(grid.shape)
     data = _reduce(grid.data, cells)
@@ -88,12 +88,12 @@ def draw_map(grid: GridMap) -> Picture:
     return _png(pixels, cells)
 
 
-def draw_restricted(before: GridMap, after: GridMap) -> Picture:
+def draw_restricted(before: GridMap, after: GridMap) -> EncodedImage:
     """Draws stripes where `after` is more occupied than `before`; fainter where it is softer."""
     return draw_region(np.where(after.data > before.data, after.data, np.int8(0)), after.resolution)
 
 
-def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int] = FORBIDDEN, side: int = MAX_SIDE) -> Picture:
+def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int] = FORBIDDEN, side: int = MAX_SIDE) -> EncodedImage:
     """Draws stripes over a region.
 
     Args:
@@ -114,7 +114,7 @@ def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int
 
 
 @dataclass(frozen=True)
-class FloorView:
+class CeilingImage:
     """What one ceiling camera sees.
 
     Attributes:
@@ -132,7 +132,7 @@ def floor_cells(grid: GridMap) -> float:
     return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL_M / grid.resolution)
 
 
-def draw_floor(grid: GridMap, views: Sequence[FloorView]) -> Picture:
+def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
     """Draws the floor in the map's geometry, as all cameras together see it; clear where none does.
 
     Where several see the same floor, each counts by how near to its image's centre it is: no hard seams.
@@ -160,7 +160,7 @@ def draw_floor(grid: GridMap, views: Sequence[FloorView]) -> Picture:
     pixels[..., :3][seen] = (total[seen] / weights[seen][:, None]).clip(0, 255)
     pixels[..., 3] = np.where(seen, 255, 0)
     data = cv2.imencode(".webp", np.ascontiguousarray(pixels[::-1]), [cv2.IMWRITE_WEBP_QUALITY, 80])[1].tobytes()
-    return Picture(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
+    return EncodedImage(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
 
 
 def jpeg(image: np.ndarray, width: int = 960) -> bytes:

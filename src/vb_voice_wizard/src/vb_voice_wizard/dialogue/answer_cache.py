@@ -12,7 +12,7 @@ from vb_voice_wizard.interaction import Answer
 _KEPT = 64  # answers; a sender repeats within seconds, and no person gives this many commands in that time
 
 
-class Once:
+class AnswerCache:
     """Remembers the answers to the newest commands. Thread safe.
 
     Args:

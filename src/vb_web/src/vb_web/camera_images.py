@@ -16,7 +16,7 @@ from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import compressed_image_array, image_array
 from vb_core.ros.transforms import TransformLookup
-from vb_web import pictures
+from vb_web import images
 
 _WAIT_S = 2.0  # for a camera's next image
 _FLOOR_KEPT_S = 5.0  # the same image for every browser that asks meanwhile, if all cameras are in it
@@ -42,7 +42,7 @@ def to_bgr(message: Image) -> np.ndarray:
     return cv2.cvtColor(pixels, _TO_BGR[message.encoding])
 
 
-class Looker:
+class CameraImages:
     """The detectors' debug images, and the floor as the ceiling cameras see it.
 
     Args:
@@ -67,7 +67,7 @@ class Looker:
         if detector is None:
             return None
         try:
-            return pictures.jpeg(to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_WAIT_S)))
+            return images.jpeg(to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_WAIT_S)))
         except rospy.ROSException:
             return None
 
@@ -77,12 +77,12 @@ class Looker:
             if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_KEPT_S:
                 grid = self._grid()
                 views = [view for view in map(self._view, self._cameras) if view is not None]
-                self._floor = pictures.draw_floor(grid, views).data if grid is not None and views else None
+                self._floor = images.draw_floor(grid, views).data if grid is not None and views else None
                 # with a camera missing it is made again: that one may be starting
                 self._floor_at = time.monotonic() if len(views) == len(self._cameras) else -1e9
             return self._floor
 
-    def _view(self, camera: str) -> Optional[pictures.FloorView]:
+    def _view(self, camera: str) -> Optional[images.CeilingImage]:
         try:
             info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_WAIT_S)
             if self._compressed:
@@ -94,6 +94,6 @@ class Looker:
             model = camera_from_info(info)
             pose = self._transforms.lookup(f"{camera}_optical_frame", names.MAP_FRAME, rospy.Time(0))
         except (rospy.ROSException, CodedError) as error:
-            rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: the floor's picture is without camera {camera}: {error}")
+            rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: the floor's image is without camera {camera}: {error}")
             return None
-        return pictures.FloorView(image[..., :3], model.scaled_to(image.shape[1], image.shape[0]), pose)
+        return images.CeilingImage(image[..., :3], model.scaled_to(image.shape[1], image.shape[0]), pose)

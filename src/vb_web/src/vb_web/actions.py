@@ -35,7 +35,7 @@ from vb_core.ros.commands import make_request, send
 from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_web.requests import Request
-from vb_web.ros_view import apply_draft, findings_section, region_uri
+from vb_web.ros_view import apply_draft, issues_section, region_uri
 from vb_web.view import number
 
 # [s] a command that waited longer than this for a busy manager surprises people: it is not carried out any more
@@ -47,7 +47,7 @@ _SENT = {"stop": "page_stop_sent", "resume": "page_resume_sent"}
 _UNREACHED = ("no_service", "no_response")
 
 
-class Carrier:
+class ActionHandler:
     """Carries out requests; thread safe.
 
     Args:
@@ -192,5 +192,5 @@ def _answer(response: Any) -> Dict[str, Any]:
         "values": mapping_from_values(response.values), "message": response.message,
     }
     if hasattr(response, "issues"):
-        found["issues"] = findings_section(response.issues)
+        found["issues"] = issues_section(response.issues)
     return found

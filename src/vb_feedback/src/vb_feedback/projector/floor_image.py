@@ -43,7 +43,7 @@ class FloorContent:
     region: Optional[GridMap] = field(default=None, compare=False)
 
 
-class FloorPicture:
+class FloorImage:
     """Renders a projector's image.
 
     Args:
@@ -61,7 +61,7 @@ class FloorPicture:
         self._scale = 1.0 / _RESOLUTION * min(1.0, 4096.0 / max(columns, rows))
         self._shape = (int(rows * self._scale * _RESOLUTION) + 1, int(columns * self._scale * _RESOLUTION) + 1)
         to_floor = np.array([[1 / self._scale, 0, self._low[0]], [0, 1 / self._scale, self._low[1]], [0, 0, 1.0]])
-        self._to_picture = calibration.matrix @ to_floor
+        self._to_image = calibration.matrix @ to_floor
 
     def render(self, content: FloorContent) -> np.ndarray:
         """Draws the image: (height, width, 3) uint8 rgb."""
@@ -73,10 +73,10 @@ class FloorPicture:
                 self._line(canvas, border.points, border.closed, colours.VERMILION, 0.45 + 0.35 * border.occupancy)
         cv2.max(canvas, self._drawing(content), dst=canvas)
         size = (self.calibration.width, self.calibration.height)
-        picture = cv2.warpPerspective(canvas, self._to_picture, size, flags=cv2.INTER_LINEAR)
+        image = cv2.warpPerspective(canvas, self._to_image, size, flags=cv2.INTER_LINEAR)
         if content.state != "default":
-            self._frame(picture, self._shade(colours.state_colour(content.state), 0.6))
-        return picture
+            self._frame(image, self._shade(colours.state_colour(content.state), 0.6))
+        return image
 
     # ------------------------------------------------------------- parts
     def _drawing(self, content: FloorContent) -> np.ndarray:
@@ -127,29 +127,29 @@ class FloorPicture:
         canvas[inside & striped] = self._shade(colour, level)
 
     @staticmethod
-    def _frame(picture: np.ndarray, colour: Tuple[int, int, int]) -> None:
-        height, width = picture.shape[:2]
+    def _frame(image: np.ndarray, colour: Tuple[int, int, int]) -> None:
+        height, width = image.shape[:2]
         thick = max(2, int(0.012 * min(height, width)))
-        for part in (picture[:thick], picture[-thick:], picture[:, :thick], picture[:, -thick:]):
+        for part in (image[:thick], image[-thick:], image[:, :thick], image[:, -thick:]):
             part[...] = colour
 
 
-def calibration_picture(width: int, height: int, number: int) -> np.ndarray:
+def draw_calibration_image(width: int, height: int, number: int) -> np.ndarray:
     """Draws the marker that is to be clicked now (0 .. 3) as a cross and the others dim: (height, width, 3) uint8 rgb."""
-    picture = np.zeros((height, width, 3), np.uint8)
+    image = np.zeros((height, width, 3), np.uint8)
     reach, thick = int(0.06 * height), max(2, int(0.006 * height))
     for index, (x, y) in enumerate(np.rint(markers(width, height)).astype(int).tolist()):
         level = 255 if index == number else 50
-        cv2.line(picture, (x - reach, y), (x + reach, y), (level, level, level), thick)
-        cv2.line(picture, (x, y - reach), (x, y + reach), (level, level, level), thick)
+        cv2.line(image, (x - reach, y), (x + reach, y), (level, level, level), thick)
+        cv2.line(image, (x, y - reach), (x, y + reach), (level, level, level), thick)
         if index == number:
-            cv2.circle(picture, (x, y), reach, (level, level, level), thick)
-    return picture
+            cv2.circle(image, (x, y), reach, (level, level, level), thick)
+    return image
 
 
-def grid_picture(calibration: ProjectorCalibration, step: float = 0.5) -> np.ndarray:
+def draw_grid_image(calibration: ProjectorCalibration, step: float = 0.5) -> np.ndarray:
     """Draws lines of the map's grid, `step` [m] apart, to see whether a calibration fits: (height, width, 3) uint8 rgb."""
-    picture = np.zeros((calibration.height, calibration.width, 3), np.uint8)
+    image = np.zeros((calibration.height, calibration.width, 3), np.uint8)
     footprint = calibration.footprint()
     low, high = np.floor(footprint.min(axis=0) / step) * step, np.ceil(footprint.max(axis=0) / step) * step
     for axis in (0, 1):
@@ -158,5 +158,5 @@ def grid_picture(calibration: ProjectorCalibration, step: float = 0.5) -> np.nda
             ends[:, axis] = value
             a, b = np.clip(np.rint(calibration.to_pixels(ends)), -(2**20), 2**20).astype(int).tolist()
             colour = (255, 255, 255) if abs(value / step) % 2 < 0.5 else (110, 110, 110)
-            cv2.line(picture, tuple(a), tuple(b), colour, 2, cv2.LINE_AA)
-    return picture
+            cv2.line(image, tuple(a), tuple(b), colour, 2, cv2.LINE_AA)
+    return image

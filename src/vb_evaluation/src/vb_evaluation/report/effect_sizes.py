@@ -8,7 +8,7 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report.blocks import Grid
-from vb_evaluation.report.data import Study, pairs, select
+from vb_evaluation.report.data import StudyResults, pairs, select
 from vb_evaluation.statistics import Interval
 
 
@@ -37,7 +37,7 @@ def mean_difference(table: pandas.DataFrame, column: str, methods: Tuple[str, st
     return statistics.mean(first - second)
 
 
-def test_blocks(study: Study, column: str, unit: str, completed: bool) -> List[Any]:
+def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) -> List[Any]:
     """Reports the paper's Wilcoxon test; of people only."""
     if not study.people or len(study.methods) < 2:
         return []

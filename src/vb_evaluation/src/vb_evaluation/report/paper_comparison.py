@@ -5,9 +5,9 @@ import math
 from typing import Any, Dict, List
 
 from vb_evaluation import statistics
-from vb_evaluation.report import effects, paper
+from vb_evaluation.report import effect_sizes, paper
 from vb_evaluation.report.blocks import Grid, Section, Text
-from vb_evaluation.report.data import Study, known, select
+from vb_evaluation.report.data import StudyResults, known, select
 from vb_evaluation.report.paper import PAPER
 from vb_evaluation.statistics import Interval
 
@@ -28,7 +28,7 @@ _WHY = {
 }
 
 
-def beside(study: Study) -> Section:
+def compare_with_paper(study: StudyResults) -> Section:
     """Puts each figure of the paper beside ours, in both directions: being better does not count as agreement."""
     methods = ("nrs", "robot_only")
     rows: List[Dict[str, Any]] = []
@@ -37,22 +37,22 @@ def beside(study: Study) -> Section:
         if not len(here):
             continue
         published = PAPER[scenario]
-        rows.append(_beside(study, scenario, "speed-up", published.speedup, effects.ratio(here, methods), 2))
+        rows.append(_compare(study, scenario, "speed-up", published.speedup, effect_sizes.ratio(here, methods), 2))
         if published.border_gain_s is not None:
-            gain = effects.mean_difference(here, "time_border_s", methods[::-1])
-            rows.append(_beside(study, scenario, "Border state shorter by [s]", published.border_gain_s, gain, 1))
+            gain = effect_sizes.mean_difference(here, "time_border_s", methods[::-1])
+            rows.append(_compare(study, scenario, "Border state shorter by [s]", published.border_gain_s, gain, 1))
         for method in methods:
             done = known(select(here, method=method, completed=1), "jaccard")
-            rows.append(_beside(study, scenario, f"Jaccard index, {paper.method_title(method).lower()}", published.jaccard[method],
+            rows.append(_compare(study, scenario, f"Jaccard index, {paper.method_title(method).lower()}", published.jaccard[method],
                                 statistics.median(done), 3))
             if scenario == "corner" and here.jaccard_enclosed.notna().any():
                 inside = known(select(here, method=method, completed=1), "jaccard_enclosed")
-                rows.append(_beside(study, scenario, f"Jaccard index of the area drawn round, {paper.method_title(method).lower()}",
+                rows.append(_compare(study, scenario, f"Jaccard index of the area drawn round, {paper.method_title(method).lower()}",
                                     published.jaccard[method], statistics.median(inside), 3))
             flags = known(select(here, method=method), "completed")
             share = statistics.proportion(int(flags.sum()), len(flags)).scaled(100.0)
             name = f"completed [%], {paper.method_title(method).lower()}"
-            rows.append(_beside(study, scenario, name, 100 * published.completeness, share, 1))
+            rows.append(_compare(study, scenario, name, 100 * published.completeness, share, 1))
     if not rows:
         return Section("paper", "Beside the paper", [])
     counts = {word: sum(row["reading"].startswith(word) for row in rows) for word in ("same", "better", "worse")}
@@ -93,7 +93,7 @@ def beside(study: Study) -> Section:
     )
 
 
-def _beside(study: Study, scenario: str, quantity: str, published: float, ours: Interval, digits: int) -> Dict[str, Any]:
+def _compare(study: StudyResults, scenario: str, quantity: str, published: float, ours: Interval, digits: int) -> Dict[str, Any]:
     low, high = (ours.estimate if math.isnan(limit) else limit for limit in (ours.low, ours.high))
     tolerance = 0.5 * 10.0 ** -(3 if digits == 3 else 1)  # the paper's figures are rounded
     above = ours.estimate > published

@@ -5,19 +5,19 @@ import pytest
 
 from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
-from vb_web import pictures
-from vb_web.pictures import Album, FloorView
+from vb_web import images
+from vb_web.images import ImageCache, CeilingImage
 
 
-def decode(picture):
-    return cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_UNCHANGED)
+def decode(image):
+    return cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
 
 
 def test_a_map_is_drawn_with_its_highest_y_on_top():
     data = np.zeros((20, 30), np.int8)
     data[0, 5] = 100
     data[19] = -1
-    pixels = decode(pictures.draw_map(GridMap(data, 0.05)))
+    pixels = decode(images.draw_map(GridMap(data, 0.05)))
     assert pixels.shape == (20, 30, 4)
     assert pixels[19, 5, 3] == 255 and pixels[10, 10, 3] == 0 and 0 < pixels[0, 3, 3] < 255
 
@@ -26,10 +26,10 @@ def test_a_map_is_drawn_with_its_highest_y_on_top():
 def test_large_maps_are_reduced_and_no_wall_vanishes(shape):
     data = np.zeros(shape, np.int8)
     data[shape[0] // 2, shape[1] // 2] = 100
-    picture = pictures.draw_map(GridMap(data, 0.05))
-    pixels = decode(picture)
-    assert max(pixels.shape) <= pictures.MAX_SIDE
-    assert pixels.shape[1] * picture.cells >= shape[1] and pixels.shape[0] * picture.cells >= shape[0]
+    image = images.draw_map(GridMap(data, 0.05))
+    pixels = decode(image)
+    assert max(pixels.shape) <= images.MAX_SIDE
+    assert pixels.shape[1] * image.cells >= shape[1] and pixels.shape[0] * image.cells >= shape[0]
     assert (pixels[..., 3] == 255).sum() >= 1
 
 
@@ -39,20 +39,20 @@ def test_restricted_floor_is_where_the_map_became_fuller():
     after = before.copy()
     after[10:20, 10:20] = 100
     after[30:35, 10:20] = 50
-    pixels = decode(pictures.draw_restricted(GridMap(before, 0.05), GridMap(after, 0.05)))[::-1]
+    pixels = decode(images.draw_restricted(GridMap(before, 0.05), GridMap(after, 0.05)))[::-1]
     assert (pixels[10:20, 10:20, 3] > 0).all() and pixels[:, 0, 3].max() == 0 and pixels[25, 15, 3] == 0
     assert 0 < pixels[30:35, 10:20, 3].max() < pixels[10:20, 10:20, 3].max()
 
 
 def test_the_same_content_has_the_same_name_and_an_album_keeps_two():
-    maps = [pictures.draw_map(GridMap(np.full((5, 5), value, np.int8), 0.05)) for value in (0, 100, -1, 0)]
+    maps = [images.draw_map(GridMap(np.full((5, 5), value, np.int8), 0.05)) for value in (0, 100, -1, 0)]
     assert maps[0].name == maps[3].name and len({one.name for one in maps}) == 3
-    album = Album()
-    for picture in maps[:3]:
-        album.put("map", picture)
-    assert album.get("map", maps[0].name) is None
-    assert album.get("map", maps[1].name) is maps[1] and album.get("map", maps[2].name) is maps[2]
-    assert album.get("restricted", maps[2].name) is None
+    cache = ImageCache()
+    for image in maps[:3]:
+        cache.put("map", image)
+    assert cache.get("map", maps[0].name) is None
+    assert cache.get("map", maps[1].name) is maps[1] and cache.get("map", maps[2].name) is maps[2]
+    assert cache.get("restricted", maps[2].name) is None
 
 
 def looking_down(x, y, height):
@@ -69,10 +69,10 @@ def test_the_floor_is_where_the_cameras_see_it():
     image = np.full((300, 400, 3), 90, np.uint8)
     # a red thing half a metre right of and a quarter above what is below the camera: 200 px/m at 1 m, 80 at 2.5 m
     image[110:150, 220:260] = (0, 0, 255)
-    views = [FloorView(image, camera, looking_down(2.0, 4.0, 2.5))]
-    picture = pictures.draw_floor(grid, views)
-    pixels = decode(picture)[::-1]
-    metre = 1.0 / (grid.resolution * picture.cells)
+    views = [CeilingImage(image, camera, looking_down(2.0, 4.0, 2.5))]
+    image = images.draw_floor(grid, views)
+    pixels = decode(image)[::-1]
+    metre = 1.0 / (grid.resolution * image.cells)
 
     def at(x, y):
         return pixels[int((y - 2.0) * metre), int((x + 1.0) * metre)]
@@ -80,7 +80,7 @@ def test_the_floor_is_where_the_cameras_see_it():
     assert at(2.5, 4.25)[2] > 200 and at(2.5, 4.25)[0] < 80
     assert abs(int(at(1.5, 4.25)[2]) - 90) < 12
     assert at(-0.9, 2.1)[3] == 0
-    assert (decode(pictures.draw_floor(grid, views * 2)) == decode(picture)).all()
+    assert (decode(images.draw_floor(grid, views * 2)) == decode(image)).all()
 
 
 def test_a_camera_below_the_floor_or_none_shows_nothing():
@@ -88,11 +88,11 @@ def test_a_camera_below_the_floor_or_none_shows_nothing():
     upwards = np.eye(4)
     upwards[2, 3] = -2.0
     camera = CameraModel.ideal(40, 30, 20.0)
-    for views in ([], [FloorView(np.zeros((30, 40, 3), np.uint8), camera, upwards)]):
-        assert decode(pictures.draw_floor(grid, views))[..., 3].max() == 0
+    for views in ([], [CeilingImage(np.zeros((30, 40, 3), np.uint8), camera, upwards)]):
+        assert decode(images.draw_floor(grid, views))[..., 3].max() == 0
 
 
 def test_camera_pictures_are_made_smaller_never_larger():
     for width, expected in ((1920, 960), (320, 320)):
-        data = pictures.jpeg(np.zeros((width // 2, width, 3), np.uint8))
+        data = images.jpeg(np.zeros((width // 2, width, 3), np.uint8))
         assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape[1] == expected
