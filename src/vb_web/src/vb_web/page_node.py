@@ -131,7 +131,8 @@ class PageNode:
         self._level_at = -1e9
         self._spots: Dict[str, Any] = {}
         self._poses: Dict[str, List[Optional[float]]] = {}
-        self._told = NoticeListener()
+        self._notices_due = node.WakeTimer(_HEALTH_S)  # a silent node's notices expire without a message
+        self._told = NoticeListener(self._notices_due.set)
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
         self._diagnostics: Dict[str, Any] = {}  # name: (heard [s], entry)
         self._transforms = TransformLookup()
@@ -157,9 +158,10 @@ class PageNode:
         rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses),
                       "" if local else f"; its codes are in {codes}")
         # wall time goes on when simulated time stops
-        self._beats = [node.WakeTimer(_POSES_S), node.WakeTimer(_HEALTH_S), node.WakeTimer(_HEALTH_S)]
-        # the last one waits for the manager's answer, which may take long: the others go on
-        for beat, look in zip(self._beats, (self._look_at_robots, self._look_at_health, self._actions.repeat_stop)):
+        self._beats = [node.WakeTimer(_POSES_S), node.WakeTimer(_HEALTH_S), node.WakeTimer(_HEALTH_S), self._notices_due]
+        # one of them waits for the manager's answer, which may take long: the others go on
+        looks = (self._look_at_robots, self._look_at_health, self._actions.repeat_stop, self._show_notices)
+        for beat, look in zip(self._beats, looks):
             node.Worker(beat, lambda _woken, look=look: look())
 
     def close(self) -> None:
@@ -243,7 +245,6 @@ class PageNode:
         section = ros_view.state_section(message)
         self._state_at = time.monotonic()
         self._view.put("state", section)
-        self._show_notices()
         self._invite(section["name"] == "default")
         last = section["last"]
         answered = (last["command"], last["at"], last["code"])
@@ -334,7 +335,6 @@ class PageNode:
                                   "silent": coarse_age(now - self._state_at)})
         if now - self._level_at > _SILENT_S:
             self._view.put("level", None)
-        self._show_notices()
 
     def _connected(self, topic: str) -> bool:
         return self._subscribers[topic].get_num_connections() > 0
