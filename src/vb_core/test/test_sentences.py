@@ -44,6 +44,13 @@ def test_a_value_may_be_a_word_of_the_readers_language():
     assert sentences.say("no_service", {"who": "$"}) == "$ is not running."
 
 
+def test_a_border_that_nobody_named_is_numbered_in_the_readers_language():
+    assert sentences.border_name("border 3") == "Border 3" and sentences.border_name("border 3", "de") == "Grenze 3"
+    assert sentences.border_name("Rug", "de") == "Rug" and sentences.border_name("", "de") == ""
+    assert sentences.say("border_back", {"borders": "border 3, Rug"}, "de") == "Wieder in der Karte: Grenze 3, Rug."
+    assert sentences.say("robot_touches_border", {"who": "ada", "border": "'border 3'"}, "de").endswith(" 'Grenze 3'.")
+
+
 def test_words_of_the_language_stand_within_a_sentence_and_at_its_beginning():
     values = {"who": "$the_robot", "border": "Rug", "reason": "$robot_no_way_out"}
     assert sentences.say("robot_inside_border", values) == "The robot is inside Rug."

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_map_integration.storage import database as module
 from vb_map_integration.borders.border_files import borders_to_yaml
@@ -43,6 +44,13 @@ def closed(tmp_path, count=3):
         keeper.add(square(10 + 25 * number, 10, name=f"number {number}"), 1.0 + number)
     keeper.close()
     return keeper.borders
+
+
+def test_a_border_that_nobody_named_is_shown_in_the_readers_language(tmp_path):
+    keeper = integrator(tmp_path)
+    keeper.add(square(10, 10), 1.0)
+    assert sentences.border_name(keeper.borders[0].name, "de") == "Grenze 1"
+    keeper.close()
 
 
 def test_borders_come_back_after_a_restart(tmp_path):

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
@@ -115,7 +116,7 @@ def test_ten_seconds_of_slam_do_not_lose_the_border(tmp_path):
         slam.set_map(flat(Transform(5.0, 5.0, 1.0), seed=2, known=(4.0, 4.0 + width)))
         assert slam.needs_confirmation and len(slam.borders) == 1
         asked = next(notice for notice in slam.notices if notice.code == "borders_unconfirmed")
-        assert slam.borders[0].name in asked.sentence()  # what people know: nobody named the place
+        assert sentences.border_name(slam.borders[0].name) in asked.sentence()  # what people know: nobody named the place
     slam.close()
     third = integrator(tmp_path, flat())
     assert closed_off(third) and not third.needs_confirmation

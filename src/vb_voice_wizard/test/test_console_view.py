@@ -77,7 +77,7 @@ def test_a_refused_preview_is_not_said_twice():
 def test_the_newest_borders_are_on_the_screen():
     view = drawing()
     view.borders = [border(f"border {number} ") for number in range(40)]
-    assert "border 39 " in screen(view) and "border 0 " not in screen(view)
+    assert "Border 39 " in screen(view) and "Border 0 " not in screen(view)
 
 
 def test_an_earlier_drawing_is_not_shown_in_a_new_interaction():

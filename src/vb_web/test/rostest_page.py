@@ -122,13 +122,13 @@ class PageTest(unittest.TestCase):
         self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
         return self.wait_borders(before + 1)[-1]
 
-    def store_carpet(self):
+    def store_carpet(self, name="Rug", shown="Rug"):
         """A border that a test only needs to be there."""
-        border = VirtualBorder(name="Rug", kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0,
+        border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0,
                                points=[Point(x, y, 0.0) for x, y in CARPET], seed=Point(4.0, 1.5, 0.0))
         answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
         self.assertTrue(answer.success, answer.message)
-        self.browser.wait_text("#borders", "Rug")
+        self.browser.wait_text("#borders", shown)
 
     def remove_all(self):
         while self.borders():
@@ -270,6 +270,10 @@ class PageTest(unittest.TestCase):
             other.wait_text("#borders", "Rug")
             other.click("#undo", "Rückgängig")
             self.browser.wait_text("#borders", "No borders yet")
+            other.wait_text("#borders", "Noch keine Grenzen")
+            self.store_carpet("", "Border ")
+            other.wait_text("#borders", "Grenze ")
+            other.click("#undo", "Rückgängig")
             other.wait_text("#borders", "Noch keine Grenzen")
             notices = NoticePublisher()
             notices.set([Notice("interaction_ends_soon", Severity.WARNING),

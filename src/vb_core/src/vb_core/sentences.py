@@ -7,12 +7,14 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
 
 A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", reason = "$robot_no_way_out".
 Its own values are those of the sentence in which it stands. At the beginning of a sentence it gets a capital letter.
+The values border and borders are names of borders, see `border_name`.
 
 No program reads a sentence.
 """
 from __future__ import annotations
 
 import functools
+import re
 import string
 from pathlib import Path
 from typing import Any, Dict, List, Mapping
@@ -21,6 +23,7 @@ import yaml
 
 ENGLISH = "en"
 FOLDER = Path(__file__).resolve().parent / "languages"
+_UNNAMED = re.compile(r"\bborder (\d+)\b")  # as the border database stores it
 
 
 def languages() -> List[str]:
@@ -61,6 +64,11 @@ def robot(name: str) -> str:
     return name or "$the_robot"
 
 
+def border_name(name: str, language: str = ENGLISH) -> str:
+    """Returns a border's name, or several, as people read it: a border that nobody named is numbered in their language."""
+    return _UNNAMED.sub(lambda found: say("unnamed_border", {"number": found.group(1)}, language), name)
+
+
 def say(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, otherwise: str = "") -> str:
     """Returns the sentence for a code; in English where the language has none.
 
@@ -74,7 +82,7 @@ def say(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, othe
         return otherwise or code.replace("_", " ")
     words = {}
     for name, value in values.items():
-        words[name] = str(value)
+        words[name] = border_name(str(value), language) if name in ("border", "borders") else str(value)
         if words[name].startswith("$") and len(words[name]) > 1:
             others = {other: word for other, word in values.items() if other != name}
             words[name] = say(words[name][1:], others, language)

@@ -270,7 +270,7 @@ class DisplayMarkers:
         shapes = list(self._part("words", (layout, talk), lambda: words(layout, talk)))
         off = sentences.say("display_off", {}, params.language)
         shapes += self._part("borders", (layout, known.borders), lambda: scene.borders(
-            layout, [display_messages.border_from_message(border) for border in known.borders], off
+            layout, [display_messages.border_from_message(border, params.language) for border in known.borders], off
         ))
         if progress is not None:
             shapes += self._part("drawing", (layout, progress), lambda: scene.drawing(

@@ -17,7 +17,7 @@ from vb_feedback.sound.tone_synthesis import SOUNDS, TICK, samples
 
 
 _RETRY_S = 5.0  # after a failure: a device may be plugged in later
-_MOST = 16  # sounds that may wait; long before that they are too old
+_MAX_WAITING = 16  # sounds that may wait; long before that they are too old
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class SoundPlayer:
     def __init__(self, params: SoundParams, sink: AudioSink) -> None:
         self._params = params
         self._sink = sink
-        self._waiting: node.Queue = node.Queue(_MOST)
+        self._waiting: node.Queue = node.Queue(_MAX_WAITING)
         self._busy = False
         self._silent_until = 0.0
         self._said = False

@@ -101,10 +101,10 @@ def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
     )
 
 
-def border_from_message(border: VirtualBorder) -> scene.Border:
+def border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH) -> scene.Border:
     """Converts a border message to plain values."""
     return scene.Border(
-        border.name or border.id,
+        sentences.border_name(border.name, language) or border.id,
         tuple(map(tuple, array_from_points(border.points).tolist())),
         border.kind == VirtualBorder.POLYGON,
         (border.seed.x, border.seed.y),

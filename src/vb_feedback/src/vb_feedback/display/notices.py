@@ -11,7 +11,7 @@ from vb_core.grid_map import GridMap
 from vb_feedback.display.text_panel import PanelNotice
 
 # more sentences cannot be read from across the room, and letters would get too small
-_MOST = 3
+_MAX_NOTICES = 3
 # codes of others that themselves say that no camera sees the spot, and what follows
 _ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahead_unseen", "no_spot_seen")
 
@@ -23,7 +23,7 @@ def of_others(held: Sequence[notices.Notice], language: str) -> List[PanelNotice
         shown = PanelNotice(notice.sentence(language), notice.severity >= notices.Severity.WARNING)
         if shown not in said:
             said.append(shown)
-    return said[:_MOST]
+    return said[:_MAX_NOTICES]
 
 
 # [m] the spot that was lost so near to floor that no camera sees has gone there

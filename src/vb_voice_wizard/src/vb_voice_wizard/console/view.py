@@ -24,7 +24,7 @@ GOOD, BAD, NOTE = "green", "yellow", "cyan"
 
 # [lines] heights of the parts of the screen; the messages have the rest
 _HEAD, _BODY, _PREVIEW, _KEYS = 1, 9, 5, 2
-_LEAST_MESSAGES = 3
+_MIN_MESSAGES = 3
 _WIDEST = 400
 
 
@@ -74,7 +74,7 @@ def render(view: ConsoleContent, width: int = 80, height: int = 24) -> Layout:
         width, height: [columns, lines] of the terminal.
     """
     width = min(width, _WIDEST)
-    free = height - _HEAD - _BODY - _PREVIEW - _KEYS - _LEAST_MESSAGES
+    free = height - _HEAD - _BODY - _PREVIEW - _KEYS - _MIN_MESSAGES
     # a long list of borders may grow, but not at the messages' whole expense
     body = _BODY + max(0, min(free // 2, len(view.borders) + 2 - _BODY))
     preview = _PREVIEW if free >= 0 else 0
@@ -83,7 +83,7 @@ def render(view: ConsoleContent, width: int = 80, height: int = 24) -> Layout:
         Layout(_head(view), name="head", size=_HEAD),
         Layout(name="body", size=body),
         Layout(_preview(view, width - 4), name="preview", size=preview, visible=preview > 0),
-        Layout(_messages(view, width - 4, messages - 2), name="messages", visible=messages >= _LEAST_MESSAGES),
+        Layout(_messages(view, width - 4, messages - 2), name="messages", visible=messages >= _MIN_MESSAGES),
         Layout(_keys(view), name="keys", size=_KEYS),
     ]
     layout = Layout()
@@ -166,7 +166,7 @@ def _borders(view: ConsoleContent, room: int) -> Panel:
         line.add_column(no_wrap=True, overflow="ellipsis", ratio=1)
         line.add_column(no_wrap=True, justify="right")
         style = "" if row.enabled else "dim"
-        line.add_row(Text(row.name or row.id, style=style), Text(details, style=style))
+        line.add_row(Text(sentences.border_name(row.name, view.language) or row.id, style=style), Text(details, style=style))
         lines.append(line)
     return Panel(
         Group(*(lines or [Text(view.words("console_none"), style="dim")])),

@@ -103,10 +103,14 @@ export class Words {
 
   // A value that begins with $ is itself a code, with the sentence's other values; where a sentence begins with it, so with a capital.
   value(name, { [name]: text, ...others }, at) {
+    if (name === "border" || name === "borders") return this.border(text);
     if (!/^\$./.test(text)) return text;
     const said = this.say(text.slice(1), others);
     return at ? said : said.charAt(0).toUpperCase() + said.slice(1);
   }
+
+  // A border that nobody named is numbered in the reader's language.
+  border(name) { return name.replace(/\bborder (\d+)\b/g, (_, number) => this.say("unnamed_border", { number })); }
 
   // Of anything that has code, values and message.
   tell(said) { return this.say(said.code, said.values, said.message); }

@@ -175,7 +175,8 @@ export class MapView {
       const acting = border.enabled && !(border.reason && !border.acting);
       this.line("borders", `border ${border.kind} ${acting ? "" : "off"} ${chosen && chosen.id === border.id ? "chosen" : ""}`, path(border.line, border.kind === "polygon"));
       const at = border.kind === "polygon" ? middle(border.line) : border.line[Math.floor(border.line.length / 2)];
-      if (border.name) this.place("borders", "name", at, [["text", { y: ".3em" }, border.name.length > 22 ? border.name.slice(0, 21) + "…" : border.name]]);
+      const name = this.words.border(border.name);
+      if (name) this.place("borders", "name", at, [["text", { y: ".3em" }, name.length > 22 ? name.slice(0, 21) + "…" : name]]);
     }
     this.update();
   }

@@ -204,7 +204,7 @@ function drawReview() {
     const close = mode === "side" && draft.points.length > 2 ? button("page_close_line", () => { draft.kind = "polygon"; draft.seed = middle(draft.points); setMode("review"); }) : null;
     return fill(box, [element("h2", {}, say(mode === "wall" ? "page_wall" : `page_title_${mode}`)), mode === "side" ? null : element("p", { class: "muted" }, say(`page_help_${mode}`)), element("div", { class: "row" }, cancel, close, done)]);
   }
-  const name = element("input", { maxlength: 60, value: draft.name, placeholder: say("page_name_free"), "data-key": "name", autocomplete: "off" });
+  const name = element("input", { maxlength: 60, value: words.border(draft.name), placeholder: say("page_name_free"), "data-key": "name", autocomplete: "off" });
   name.addEventListener("input", () => { draft.name = name.value; });
   const speed = element("input", { type: "number", min: .05, max: 1, step: .05, value: draft.max_speed, "data-key": "speed" });
   speed.addEventListener("change", () => { draft.max_speed = Math.max(.05, Math.min(1, Number(speed.value) || .2)); examine(); });
@@ -246,7 +246,7 @@ function drawBorders() {
       onclick: () => ask("enable", { border: border.id, enabled: !border.enabled, revision: view.borders.revision }),
     });
     const open = element("button", { type: "button", class: "name", "data-key": `border ${border.id}`, onclick: () => choose(border.id) },
-      element("span", {}, border.name || say("page_no_name"), element("small", {}, why(border))));
+      element("span", {}, words.border(border.name) || say("page_no_name"), element("small", {}, why(border))));
     return element("li", {}, open, toggle);
   }));
 }
@@ -293,10 +293,10 @@ const closeButton = (code = "page_close") => button(code, () => $("dialog").clos
 function borderDialog(id) {
   const border = view.borders.list.find((one) => one.id === id);
   if (!border) return;
-  const heading = border.name || say("page_no_name");
+  const heading = words.border(border.name) || say("page_no_name");
   if (!operator()) return show(heading, element("p", { class: "muted" }, why(border)), closeButton());
   const target = { border: id, revision: view.borders.revision };
-  const name = element("input", { maxlength: 60, value: border.name, autocomplete: "off" });
+  const name = element("input", { maxlength: 60, value: words.border(border.name), autocomplete: "off" });
   const form = element("form", {}, element("label", {}, element("span", {}, say("page_name")), name), button("page_rename", () => form.requestSubmit()));
   form.addEventListener("submit", async (event) => { event.preventDefault(); if (name.value.trim() && (await ask("rename", { ...target, name: name.value }, "page_renamed")).ok) $("dialog").close(); });
   show(heading, element("p", { class: "muted" }, why(border)),
