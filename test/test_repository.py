@@ -236,6 +236,22 @@ def test_links_lead_somewhere():
     assert not broken, broken
 
 
+def test_the_table_of_places_names_what_is_there():
+    table = (TOP / "docs" / "index.md").read_text(encoding="utf-8").split("## Where things are in the code")[1]
+    places = re.findall(r"\]\(([^)]+)\) `([\w.]+)`", table)
+    assert len(places) > 5
+    missing = [(path, name) for path, name in places for last in [name.split(".")[-1]]
+               if not re.search(rf"^(\s*(def|class) {last}\b|{last}:)", (TOP / "docs" / path).read_text(encoding="utf-8"), re.M)]
+    assert not missing
+
+
+def test_python_files_that_pages_name_exist():
+    names = {path.name for path in texts()}
+    missing = [f"{path.relative_to(TOP)}: {name}" for path in texts() if path.suffix == ".md"
+               for name in re.findall(r"`(?:[\w/]+/)?(\w+\.py)`", path.read_text(encoding="utf-8")) if name not in names]
+    assert not missing
+
+
 MADE_BY_NEW_LAB = {"lab.launch"}  # a lab's own, outside of this repository
 COMMAND = re.compile(r"(?:^ {4,}|`|&& )(?:sudo )?(make|roslaunch|rosrun)((?: +[\w.~/*-]+)+)", re.M)
 
@@ -271,11 +287,9 @@ def test_a_command_that_does_not_exist_is_found():
     assert missing_commands(text) == ["make docs", "rosrun vb_web pag", "roslaunch vb_bringup no.launch"]
 
 
-@pytest.mark.parametrize("module", PROMISED)
-def test_examples_run(module):
-    script = (
-        f"import doctest, importlib, sys; done = doctest.testmod(importlib.import_module('{module}')); "
-        "sys.exit(done.failed or not done.attempted)"
-    )
+@pytest.mark.parametrize("call", [f"testmod(importlib.import_module('{module}'))" for module in PROMISED] + [
+    f"testfile({str(TOP / 'README.md')!r}, module_relative=False)"])
+def test_examples_run(call):
+    script = f"import doctest, importlib, sys; done = doctest.{call}; sys.exit(done.failed or not done.attempted)"
     done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, universal_newlines=True)
     assert done.returncode == 0, done.stdout
