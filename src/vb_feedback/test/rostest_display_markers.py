@@ -22,7 +22,7 @@ from vb_core.grid_map import GridMap  # noqa: E402
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, message_from_grid  # noqa: E402
 from vb_core.notices import Notice, Severity  # noqa: E402
 from vb_core.ros.notices import message_from_notice  # noqa: E402
-from vb_feedback.display.layout import Box, fit  # noqa: E402
+from vb_feedback.display.layout import Box, fit_view  # noqa: E402
 from vb_feedback.display.restriction_overlay import PREVIEW  # noqa: E402
 from vb_msgs.msg import (  # noqa: E402
     BorderProgress, BorderIssue, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
@@ -211,7 +211,7 @@ class DisplayMarkersTest(unittest.TestCase):
             self.assertIn(sentences.say("no_screen"), run.stdout)
             view = yaml.safe_load((Path(folder) / "config").read_text())["Visualization Manager"]["Views"]["Current"]
             self.assertIn("__name:=display", (Path(folder) / "arguments").read_text())
-        layout = fit(Box.around(self.grid.corners()), 16 / 9)
+        layout = fit_view(Box.around(self.grid.corners()), 16 / 9)
         self.assertAlmostEqual(view["Scale"], 1280 / layout.view.width, 1)
         self.assertAlmostEqual(view["X"], layout.view.centre[0], 2)
 

@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Log
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import wait_until  # noqa: E402
-from vb_feedback.sound.tone_synthesis import samples  # noqa: E402
+from vb_feedback.sound.tone_synthesis import synthesize  # noqa: E402
 from vb_msgs.msg import InteractionState, Sound  # noqa: E402
 
 
@@ -66,8 +66,8 @@ class SoundPlayerTest(unittest.TestCase):
         for name in names:
             self.sounds.publish(name=name)
         # the tick may have to give way, and which of the two played first is not a matter of luck
-        wanted = (samples("border").tobytes() + samples("refusal").tobytes(),
-                  samples("border").tobytes() + samples("tick").tobytes() + samples("refusal").tobytes())
+        wanted = (synthesize("border").tobytes() + synthesize("refusal").tobytes(),
+                  synthesize("border").tobytes() + synthesize("tick").tobytes() + synthesize("refusal").tobytes())
 
         wait_until(lambda: self.written("pcm") in wanted, "the samples of both sounds")
 

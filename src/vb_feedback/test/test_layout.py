@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
-from vb_feedback.display.layout import Box, fit, fit_texts, place_labels, place_words, plain, text_width, wrap
+from vb_feedback.display.layout import Box, fit_view, fit_texts, place_labels, place_words, transliterate, text_width, wrap
 from vb_feedback.display.rviz_fonts import is_drawn, overlay
 
 sizes = st.floats(0.5, 200.0)
@@ -20,7 +20,7 @@ aspects = st.floats(1.0, 3.0)
 @given(places, places, sizes, sizes, aspects)
 def test_the_map_is_whole_and_nothing_overlaps_it(x, y, width, height, aspect):
     extent = Box(x, y, x + width, y + height)
-    layout = fit(extent, aspect)
+    layout = fit_view(extent, aspect)
     assert layout.view.contains(extent, 1e-6)
     assert math.isclose(layout.view.width / layout.view.height, aspect, rel_tol=1e-9)
     for part in (layout.panel, layout.strip):
@@ -36,7 +36,7 @@ def test_the_map_is_whole_and_nothing_overlaps_it(x, y, width, height, aspect):
 @pytest.mark.parametrize("width, height, aspect", [(0, 5, 1.8), (8, 0, 1.8), (8, 5, 0.1), (8, 5, 50.0)])
 def test_nonsense_is_refused(width, height, aspect):
     with pytest.raises(CodedError) as caught:
-        fit(Box(0.0, 0.0, width, height), aspect)
+        fit_view(Box(0.0, 0.0, width, height), aspect)
     assert caught.value.code == "bad_layout"
 
 
@@ -89,19 +89,19 @@ def test_words_stand_beside_each_other_centred():
 def test_plain_letters():
     # what the font has stays as it is, also if it comes in two parts
     for name in ("K\u00fcche \u2013 Caf\u00e9", "\u0141\u00f3d\u017a", "\u041a\u0443\u0445\u043d\u044f", "12 m\u00b2 \u201eab\u201c\u2026"):
-        assert plain(name) == name and all(map(is_drawn, name))
-    assert plain("Ku\u0308che") == "K\u00fcche"
+        assert transliterate(name) == name and all(map(is_drawn, name))
+    assert transliterate("Ku\u0308che") == "K\u00fcche"
     # the rest in letters that people recognise, never in question marks
-    assert plain("\u53a8\u623f") == "ChuFang" and plain("\u0645\u0637\u0628\u062e") == "mtbkh"
-    assert plain("line\nbreak") == "line break"
+    assert transliterate("\u53a8\u623f") == "ChuFang" and transliterate("\u0645\u0637\u0628\u062e") == "mtbkh"
+    assert transliterate("line\nbreak") == "line break"
 
 
 @settings(max_examples=200, deadline=None)
 @given(st.text(max_size=30))
 def test_any_name_is_shown_in_letters_that_can_be_drawn(name):
-    shown = plain(name)
+    shown = transliterate(name)
     assert all(map(is_drawn, shown))
-    assert plain(shown) == shown and text_width(shown, 1.0) >= 0.0
+    assert transliterate(shown) == shown and text_width(shown, 1.0) >= 0.0
 
 
 def test_accents_take_no_room():
@@ -110,7 +110,7 @@ def test_accents_take_no_room():
 
 
 def test_rviz_is_asked_for_the_letters(tmp_path):
-    """A folder that stands for RViz's package: all its files, and a font that has what `plain` leaves."""
+    """A folder that stands for RViz's package: all its files, and a font that has what `transliterate` leaves."""
     fonts = tmp_path / "rviz" / "ogre_media" / "fonts"
     fonts.mkdir(parents=True)
     (tmp_path / "rviz" / "package.xml").write_text("<package/>")

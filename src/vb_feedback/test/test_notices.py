@@ -8,7 +8,7 @@ from vb_core.notices import Notice
 from vb_core.notices import Severity
 from vb_core.ros.messages import values_from_mapping
 from vb_feedback.display.display_messages import preview_notices
-from vb_feedback.display.notices import coverage_notices, of_others
+from vb_feedback.display.notices import coverage_notices, select_others
 from vb_msgs.msg import BorderIssue, BorderPreview
 
 
@@ -42,11 +42,11 @@ def test_what_others_say_is_said_whatever_its_words():
         Notice("stopped", Severity.WARNING), Notice("stopped", Severity.WARNING, robot="b"),
         Notice("robot_coming_along", Severity.INFO, message="It comes."),
     ]
-    assert texts(of_others(held, "en")) == [
+    assert texts(select_others(held, "en")) == [
         ("Der Roboter steht im Teppich.", True), ('Stopped: no robot drives until you say "resume".', True), ("It comes.", False),
     ]
-    assert "Angehalten" in texts(of_others(held, "de"))[1][0]
-    assert len(of_others([Notice(f"code_{number}") for number in range(9)], "en")) == 3
+    assert "Angehalten" in texts(select_others(held, "de"))[1][0]
+    assert len(select_others([Notice(f"code_{number}") for number in range(9)], "en")) == 3
 
 
 def test_a_spot_that_nobody_sees():

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from vb_core.errors import CodedError
-from vb_feedback.display.layout import Box, fit
+from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.rviz_config import fit_config, screen_size, write_fitted
 
 RVIZ = Path(__file__).resolve().parents[3] / "rviz"
@@ -26,7 +26,7 @@ def test_every_part_of_the_display_is_on_the_screen(extent, screen):
     fitted = fit_config(config, extent, *screen)
     assert config == before
     view = fitted["Visualization Manager"]["Views"]["Current"]
-    layout = fit(extent, screen[0] / screen[1])
+    layout = fit_view(extent, screen[0] / screen[1])
     # an orthographic view from above: pixels per metre about its centre
     for x, y in ((layout.view.x0, layout.view.y0), (layout.view.x1, layout.view.y1), extent.centre):
         column = screen[0] / 2 + (x - view["X"]) * view["Scale"]
@@ -37,7 +37,7 @@ def test_every_part_of_the_display_is_on_the_screen(extent, screen):
 
 @pytest.mark.parametrize("screen", [(1920, 1200), (1024, 768), (3440, 1440)])
 def test_on_a_screen_of_another_aspect_nothing_is_cut(screen):
-    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     view = fit_config(template(), Box(0, 0, 8, 5), *screen, aspect=16 / 9)["Visualization Manager"]["Views"]["Current"]
     used = [layout.view.width * view["Scale"] / screen[0], layout.view.height * view["Scale"] / screen[1]]
     assert max(used) == pytest.approx(1.0) and min(used) > 0.7

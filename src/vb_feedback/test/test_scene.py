@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 
 from vb_feedback.display import colours, scene
-from vb_feedback.display.layout import Box, fit
+from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, overlay
 from vb_feedback.display.text_panel import PanelContent, words
 
@@ -21,7 +21,7 @@ def border(**changes):
 
 
 def test_borders_differ_by_kind():
-    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
 
     def outline(one):
         return [shape for shape in scene.borders(layout, [one]) if shape.namespace == "borders/outline"][0]
@@ -34,7 +34,7 @@ def test_borders_differ_by_kind():
 
 
 def test_labels_of_borders_stay_on_the_map():
-    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     stored = [border(name=f"Border {number}", seed=(0.0, 0.0)) for number in range(4)]
     shapes = scene.borders(layout, stored)
     plates = [box for box in scene.text_boxes([shape for shape in shapes if shape.kind == scene.PLATE])]
@@ -46,7 +46,7 @@ def test_labels_of_borders_stay_on_the_map():
 
 
 def test_long_names_are_cut_and_stay_on_the_map():
-    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     for name in ("Carpet in front of the fireplace and behind the sofa where the dog sleeps at night", "X" * 200, ""):
         shapes = scene.borders(layout, [border(name=name, seed=(7.9, 0.1))])
         assert all(layout.map.contains(box) for box in scene.text_boxes(shapes))
@@ -62,7 +62,7 @@ def test_segments_join_at_corners():
 
 
 def test_spots_fade_and_go():
-    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     seen = [scene.TrailPoint("red", 1.0, 1.0, 10.0), scene.TrailPoint("red", 1.1, 1.0, 11.0), scene.TrailPoint("blue", 2.0, 2.0, 10.9)]
     shapes = {shape.key: shape for shape in scene.trails(layout, seen, 11.0)}
     trail = shapes[("spots/red/trail", 0)]
@@ -76,7 +76,7 @@ def test_spots_fade_and_go():
 
 
 def test_drawing_needs_no_camera_names():
-    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     assert scene.drawing(layout, scene.Drawing()) == []
     shapes = scene.drawing(layout, scene.Drawing(((1, 1), (2, 2)), ("", "red"), ((1, 1), (2, 2)), False, (3, 3)))
     kinds = {shape.namespace for shape in shapes}
@@ -84,19 +84,19 @@ def test_drawing_needs_no_camera_names():
 
 
 def test_only_changes_are_sent():
-    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     first = words(layout, PanelContent("border", 1.0, COMMANDS[:2], True, "Draw."))
     shown = {shape.key: shape for shape in first}
     assert len(shown) == len(first)
-    assert scene.changes(shown, first) == ([], [])
+    assert scene.compare(shown, first) == ([], [])
     later = words(layout, PanelContent("border", 2.0, COMMANDS[:1], True, "Draw."))
-    changed, gone = scene.changes(shown, later)
+    changed, gone = scene.compare(shown, later)
     assert [shape.namespace for shape in changed] == ["words/elapsed"]
     assert {namespace for namespace, _ in gone} == {"words/say/1"}
 
 
 def test_every_shape_has_its_own_key():
-    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     shapes = words(layout, PanelContent("border", 1.0, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
     shapes += scene.borders(layout, [border(), border(name="Room two")]) + scene.robot("base_link", 0, 0.18)
     shapes += scene.drawing(layout, scene.Drawing(((1, 1),), ("red",), ((1, 1), (2, 2)), False, (3, 3)))

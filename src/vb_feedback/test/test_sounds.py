@@ -10,7 +10,7 @@ import pytest
 
 from vb_core.errors import CodedError
 from vb_feedback.sound.audio_sink import AudioSink
-from vb_feedback.sound.tone_synthesis import RATE, SOUNDS, samples
+from vb_feedback.sound.tone_synthesis import RATE, SOUNDS, synthesize
 
 
 def pitch(pcm):
@@ -21,7 +21,7 @@ def pitch(pcm):
 
 @pytest.mark.parametrize("name", SOUNDS)
 def test_each_note_has_the_pitch_that_it_says(name):
-    pcm, start = samples(name).astype(float), 0
+    pcm, start = synthesize(name).astype(float), 0
     for note in SOUNDS[name]:
         part = pcm[start : start + int(round(note.seconds * RATE))]
         start += len(part)
@@ -45,7 +45,7 @@ def test_sounds_are_told_apart():
 
 @pytest.mark.parametrize("name", SOUNDS)
 def test_nothing_clicks_or_is_cut_off(name):
-    pcm = samples(name).astype(int)
+    pcm = synthesize(name).astype(int)
     assert 0 < len(pcm) < RATE and np.abs(pcm).max() < 32767 * 0.7
     assert abs(pcm[0]) < 300 and abs(pcm[-1]) < 300
 
@@ -54,9 +54,9 @@ def test_a_tick_is_soft_and_volume_counts():
     def power(pcm):
         return float((pcm.astype(float) ** 2).sum())
 
-    assert power(samples("tick")) * 100 < min(power(samples(name)) for name in SOUNDS if name != "tick")
-    assert np.abs(samples("border", 0.5)).max() == pytest.approx(np.abs(samples("border")).max() / 2, abs=1)
-    assert not samples("border", 0.0).any() and len(samples("no such sound")) == 0
+    assert power(synthesize("tick")) * 100 < min(power(synthesize(name)) for name in SOUNDS if name != "tick")
+    assert np.abs(synthesize("border", 0.5)).max() == pytest.approx(np.abs(synthesize("border")).max() / 2, abs=1)
+    assert not synthesize("border", 0.0).any() and len(synthesize("no such sound")) == 0
 
 
 # ----------------------------------------------------------------- the device
@@ -69,7 +69,7 @@ def program(folder, text):
 
 def test_the_player_gets_all_samples(tmp_path):
     sink = AudioSink("front", program(tmp_path, f'echo "$@" > {tmp_path}/arguments; cat > {tmp_path}/pcm\n'))
-    pcm = samples("success")
+    pcm = synthesize("success")
     sink.play(pcm)
     assert np.array_equal(np.fromfile(str(tmp_path / "pcm"), "<i2"), pcm)
     assert (tmp_path / "arguments").read_text().split() == "-q -D front -t raw -f S16_LE -r 48000 -c 1".split()
@@ -78,8 +78,8 @@ def test_the_player_gets_all_samples(tmp_path):
 def test_no_device_is_a_reason_and_no_crash(tmp_path):
     with pytest.raises(CodedError, match="No such device"):
         AudioSink("front", program(tmp_path, "cat > /dev/null; echo 'audio open error: No such device' >&2; exit 1\n")).play(
-            samples("tick")
+            synthesize("tick")
         )
     with pytest.raises(CodedError) as caught:
-        AudioSink("front", os.path.join(str(tmp_path), "none")).play(samples("tick"))
+        AudioSink("front", os.path.join(str(tmp_path), "none")).play(synthesize("tick"))
     assert caught.value.code == "no_audio"

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from vb_feedback.display import colours
-from vb_feedback.display.layout import Box, fit
+from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.scene import PLATE, TEXT, text_boxes
 from vb_feedback.display.text_panel import PanelNotice, PanelContent, words
 
@@ -21,7 +21,7 @@ LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
 @pytest.mark.parametrize("aspect", [16 / 9, 16 / 10, 4 / 3])
 @pytest.mark.parametrize("state", ["", "default", "border", "seed", "guide", "another"])
 def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
-    layout = fit(extent, aspect)
+    layout = fit_view(extent, aspect)
     many = ("red", "green", "blue", "a_camera_with_a_long_name", "hall", "robot", "one too many")
     for commands, seeing, message, notices in itertools.product(
         ((), COMMANDS[:4]), ((), many), ("Ok.", LONG), ((), NOTICES)
@@ -50,7 +50,7 @@ def arc_minutes(size, layout):
     (LONG[:100], (PanelNotice("Save would be refused: the border separates nothing from the rest.", True),), 10.0),
 ])
 def test_letters_can_be_read_from_three_metres(extent, message, notices, least):
-    layout = fit(extent, 16 / 9)
+    layout = fit_view(extent, 16 / 9)
     angle = {}
     for shape in words(layout, PanelContent("border", 10.0, COMMANDS[:4], True, message, ("red", "robot"), notices)):
         if shape.kind == TEXT:
@@ -70,7 +70,7 @@ def said(shapes):
 
 
 def test_state_and_commands_are_said():
-    layout = fit(LAB, 16 / 9)
+    layout = fit_view(LAB, 16 / 9)
     found = said(words(layout, PanelContent("seed", 65.0, ("save", "cancel"), True, "Yes.", ("red",), NOTICES[:1])))
     assert found == {
         "words/state": "Seed", "words/elapsed": "1:05", "words/say": "You can say", "words/say/0": "save",
@@ -80,14 +80,14 @@ def test_state_and_commands_are_said():
 
 
 def test_an_answer_that_stands_as_a_notice_is_said_once():
-    layout = fit(LAB, 16 / 9)
+    layout = fit_view(LAB, 16 / 9)
     stopped, more = PanelNotice("Stopped: no robot drives.", True), PanelNotice("The spot is seen.")
     found = said(words(layout, PanelContent("seed", 1.0, (), True, stopped.text, (), (stopped, more))))
     assert [found[name] for name in found if "answer" in name or "notice" in name] == [stopped.text, more.text]
 
 
 def test_a_refusal_stands_out_for_every_eye():
-    layout = fit(LAB, 16 / 9)
+    layout = fit_view(LAB, 16 / 9)
     good, bad = (words(layout, PanelContent("seed", 1.0, (), success, "Why not.")) for success in (True, False))
     assert not [shape for shape in good if shape.kind == PLATE]
     plate = [shape for shape in bad if shape.kind == PLATE][0]
@@ -98,7 +98,7 @@ def test_a_refusal_stands_out_for_every_eye():
 
 
 def test_a_usual_sentence_is_not_cut():
-    layout = fit(LAB, 16 / 9)
+    layout = fit_view(LAB, 16 / 9)
     sentence = " ".join(["word"] * 34)
     found = said(words(layout, PanelContent("seed", 1.0, (), True, sentence, (), NOTICES[:1])))
     assert found["words/answer"] == sentence

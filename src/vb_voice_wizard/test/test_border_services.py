@@ -1,4 +1,4 @@
-"""What the manager says of a border that its neighbours do not give."""
+"""What the manager says of a border that other nodes do not give."""
 import pytest
 
 from vb_core.errors import CodedError
@@ -9,24 +9,24 @@ from vb_voice_wizard.dialogue import border_services
 
 
 @pytest.fixture
-def neighbours(monkeypatch):
+def made(monkeypatch):
     """Makes the services, with a border_fusion that has seen no spot, of what people are told."""
     monkeypatch.setattr(services, "call", lambda *_arguments, **_more: GetDrawnBorderResponse(code="no_spots"))
     return lambda *notices: border_services.BorderServices(1.0, 1.0, 1.0, lambda: list(notices))
 
 
-def refusal(neighbours, *notices):
+def refusal(made, *notices):
     with pytest.raises(CodedError) as caught:
-        neighbours(*notices).candidate("i1")
+        made(*notices).fetch_drawn_border("i1")
     return caught.value
 
 
-def test_without_spots_the_laser_is_to_blame(neighbours):
+def test_without_spots_the_laser_is_to_blame(made):
     about_a_robot = Notice("robot_inside_border", Severity.ERROR, robot="r1")
     slow = Notice("lab_camera_slow", Severity.WARNING, camera="north", values={"rate": "2"})
-    assert refusal(neighbours, about_a_robot, slow).code == "no_spots"
+    assert refusal(made, about_a_robot, slow).code == "no_spots"
 
 
-def test_without_spots_a_faulty_camera_is_to_blame_before_the_laser(neighbours):
-    error = refusal(neighbours, Notice("camera_no_pose", Severity.ERROR, camera="south", values={"camera": "south"}))
+def test_without_spots_a_faulty_camera_is_to_blame_before_the_laser(made):
+    error = refusal(made, Notice("camera_no_pose", Severity.ERROR, camera="south", values={"camera": "south"}))
     assert error.code == "camera_no_pose" and "south" in error.message

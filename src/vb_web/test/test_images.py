@@ -94,5 +94,5 @@ def test_a_camera_below_the_floor_or_none_shows_nothing():
 
 def test_camera_pictures_are_made_smaller_never_larger():
     for width, expected in ((1920, 960), (320, 320)):
-        data = images.jpeg(np.zeros((width // 2, width, 3), np.uint8))
+        data = images.encode_jpeg(np.zeros((width // 2, width, 3), np.uint8))
         assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape[1] == expected

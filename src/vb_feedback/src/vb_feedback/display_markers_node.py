@@ -25,7 +25,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_feedback.display import display_messages, notices, restriction_overlay, scene
 from vb_feedback.display.display_messages import marker_from_shape
-from vb_feedback.display.layout import Box, Layout, fit
+from vb_feedback.display.layout import Box, Layout, fit_view
 from vb_feedback.display.text_panel import PanelNotice, words
 
 _REFRESH_S = 2.0
@@ -103,7 +103,7 @@ class DisplayMarkers:
         self._shown: Dict[Tuple[str, int], scene.Shape] = {}
         self._made: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
         self._overlaid: Tuple[Any, ...] = (None, None, None)
-        self._layout: Layout = fit(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
+        self._layout: Layout = fit_view(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
         self._told = NoticeListener(self._changed)
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
@@ -211,13 +211,13 @@ class DisplayMarkers:
             newcomers, self._newcomers = self._newcomers, []
         grid = known.posterior or known.physical
         if grid is not None:
-            self._layout = fit(Box.around(grid.corners()), self._params.screen_aspect)
+            self._layout = fit_view(Box.around(grid.corners()), self._params.screen_aspect)
         self._show_restricted(known)
         if self._markers.get_num_connections() == 0 and not newcomers:
             return False
         now = rospy.get_time()
         shapes = self._compose(known, grid is not None, now)
-        changed, gone = scene.changes(self._shown, shapes)
+        changed, gone = scene.compare(self._shown, shapes)
         self._shown = {shape.key: shape for shape in shapes}
         message = MarkerArray([display_messages.removal(namespace, number) for namespace, number in gone])
         message.markers += [marker_from_shape(shape) for shape in changed]
@@ -266,7 +266,7 @@ class DisplayMarkers:
             progress = None
         seeing = list(progress.seeing) if progress is not None else []
         said = self._notices(known, seeing, now)
-        talk = display_messages.talk_from_state(state, seeing, said, has_map, params.language)
+        talk = display_messages.panel_from_state(state, seeing, said, has_map, params.language)
         shapes = list(self._part("words", (layout, talk), lambda: words(layout, talk)))
         off = sentences.say("display_off", {}, params.language)
         shapes += self._part("borders", (layout, known.borders), lambda: scene.borders(
@@ -288,7 +288,7 @@ class DisplayMarkers:
             last = known.spots[-1]
             lost = (last.x, last.y) if now - last.stamp > _LOST_S else None
         language = self._params.language
-        said = notices.of_others(known.held, language)
+        said = notices.select_others(known.held, language)
         said += display_messages.preview_notices(preview, language)
         if lost is not None and preview is None and known.state is not None:
             said += notices.coverage_notices(

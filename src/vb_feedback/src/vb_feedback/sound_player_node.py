@@ -13,7 +13,7 @@ from vb_core.ros import node, parameters
 from vb_msgs.msg import Sound
 
 from vb_feedback.sound.audio_sink import AudioSink
-from vb_feedback.sound.tone_synthesis import SOUNDS, TICK, samples
+from vb_feedback.sound.tone_synthesis import SOUNDS, TICK, synthesize
 
 
 _RETRY_S = 5.0  # after a failure: a device may be plugged in later
@@ -70,7 +70,7 @@ class SoundPlayer:
             return
         self._busy = True
         try:
-            self._sink.play(samples(name, self._params.volume))
+            self._sink.play(synthesize(name, self._params.volume))
         except CodedError as error:
             # a device may be plugged in later: tried again now and then, without a second word
             self._silent_until = time.monotonic() + _RETRY_S

@@ -96,8 +96,8 @@ class InteractionManager:
         self._recall()
 
         told = NoticeListener().current
-        self._neighbours = BorderServices(params.occupancy, params.service_wait, params.service_answer, told)
-        self._preview = Previewer(self._neighbours, told)
+        self._services = BorderServices(params.occupancy, params.service_wait, params.service_answer, told)
+        self._preview = Previewer(self._services, told)
         self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10)  # not latched: an old word must never come again
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
@@ -193,13 +193,13 @@ class InteractionManager:
 
     def _save(self, interaction_id: str, source: str) -> Answer:
         """Calls the services, without the lock, then ends the interaction."""
-        border = self._neighbours.candidate(interaction_id)
+        border = self._services.fetch_drawn_border(interaction_id)
         try:
             with self._lock:
                 # if this node is killed now, the next one does not know either whether the border has arrived
                 unanswered, self._interaction.unanswered_save = self._interaction.unanswered_save, True
                 self._remember()
-            border_id = self._neighbours.add(border, source, interaction_id)
+            border_id = self._services.add(border, source, interaction_id)
         except CodedError as error:
             # an unanswered request may have arrived; an error tells that no earlier one has
             with self._lock:
@@ -212,10 +212,10 @@ class InteractionManager:
 
     def _change(self, command: str) -> Answer:
         """Undo or redo, without the lock; says what became of the borders."""
-        before = self._neighbours.borders()
-        self._neighbours.change(command)
+        before = self._services.fetch_names()
+        self._services.change(command)
         try:
-            answer = _what_changed(before, self._neighbours.borders())
+            answer = _what_changed(before, self._services.fetch_names())
         except CodedError:
             answer = Answer(True, "borders_changed")
         with self._lock:

@@ -67,7 +67,7 @@ class CameraImages:
         if detector is None:
             return None
         try:
-            return images.jpeg(to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_WAIT_S)))
+            return images.encode_jpeg(to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_WAIT_S)))
         except rospy.ROSException:
             return None
 

@@ -57,7 +57,7 @@ class ImageCache:
         return next((image for image in self._images.get(kind, ()) if image.name == name), None)
 
 
-def reduction(shape: Tuple[int, int], side: int = MAX_SIDE) -> int:
+def cells_per_pixel(shape: Tuple[int, int], side: int = MAX_SIDE) -> int:
     """Returns how many cells along a side make one pixel."""
     return max(1, -(-max(shape) // side))
 
@@ -79,7 +79,7 @@ def _png(pixels: np.ndarray, cells: int) -> EncodedImage:
 
 def draw_map(grid: GridMap) -> EncodedImage:
     """Draws walls as ink, by their occupancy, and unknown floor as grey."""
-    cells = reduction(grid.shape)
+    cells = cells_per_pixel(grid.shape)
     data = _reduce(grid.data, cells)
     pixels = np.zeros((*data.shape, 4), np.uint8)
     pixels[data > 0] = _INK
@@ -102,7 +102,7 @@ def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int
         tint: bgr.
         side: [px] the largest side of the image.
     """
-    cells = reduction(region.shape, side)
+    cells = cells_per_pixel(region.shape, side)
     data = _reduce(region, cells).astype(np.float32)
     rows, columns = np.indices(data.shape, dtype=np.float32)
     period = max(4.0, STRIPES_M / (resolution * cells))
@@ -163,7 +163,7 @@ def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
     return EncodedImage(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
 
 
-def jpeg(image: np.ndarray, width: int = 960) -> bytes:
+def encode_jpeg(image: np.ndarray, width: int = 960) -> bytes:
     """Encodes a camera's image (H, W, 3) bgr or (H, W) as JPEG, not wider than `width` [px]."""
     scale = width / image.shape[1]
     if scale < 1.0:

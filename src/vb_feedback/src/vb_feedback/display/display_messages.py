@@ -58,7 +58,7 @@ def removal(namespace: str, number: int) -> Marker:
     return marker
 
 
-def talk_from_state(
+def panel_from_state(
     state: Optional[InteractionState], seeing: Sequence[str], said: Sequence[PanelNotice], has_map: bool, language: str
 ) -> PanelContent:
     """Converts the state to what the panel shows; without a map that is only whether robots are stopped."""

@@ -87,7 +87,7 @@ class Layout:
         return self.view.height
 
 
-def fit(extent: Box, aspect: float) -> Layout:
+def fit_view(extent: Box, aspect: float) -> Layout:
     """Finds the smallest view that shows the whole map beside panel and strip.
 
     Args:
@@ -134,7 +134,7 @@ _WIDE, _NARROW = 1015, 660  # the widest Greek and Cyrillic capital; hardly a sm
 _FONT = 0.84
 
 
-def plain(text: str) -> str:
+def transliterate(text: str) -> str:
     """Writes a text in the characters that RViz can show: those of its font as they are, others transliterated (anyascii)."""
     composed = unicodedata.normalize("NFC", text)
     shown = "".join(letter if is_drawn(letter) else _transliterated(letter) for letter in composed)

@@ -16,7 +16,7 @@ _MAX_NOTICES = 3
 _ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahead_unseen", "no_spot_seen")
 
 
-def of_others(held: Sequence[notices.Notice], language: str) -> List[PanelNotice]:
+def select_others(held: Sequence[notices.Notice], language: str) -> List[PanelNotice]:
     """Selects other nodes' notices, the most severe first; each sentence once, and no more than can be read."""
     said: List[PanelNotice] = []
     for notice in held:

@@ -10,7 +10,7 @@ import yaml
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_feedback.display.layout import Box, fit
+from vb_feedback.display.layout import Box, fit_view
 
 
 def fit_config(
@@ -18,7 +18,7 @@ def fit_config(
 ) -> Dict[str, Any]:
     """Returns an RViz config whose top view shows the whole display on a screen.
 
-    The view is the one for which display_markers lays its words out, see `layout.fit`.
+    The view is the one for which display_markers lays its words out, see `layout.fit_view`.
 
     Args:
         config: an RViz config, as parsed YAML, with a TopDownOrtho view; it is not changed.
@@ -41,7 +41,7 @@ def fit_config(
         raise CodedError("bad_config", "this is no RViz config with a view and a window") from None
     if kind != "rviz/TopDownOrtho":
         raise CodedError("bad_config", f"the config's view must be rviz/TopDownOrtho, it is {kind}")
-    layout = fit(extent, aspect or width / height)
+    layout = fit_view(extent, aspect or width / height)
     x, y = layout.view.centre
     view.update({"Angle": 0, "Scale": min(width / layout.view.width, height / layout.view.height), "X": x, "Y": y})
     window.update({"X": 0, "Y": 0, "Width": int(width), "Height": int(height)})

@@ -3,7 +3,7 @@
 RViz draws texts with Liberation Sans, but asks its font for the characters up to 166 alone (OGRE's default), and a text
 with another one is not drawn at all. The font itself has Latin, Greek and Cyrillic. So RViz is started with a separate
 data folder before its package's: links to everything, and one font definition that asks for all of them.
-What the font lacks, for instance Chinese or Arabic, is transliterated (`layout.plain`).
+What the font lacks, for instance Chinese or Arabic, is transliterated (`layout.transliterate`).
 """
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from vb_feedback.display import colours
 from vb_feedback.display.colours import Colour
-from vb_feedback.display.layout import Box, Layout, fit_texts, place_labels, place_words, plain, text_box
+from vb_feedback.display.layout import Box, Layout, fit_texts, place_labels, place_words, transliterate, text_box
 
 LINES = "lines"
 POINTS = "points"
@@ -57,7 +57,7 @@ class Shape:
         return self.namespace, self.number
 
 
-def changes(
+def compare(
     before: Dict[Tuple[str, int], Shape], now: Sequence[Shape]
 ) -> Tuple[List[Shape], List[Tuple[str, int]]]:
     """Compares two scenes: the shapes that are new or differ, and the keys of those that are gone.
@@ -134,7 +134,7 @@ def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[
     texts, wanted = [], []
     for border in stored:
         # a name too long for the map's smaller half goes over two lines, and is cut at the end of the second
-        (text,), _ = fit_texts([plain(border.name) or "?"], (size,), 0.45 * layout.map.width, 2.4 * size)
+        (text,), _ = fit_texts([transliterate(border.name) or "?"], (size,), 0.45 * layout.map.width, 2.4 * size)
         if not border.enabled:
             text += f"\n{off}"
         elif border.area_m2 > 0:

@@ -7,7 +7,7 @@ from typing import List, Tuple
 from vb_core import sentences
 from vb_feedback.display import colours
 from vb_feedback.display.colours import Colour
-from vb_feedback.display.layout import LINE, Layout, fit_texts, plain, text_height, text_width
+from vb_feedback.display.layout import LINE, Layout, fit_texts, text_height, text_width, transliterate
 from vb_feedback.display.scene import PLATE, Z_PLATE, Shape, write
 
 # heights of letters as RViz counts them, in shares of the screen's height; docs/explanation/display.md has them in minutes of arc
@@ -65,7 +65,7 @@ def _panel(layout: Layout, talk: PanelContent) -> List[Shape]:
     def line(name: str, text: str, down: float, share: float, *tints: Colour) -> None:
         size = share * unit
         # text that is too wide, for instance a camera's long name, is shrunk
-        text = plain(text)
+        text = transliterate(text)
         size *= min(1.0, room / max(text_width(text, size), 1e-9))
         shapes.extend(write(f"words/{name}", text, centre, panel.y1 - down * unit, size, tints))
 
@@ -85,7 +85,7 @@ def _panel(layout: Layout, talk: PanelContent) -> List[Shape]:
             line(f"say/{number}", command.replace("_", " "), 0.333 + 0.089 * number, COMMAND, colours.WHITE)
     if talk.seeing:
         line("seen", talk.words("display_seen_by"), 0.676, LABEL, colours.PALE)
-        names = [plain(camera).replace(" ", "_") for camera in talk.seeing]
+        names = [transliterate(camera).replace(" ", "_") for camera in talk.seeing]
         tints = [colours.blend(colours.camera_colour(camera), colours.WHITE, 0.3) for camera in talk.seeing]
         if len(names) > MAX_CAMERAS:
             rest = len(names) - MAX_CAMERAS + 1
@@ -96,8 +96,8 @@ def _panel(layout: Layout, talk: PanelContent) -> List[Shape]:
 
 def _strip(layout: Layout, talk: PanelContent) -> List[Shape]:
     start = talk.words("display_start" if talk.state else "display_waiting_system")
-    answer = PanelNotice(plain(talk.message or start), warning=not talk.success)
-    said = [PanelNotice(plain(notice.text), notice.warning) for notice in talk.notices]
+    answer = PanelNotice(transliterate(talk.message or start), warning=not talk.success)
+    said = [PanelNotice(transliterate(notice.text), notice.warning) for notice in talk.notices]
     if all(notice.text != answer.text for notice in said):  # else it stands as a notice, which stays as long as it holds
         said.insert(0, answer)
     unit, strip = layout.unit, layout.strip

@@ -54,7 +54,7 @@ TICK = "tick"
 _OVERTONES = (1.0, 0.3, 0.12)
 
 
-def samples(name: str, volume: float = 1.0) -> np.ndarray:
+def synthesize(name: str, volume: float = 1.0) -> np.ndarray:
     """Synthesises a sound as (N,) int16 at `RATE`, mono; empty for a name that is not known.
 
     Args:

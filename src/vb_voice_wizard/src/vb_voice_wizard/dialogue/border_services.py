@@ -39,7 +39,7 @@ class BorderServices:
         self._answer_s = answer_s
         self._told = told
 
-    def candidate(self, interaction_id: str) -> VirtualBorder:
+    def fetch_drawn_border(self, interaction_id: str) -> VirtualBorder:
         """Fetches the border as drawn, ready to be added.
 
         Without any spot, a camera that is known to be faulty is the reason to name, not the laser.
@@ -72,7 +72,7 @@ class BorderServices:
             # a Trigger has no code
             raise CodedError("not_changed", command=command, reason=response.message)
 
-    def borders(self) -> Dict[str, str]:
+    def fetch_names(self) -> Dict[str, str]:
         """Fetches the names of all borders, by their ids."""
         response = self._ask(names.LIST_BORDERS, ListBorders, ListBordersRequest(), _INTEGRATOR)
         return {border.id: border.name or border.id for border in response.borders.borders}

@@ -26,13 +26,13 @@ class Previewer:
     The `on_*` methods only store; a command never waits for a preview.
 
     Args:
-        neighbours: the services to call.
+        services: those to call.
         told: returns all that people are told now; a warning in it is an issue of the preview, like those of the border's
             check.
     """
 
-    def __init__(self, neighbours: BorderServices, told: Callable[[], List[Notice]]) -> None:
-        self._neighbours, self._told = neighbours, told
+    def __init__(self, services: BorderServices, told: Callable[[], List[Notice]]) -> None:
+        self._services, self._told = services, told
         self._pace = PreviewScheduler()
         self._condition = threading.Condition()
         self._situation = PreviewInputs()
@@ -127,8 +127,8 @@ class Previewer:
                 self._pace.done(situation, started, time.monotonic(), answered)
 
     def _look(self, situation: PreviewInputs) -> BorderPreviewArray:
-        border = self._neighbours.candidate(situation.interaction_id)
-        answer = self._neighbours.preview(border)
+        border = self._services.fetch_drawn_border(situation.interaction_id)
+        answer = self._services.preview(border)
         border.area_m2 = answer.area_m2
         preview = self._empty(situation, answer.code, answer.message)
         preview.values = answer.values
