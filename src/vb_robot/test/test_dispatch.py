@@ -15,14 +15,14 @@ Decision = namedtuple("Decision", "kind viewpoint")  # what a change of a robot'
 
 
 def place(x, y=0.0, spot=(0.0, 0.0)):
-    return Viewpoint(x, y, 0.0, 1.0, x, spot)
+    return Viewpoint((x, y, 0.0), x, spot)
 
 
 class Robot:
     """One robot of the bench: what it can see and where it could go, and what navigation says."""
 
     def __init__(self, *costs, x0=0.0, candidates=None, seen=lambda pose: False):
-        self.candidates = [Viewpoint(x0 + i, 0.0, 0.0, cost, cost, (0.0, 0.0)) for i, cost in enumerate(costs)]
+        self.candidates = [Viewpoint((x0 + i, 0.0, 0.0), cost, (0.0, 0.0)) for i, cost in enumerate(costs)]
         self.candidates = self.candidates if candidates is None else candidates
         self.goal, self.pose, self.sees, self.sent = GoalStatus.NONE, (x0 + 50.0, 50.0, 0.0), seen, []
         self.busy, self.server, self.localised, self.safe, self.knows = False, True, True, True, True
@@ -44,7 +44,7 @@ class Robot:
     def best_viewpoint(self, robot, avoid):
         self.asked += 1
         free = [found for found in self.candidates
-                if all(math.dist((found.x, found.y), entry[:2]) >= entry[2] for entry in avoid)]
+                if all(math.dist(found.pose[:2], entry[:2]) >= entry[2] for entry in avoid)]
         return free[0] if free else None
 
 
@@ -143,7 +143,7 @@ def test_next_candidate_after_failure_and_longer_pauses_after_many():
     for _ in range(40):
         decision = bench.step()
         if decision.kind == "send":
-            tried.append((bench.now, decision.viewpoint.x))
+            tried.append((bench.now, decision.viewpoint.pose[0]))
             bench.robot.goal = GoalStatus.FAILED
     assert [x for _, x in tried[:5]] == [1, 2, 3, 4, 5]
     assert tried[1][0] - tried[0][0] < 1.5, "the person does not wait for a retry"
@@ -265,11 +265,13 @@ def test_what_is_remembered_for_how_long():
     known.set_state(BORDER, "1", 10.0)
     known.add(seen(9.0, 0.0))
     assert known.newest() is None, "from before the state"
-    known.add_contributors(["robot"])
+    known.add_contributors("1", ["robot"])
     assert not known.stationary_seen
     known.add(seen(11.0, 0.0, camera="robot", mobile=True))
     assert known.first_mobile == 11.0 and not known.stationary_seen
-    known.add_contributors(["robot", "green"])
+    known.add_contributors("other", ["green"])
+    assert not known.stationary_seen
+    known.add_contributors("1", ["robot", "green"])
     assert known.stationary_seen
     known.set_state(SEED, "1", 12.0)
     assert known.stationary_seen and known.newest() is None
@@ -354,7 +356,7 @@ def stand(bench, steps):
 def test_place_where_the_camera_reports_nothing_has_failed_and_the_next_is_taken():
     bench = blind_bench()
     goals = stand(bench, 60)
-    assert [viewpoint.x for _, viewpoint in goals] == [2, 3], "not the one 0.2 m beside, and not for ever"
+    assert [viewpoint.pose[0] for _, viewpoint in goals] == [2, 3], "not the one 0.2 m beside, and not for ever"
     assert goals[0][0] == pytest.approx(WAITS["seen"], abs=0.5), "the person does not wait long"
     assert goals[1][0] - goals[0][0] == pytest.approx(WAITS["seen"], abs=0.5)
 
@@ -459,7 +461,7 @@ def test_goes_back_to_the_first_when_the_second_fails_too():
     for _ in range(40):
         for name, decision in bench.step().items():
             if decision.kind == "send":
-                order.append((name, decision.viewpoint.x))
+                order.append((name, decision.viewpoint.pose[0]))
                 bench.robots[name].goal = GoalStatus.FAILED
     assert order[:3] == [("ada", 0.0), ("bob", 20.0), ("ada", 1.0)], "each place is tried once"
 
@@ -473,7 +475,7 @@ def test_two_that_are_about_equally_near_do_not_take_turns():
         bench.spot = (0.5 * i, 0.0)
         for robot, shift in ((ada, 0.3), (bob, -0.3)):
             cost = 2.0 + shift * (-1) ** i
-            robot.candidates = [Viewpoint(robot.candidates[0].x + 0.5, 0.0, 0.0, 2.0, cost, bench.spot)]
+            robot.candidates = [Viewpoint((robot.candidates[0].pose[0] + 0.5, 0.0, 0.0), cost, bench.spot)]
         for _ in range(8):
             bench.step()
     assert len(ada.sent) > 10 and not bob.sent
@@ -483,8 +485,8 @@ def test_one_that_is_notably_nearer_takes_over_and_the_other_is_cancelled():
     bench = Fleets(ada=Robot(2.0), bob=Robot(5.0, x0=20.0))
     bench.step()
     bench.spot = (10.0, 0.0)
-    bench.robots["ada"].candidates = [Viewpoint(9.0, 0.0, 0.0, 9.0, 9.0, bench.spot)]
-    bench.robots["bob"].candidates = [Viewpoint(11.0, 0.0, 0.0, 1.0, 1.0, bench.spot)]
+    bench.robots["ada"].candidates = [Viewpoint((9.0, 0.0, 0.0), 9.0, bench.spot)]
+    bench.robots["bob"].candidates = [Viewpoint((11.0, 0.0, 0.0), 1.0, bench.spot)]
     bench.serve("bob")
     bench.run(20)
     assert len(bench.robots["bob"].sent) == 1 and bench.robots["ada"].goal is GoalStatus.NONE

@@ -6,7 +6,7 @@ import pytest
 
 from vb_core.grid_map import GridMap
 from vb_robot.dispatching.dispatch import GoalStatus
-from vb_robot.dispatching.dispatcher import Dispatcher, DrawingProgress, RobotMap, RobotStatus
+from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, RobotStatus
 from vb_robot.dispatching.drawing import BlindSpots, DrawingState
 from vb_robot.spots import BORDER, Sighting
 from vb_robot.floor_view import FloorView
@@ -133,7 +133,7 @@ def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes
     lab.spot = np.array([EDGE + 0.5, 2.5])
     assert not lab.dispatcher.sightings.dispatches()
     points = np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])
-    lab.dispatcher.set_progress(DrawingProgress("a", cameras=("red",), points=points))
+    lab.dispatcher.set_progress("a", np.zeros((0, 2)), False, points, ["red"])
     assert lab.dispatcher.sightings.dispatches()
     for _ in range(8):
         lab.step(robot_sees=False)
@@ -184,7 +184,8 @@ def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
     outlook = look(GridMap(data, 0.05, (-30.0, -30.0, 0.0)), DrawingState(np.array([0.5, 0.3])), robot)
     assert not outlook.terrain.grid.contains_cells(outlook.terrain.grid.world_to_cell(np.array([robot[:2]])))[0]
     best = outlook.best_viewpoint(robot)
-    assert best.x < 0.5 and best.path_length == pytest.approx(math.dist(robot[:2], (best.x, best.y)), rel=0.1)
+    length = outlook.terrain.shortest_paths(robot[:2]).lengths_to(np.array([best.pose[:2]]))[0]
+    assert best.pose[0] < 0.5 and length == pytest.approx(math.dist(robot[:2], best.pose[:2]), rel=0.1)
 
 
 def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit():

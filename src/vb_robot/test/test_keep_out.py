@@ -33,7 +33,7 @@ def rank(robot, drawing, terrain=TERRAIN):
     """The best place, the best one elsewhere, and so on."""
     outlook, found = ViewpointPlanner(terrain, VIEW, drawing), []
     while len(found) < 6:
-        best = outlook.best_viewpoint(robot, [(place.x, place.y, 0.3) for place in found])
+        best = outlook.best_viewpoint(robot, [(*place.pose[:2], 0.3) for place in found])
         if best is None or best in found:
             break
         found.append(best)
@@ -41,7 +41,7 @@ def rank(robot, drawing, terrain=TERRAIN):
 
 
 def route(robot, viewpoint, terrain=TERRAIN):
-    return terrain.shortest_paths(robot[:2]).path_to((viewpoint.x, viewpoint.y))
+    return terrain.shortest_paths(robot[:2]).path_to(viewpoint.pose[:2])
 
 
 def test_route_is_tight_and_keeps_off_obstacles():
@@ -83,7 +83,7 @@ def test_robot_inside_leaves_when_the_seed_is_shown(x, y, yaw):
     assert found
     polygon = Polygon(CARPET)
     for viewpoint in found:
-        assert polygon.distance(Point(viewpoint.x, viewpoint.y)) >= TERRAIN.radius
+        assert polygon.distance(Point(viewpoint.pose[:2])) >= TERRAIN.radius
         way = [polygon.contains(Point(p)) for p in route((x, y), viewpoint)]
         out = way.index(False)
         assert not any(way[out:]), "once out it stays out"
@@ -101,7 +101,7 @@ def test_robot_within_a_half_drawn_polygon_gets_no_viewpoint_within_it():
     drawing = DrawingState(CARPET[3], CARPET, np.array([0.0, -1.0]), seen_by_stationary=True)
     robot = (4.6, 2.2, math.pi / 2)
     found = rank(robot, drawing)
-    assert found and all(Polygon(CARPET).distance(Point(place.x, place.y)) >= TERRAIN.radius for place in found)
+    assert found and all(Polygon(CARPET).distance(Point(place.pose[:2])) >= TERRAIN.radius for place in found)
 
 
 def test_short_line_changes_nothing():
@@ -123,4 +123,4 @@ def test_seed_outside_sends_the_robot_into_the_allowed_corner():
     line = np.array([[6.0, 4.95], [6.0, 3.4], [7.95, 3.4]])
     drawing = DrawingState(np.array([5.3, 3.0]), line, None, closed=False, seeding=True, seen_by_stationary=True)
     best = rank((7.0, 1.0, 1.5), drawing)[0]
-    assert best.x > 6.1 and best.y > 3.5
+    assert best.pose[0] > 6.1 and best.pose[1] > 3.5

@@ -115,14 +115,14 @@ def offers(terrain, robot, drawing, others=(), least=0.3):
         best = outlook.best_viewpoint(robot, avoid)
         if best is None:
             break
-        avoid.append((best.x, best.y, least))
+        avoid.append((*best.pose[:2], least))
         yield best
 
 
 def check_invariants(terrain, found, drawing, robot):
     assert all(a.cost <= b.cost or a.risky != b.risky for a, b in zip(found, found[1:]))
     for viewpoint in found:
-        place = np.array([[viewpoint.x, viewpoint.y]])
+        place = np.array([viewpoint.pose[:2]])
         # clearance by an oracle of its own: every blocked cell's centre
         blocked = terrain.grid.cell_to_world(np.argwhere(terrain.blocked))
         gap = np.linalg.norm(blocked - place, axis=1).min()
@@ -135,7 +135,7 @@ def check_invariants(terrain, found, drawing, robot):
         assert abs(to_base(drawing.spot[None], viewpoint.pose)[0, 1]) < 1e-6, "faces the spot"
         for point in drawing.chain:
             assert math.dist(place[0], point) >= terrain.radius + LINE_MARGIN
-        assert viewpoint.path_length >= math.dist(place[0], robot[:2]) - 0.6
+        assert viewpoint.cost >= math.dist(place[0], robot[:2]) - 0.6
         assert ViewpointPlanner(terrain, VIEW, drawing).shows_target(viewpoint.pose)
 
 
@@ -154,7 +154,7 @@ def test_open_floor_has_viewpoints_on_the_robots_side():
     drawing = DrawingState(np.array([6.0, 2.5]), NO_CHAIN)
     found = list(offers(TERRAIN, (6.0, 0.5, 0.0), drawing))
     assert len(found) == 12, "as many as are asked for"
-    assert found[0].y < 2.0, "it need not go round the spot"
+    assert found[0].pose[1] < 2.0, "it need not go round the spot"
 
 
 def test_robot_that_only_has_to_turn_does_not_drive():
@@ -177,9 +177,9 @@ def test_places_of_other_robots_are_taken():
     drawing = DrawingState(np.array([6.0, 2.5]), NO_CHAIN)
     robot = (6.0, 0.5, math.pi / 2)
     free = list(offers(TERRAIN, robot, drawing))
-    taken = [(free[0].x, free[0].y)]
+    taken = [free[0].pose[:2]]
     for viewpoint in list(offers(TERRAIN, robot, drawing, taken)):
-        assert math.dist((viewpoint.x, viewpoint.y), taken[0]) >= 2 * 0.18 + 0.10
+        assert math.dist(viewpoint.pose[:2], taken[0]) >= 2 * 0.18 + 0.10
 
 
 def test_paths_lead_round_other_robots_and_not_through_a_doorway_that_one_is_in():
@@ -201,7 +201,7 @@ def test_stays_out_of_what_is_being_enclosed():
     chain = np.array([[5.0, 1.0], [7.0, 1.0], [7.0, 3.0], [5.2, 3.0]])
     drawing = DrawingState(np.array([5.0, 2.9]), chain, np.array([-0.2, -1.0]) / math.hypot(0.2, 1.0))
     best = list(offers(TERRAIN, (6.0, 4.5, 0.0), drawing))[0]
-    assert not (5.0 < best.x < 7.0 and 1.0 < best.y < 3.0)
+    assert not (5.0 < best.pose[0] < 7.0 and 1.0 < best.pose[1] < 3.0)
 
 
 def test_seed_side_is_left():
@@ -209,7 +209,7 @@ def test_seed_side_is_left():
     # the seed lies in the right room, the robot stands there too: it must come out
     drawing = DrawingState(np.array([7.0, 1.0]), door, None, closed=False, seeding=True)
     found = list(offers(TERRAIN, (6.0, 1.0, 0.0), drawing))
-    assert found and found[0].x < 4.0 and not found[0].sees_spot
+    assert found and found[0].pose[0] < 4.0 and not found[0].sees_spot
     assert not ViewpointPlanner(TERRAIN, VIEW, drawing).shows_target((6.0, 1.0, 0.0))
     # from the left room nothing of the seed can be seen, and there is no need to go anywhere
     assert list(offers(TERRAIN, (1.0, 3.0, 0.0), drawing)) == []

@@ -252,22 +252,6 @@ class ShortestPaths:
         values[inside] = self._lengths[cells[inside, 0], cells[inside, 1]]
         return values
 
-    def crosses(self, area: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Tells (N,) bool to which points (N, 2) [m] the path on the search grid leads through an area (H, W) bool.
-
-        The grid's paths are not as straight as real ones: this tells what is probable, `path_to` what is true.
-        """
-        terrain, (rows, columns) = self._terrain, self._shape
-        middle = terrain.step // 2
-        through = np.append(area[middle::terrain.step, middle::terrain.step][:rows, :columns].ravel(), False)
-        before = np.append(self._before, -1)  # the last entry is where all paths begin
-        while (before >= 0).any():
-            # each round looks twice as far back along the path
-            through |= through[before]
-            before = before[before]
-        cells, inside = self._cells(points)
-        return inside & through[np.where(inside, cells[:, 0] * columns + cells[:, 1], -1)]
-
     def path_to(self, goal) -> Optional[np.ndarray]:
         """Returns the path (N, 2) [m] to a goal (2,) [m], pulled tight like a string, at most 5 cm apart; None if there is none.
 

@@ -19,7 +19,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
-from vb_robot.dispatching.dispatcher import Dispatcher, DrawingProgress
+from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.drawing import BlindSpots
 from vb_robot.floor_view import FloorView
 from vb_robot.inputs import SpotListener
@@ -110,9 +110,8 @@ class RobotDispatcherNode:
             rospy.loginfo("%s: state %s", rospy.get_name(), message.name)
 
     def _take_progress(self, message: BorderProgress) -> None:
-        self._dispatcher.set_progress(DrawingProgress(
-            message.interaction_id, array_from_points(message.chain), bool(message.closed),
-            array_from_points(message.points), tuple(message.cameras)))
+        self._dispatcher.set_progress(message.interaction_id, array_from_points(message.chain), message.closed,
+                                      array_from_points(message.points), message.cameras)
 
     # ------------------------------------------------------------- decisions
     def _decide(self) -> None:

@@ -113,9 +113,9 @@ class Sightings:
             self._follower = min(seeing, key=lambda camera: (seeing[camera][0], camera))
         return self._follower
 
-    def add_contributors(self, cameras: Iterable[str]) -> None:
-        """Learns which cameras contributed, also before this program started."""
-        if self.state != DEFAULT and any(camera not in self._mobile_names for camera in cameras):
+    def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:
+        """Learns which cameras contributed to an interaction, also before this program started."""
+        if interaction == self._interaction and self.state != DEFAULT and not self._mobile_names.issuperset(cameras):
             self.stationary_seen = True
 
     def forget_after(self, now: float) -> None:

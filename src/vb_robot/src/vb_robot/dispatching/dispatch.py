@@ -225,7 +225,7 @@ class RobotRecord:
             return
         if goal is not None and pose is not None and math.dist(place.pose[:2], goal.pose[:2]) < MIN_GAIN:
             there = math.dist(pose[:2], goal.pose[:2]) <= MIN_GAIN and self._target_rests(goal, planner)
-            if abs(math.remainder(place.yaw - goal.yaw, 2.0 * math.pi)) < MIN_TURN and (status.running or there):
+            if abs(math.remainder(place.pose[2] - goal.pose[2], 2.0 * math.pi)) < MIN_TURN and (status.running or there):
                 self._unfit_since = now
                 return
         # a copy: to be sent to the same place again is another goal

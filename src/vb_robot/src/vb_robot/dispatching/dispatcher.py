@@ -1,8 +1,8 @@
 """Collects what is known of spot, drawing, maps and robots, and decides; the node only wires it."""
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Dict, Mapping, Optional, Sequence, Tuple
+from dataclasses import replace
+from typing import Dict, Iterable, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -11,65 +11,38 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_robot import spots
 from vb_robot.dispatching.dispatch import DispatchInputs, Fleet, RobotStatus
-from vb_robot.dispatching.drawing import NOTHING, BlindSpots, DrawingState
+from vb_robot.dispatching.drawing import BlindSpots, DrawingState
 from vb_robot.spots import LOST_AFTER, Sightings
 from vb_robot.clearance_map import ClearanceMap, Window, bounding_window, crop
 from vb_robot.floor_view import FloorView
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 
 
-@dataclass(frozen=True)
-class DrawingProgress:
-    """What has been drawn so far.
-
-    Attributes:
-        chain: (M, 2) [m] the border's chain, empty before there is one; `closed` if it is a polygon.
-        points: (N, 2) [m] the spots themselves.
-        cameras: names of those that contributed.
-    """
-
-    interaction_id: str
-    chain: np.ndarray = field(default_factory=lambda: NOTHING)
-    closed: bool = False
-    points: np.ndarray = field(default_factory=lambda: NOTHING)
-    cameras: Tuple[str, ...] = ()
-
-
 class RobotMap:
-    """The map that applies to one robot of a radius [m], and what its camera sees of the floor."""
+    """The maps that apply to one robot of a radius [m], and what its camera sees of the floor."""
 
     def __init__(self, radius: float) -> None:
         self._radius = radius
         self.view: Optional[FloorView] = None
-        self._map: Optional[GridMap] = None
-        self._physical: Optional[GridMap] = None
+        self._maps: Dict[str, GridMap] = {}
         self._terrain: Optional[Tuple[Window, ClearanceMap]] = None
 
-    def set_map(self, grid: GridMap) -> None:
-        """Takes the map with the borders that are for this robot."""
-        self._map, self._terrain = grid, None
-
-    def set_physical(self, grid: GridMap) -> None:
-        """Takes the map without borders."""
-        self._physical, self._terrain = grid, None
-
-    def terrain(self, window: Window) -> Optional[ClearanceMap]:
-        """Prepares the part of the map in a window for questions; None before there is a map."""
-        if self._map is None:
-            return None
-        if self._terrain is None or self._terrain[0] != window:
-            physical = crop(self._physical, window) if self._physical is not None else None
-            self._terrain = (window, ClearanceMap(crop(self._map, window), self._radius, physical, edge=False))
-        return self._terrain[1]
+    def set_map(self, grid: GridMap, which: str = "borders") -> None:
+        """Takes the map with the borders that are for this robot, or the one without ("physical")."""
+        self._maps[which], self._terrain = grid, None
 
     def make_planner(
         self, drawing: DrawingState, status: RobotStatus, unseen: Optional[BlindSpots], others: Sequence
     ) -> Optional[ViewpointPlanner]:
         """Makes the planner that knows what the robot can see of a drawing; None before map, pose and camera are known."""
-        if self.view is None or status.pose is None:
+        if self.view is None or status.pose is None or "borders" not in self._maps:
             return None
-        terrain = self.terrain(bounding_window(drawing.spot, drawing.chain, [status.pose[:2]]))
-        return None if terrain is None else ViewpointPlanner(terrain, self.view, drawing.aimed(terrain, unseen), others)
+        window = bounding_window(drawing.spot, drawing.chain, [status.pose[:2]])
+        if self._terrain is None or self._terrain[0] != window:
+            grids = {which: crop(grid, window) for which, grid in self._maps.items()}
+            self._terrain = window, ClearanceMap(grids["borders"], self._radius, grids.get("physical"), edge=False)
+        terrain = self._terrain[1]
+        return ViewpointPlanner(terrain, self.view, drawing.aimed(terrain, unseen), others)
 
 
 class Dispatcher:
@@ -94,19 +67,28 @@ class Dispatcher:
         self.unseen: Optional[BlindSpots] = None
         self.notice: Optional[Notice] = None
         self._fleet = Fleet(self.maps)
-        self._progress: Optional[DrawingProgress] = None
+        self._drawn: Tuple[str, DrawingState] = ("", DrawingState())  # in which interaction, and what
 
     def set_physical_map(self, grid: GridMap) -> None:
         """Takes the map without borders: what hides the spot."""
         for known in self.maps.values():
-            known.set_physical(grid)
+            known.set_map(grid, "physical")
 
-    def set_progress(self, progress: DrawingProgress) -> None:
-        """Takes what has been drawn so far."""
-        self._progress = progress
+    def set_progress(
+        self, interaction: str, chain: np.ndarray, closed: bool, points: np.ndarray, cameras: Iterable[str]
+    ) -> None:
+        """Takes what has been drawn so far in an interaction.
+
+        Args:
+            chain: (M, 2) [m] the border's chain, empty before there is one; `closed` if it is a polygon.
+            points: (N, 2) [m] the spots themselves.
+            cameras: names of those that contributed.
+        """
+        ordered = len(chain) >= 2
+        self._drawn = interaction, DrawingState(
+            points[-1] if len(points) else None, chain if ordered else points, closed=ordered and closed, ordered=ordered)
         # also before any robot is wanted: that cameras contributed may be why one is
-        if progress.interaction_id == self.sightings.key[0]:
-            self.sightings.add_contributors(progress.cameras)
+        self.sightings.add_contributors(interaction, cameras)
 
     def decide(self, now: float, robots: Mapping[str, RobotStatus]) -> Dict[str, Optional[Viewpoint]]:
         """Decides where each robot should be going at a time [s], see `Fleet`; takes some 10 ms for a new place."""
@@ -129,22 +111,15 @@ class Dispatcher:
         return goals
 
     def _drawing(self, now: float) -> Optional[DrawingState]:
-        known, progress = self.sightings, self._progress
-        if progress is not None and progress.interaction_id != known.key[0]:
-            progress = None
-        target = known.target()
-        if target is None and known.newest() is None and progress is not None and len(progress.points):
-            # started again in the middle of a drawing: the line ends where the spot was seen last
-            target = progress.points[-1]
+        known, (interaction, drawn) = self.sightings, self._drawn
+        if interaction != known.key[0]:
+            drawn = DrawingState()
+        # started again in the middle of a drawing: the line ends where the spot was seen last
+        target = drawn.spot if known.newest() is None else known.target()
         if target is None:
             return None
-        chain, closed, ordered = NOTHING, False, True
-        if progress is not None:
-            ordered = len(progress.chain) >= 2
-            chain, closed = (progress.chain, progress.closed) if ordered else (progress.points, False)
-        return DrawingState(
-            target, chain, known.velocity(), closed, known.state == spots.SEED, ordered, known.seen_by_stationary(now),
-            searched=self._fleet.searched)
+        return replace(drawn, spot=target, velocity=known.velocity(), seeding=known.state == spots.SEED,
+                       seen_by_stationary=known.seen_by_stationary(now), searched=self._fleet.searched)
 
     def _notice(self, lost: bool, drawing: DrawingState, able: bool) -> Optional[Notice]:
         """Says what people should know: that no camera sees the spot, or will soon lose it, and what follows."""

@@ -30,7 +30,7 @@ class DrawingState:
     """What is being drawn, map frame.
 
     Attributes:
-        spot: (2,) [m] where the spot is.
+        spot: (2,) [m] where the spot is, or was last; None: not known.
         chain: (M, 2) [m] what has been drawn.
         velocity: (2,) [m/s] how the spot moves, or None.
         closed: whether the chain is a polygon.
@@ -43,7 +43,7 @@ class DrawingState:
         searched: [m] of the stretch that a robot has looked at in vain: the spot is farther on, or hidden from there.
     """
 
-    spot: np.ndarray
+    spot: Optional[np.ndarray] = None
     chain: np.ndarray = field(default_factory=lambda: NOTHING)
     velocity: Optional[np.ndarray] = None
     closed: bool = False
@@ -62,7 +62,7 @@ class DrawingState:
     @property
     def look_at(self) -> np.ndarray:
         """The place (2,) [m] that the robot should look at."""
-        return np.asarray(self.spot if self.focus is None else self.focus, dtype=float)
+        return self.spot if self.focus is None else self.focus
 
     @property
     def must_see(self) -> np.ndarray:
@@ -70,16 +70,15 @@ class DrawingState:
         wanted = [self.look_at, *self.stretch[:1]]
         if self.searched > 0.0:
             return np.array(wanted[:1])
-        return np.array(wanted if self.seen_by_stationary else [*wanted, np.asarray(self.spot, dtype=float)])
+        return np.array(wanted if self.seen_by_stationary else [*wanted, self.spot])
 
     def line_ahead(self, length: float) -> np.ndarray:
         """Extrapolates the line, (K, 2) [m], as far as what is looked at; the spot alone if it does not move."""
-        spot = np.asarray(self.spot, dtype=float)
         if self.direction is None:
-            return spot[None]
+            return np.array([self.spot])
         if self.focus is not None:
-            length = max(length, float(np.dot(self.look_at - spot, self.direction)))
-        return spot + np.linspace(0.0, length, 6)[:, None] * self.direction
+            length = max(length, float(np.dot(self.look_at - self.spot, self.direction)))
+        return self.spot + np.linspace(0.0, length, 6)[:, None] * self.direction
 
     def aimed(self, terrain: ClearanceMap, unseen: Optional["BlindSpots"]) -> "DrawingState":
         """Returns the same with what a robot is to look at.
@@ -90,7 +89,7 @@ class DrawingState:
         """
         if self.seeding:
             return self
-        spot, stretch = np.asarray(self.spot, dtype=float), NOTHING
+        spot, stretch = self.spot, NOTHING
         if self.direction is not None and (unseen is not None or not self.seen_by_stationary):
             # straight on, but not into a wall
             room = float(np.linalg.norm(terrain.ray_end(spot, self.direction) - spot)) - 0.05
@@ -172,16 +171,21 @@ class KeepOutArea:
         # along an edge the cells make the gap tremble
         self._tremble = 1.5 * terrain.grid.resolution
         self._needed = terrain.radius + terrain.travel_margin + self._tremble
-        self.zone = self._gap < self._needed
+
+    def allows_ends(self, places: np.ndarray) -> np.ndarray:
+        """Tells (N,) bool at which places (N, 2) [m] a path may end: near the area the border would lock the robot in."""
+        return self._gaps(places) >= self._needed
 
     def allows(self, route: Optional[np.ndarray]) -> bool:
-        """Tells whether a path (N, 2) [m] keeps off the area.
+        """Tells whether a path (N, 2) [m] keeps off the area; None does not.
 
-        A robot that is too near or inside already may leave, but nowhere come nearer again, and no path may end there:
-        the border would lock the robot in. None is not allowed.
+        A robot that is too near or inside already may leave, but nowhere come nearer again.
         """
         if route is None or not len(route):
             return False
-        gaps = np.minimum(sample(self._grid, self._gap, route, outside=np.inf), self._needed)
+        gaps = np.minimum(self._gaps(route), self._needed)
         nowhere_nearer = (gaps >= np.maximum.accumulate(gaps) - self._tremble).all()
         return bool(nowhere_nearer and gaps[-1] >= self._needed - self._tremble)
+
+    def _gaps(self, points: np.ndarray) -> np.ndarray:
+        return sample(self._grid, self._gap, points, outside=np.inf)

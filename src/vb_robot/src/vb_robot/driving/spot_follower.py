@@ -14,7 +14,6 @@ from typing import Optional, Tuple
 import numpy as np
 
 from vb_robot.floor_view import FloorView
-from vb_robot.spots import Sighting
 from vb_robot.poses import Pose, to_base
 
 MAX_SPEED = 0.2  # [m/s] the paper's limit while a person guides the robot; also backwards, as fast as a spot is drawn
@@ -42,21 +41,13 @@ class SpotFollower:
 
     Attributes:
         view: of that camera, once it is known.
-        seen: [s] when the spot was seen that the robot follows; -inf: there is none.
+        spot: (x, y) [m] where the spot is that the robot follows, map frame; None: there is none.
     """
 
     def __init__(self) -> None:
         self.view: Optional[FloorView] = None
-        self.clear()
+        self.spot: Optional[Tuple[float, float]] = None
         self.stop()
-
-    def add(self, sighting: Sighting) -> None:
-        """Takes a spot of the robot's own camera."""
-        self.seen, self._spot = sighting.stamp, np.array([sighting.position])  # (1, 2) [m] map frame
-
-    def clear(self) -> None:
-        """Forgets the spot: the state has ended, and what was seen in it guides no robot."""
-        self.seen, self._spot = -math.inf, np.zeros((1, 2))
 
     def stop(self) -> None:
         """Stops: the robot does not follow now."""
@@ -66,10 +57,10 @@ class SpotFollower:
         """Computes the motion that keeps the spot in view of the robot at a pose; None: the pose is not known."""
         if self.view is None:
             return VelocityRequest(0.0, 0.0, "no_camera")
-        if pose is None or not math.isfinite(self.seen):
+        if pose is None or self.spot is None:
             self.stop()
             return VelocityRequest(0.0, 0.0, "spot_gone")
-        v, w = self._servo(to_base(self._spot, pose)[0], self.view)
+        v, w = self._servo(to_base(np.array(self.spot), pose)[0], self.view)
         return VelocityRequest(min(max(v, -MAX_SPEED), MAX_SPEED), w, "drives" if v or w else "spot_in_view")
 
     def _servo(self, spot: np.ndarray, view: FloorView) -> Tuple[float, float]:

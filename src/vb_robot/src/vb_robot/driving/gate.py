@@ -1,0 +1,203 @@
+"""The one gate that every command passes: what of it can be shown to be safe now, and if not all, why not.
+
+Whatever it depends on has one age limit: STOP_WITHIN after the last message of any input the robot stops. The older the
+oldest input, the slower the robot, so that its brakes keep that promise from any speed. A message that is a little late,
+on a busy computer, slows the robot for a moment and does not stop it.
+"""
+from __future__ import annotations
+
+import math
+import threading
+from typing import Dict, Optional, Tuple
+
+from vb_core.robot_profile import RobotProfile
+from vb_robot.driving.border_exit import MAP_MARGIN
+from vb_robot.driving.safety import MAX_POSE_JUMP, Clearance, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance
+from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest
+from vb_robot.driving.workspace import BorderContact, Workspace
+from vb_robot.poses import Pose
+
+RATE = 20.0  # [1/s] how soon late messages are noticed
+STOP_WITHIN = 0.5  # [s] after the last scan, state, pose or command the robot stops
+BASE_DELAY = 0.02  # [s] from a command to the wheels
+MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther ahead comes from another clock, and its age is not known
+POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation it is not known where the borders are
+OTHER_LIMIT = 1.0  # [s] after another node's command nothing is let through: two drivers at one wheel
+BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
+
+NOBODY, STOP, TELEOP, FOLLOW, LEAVE, NAVIGATION = "nobody", "stop", "teleop", "follow", "leave", "navigation"
+CLEARANCES = {
+    TELEOP: Clearance(0.05, 0.02, 0.0),
+    FOLLOW: Clearance(0.12, 0.04, 0.06),  # from where a person leaves it, navigation must still find a path
+    LEAVE: Clearance(0.12, 0.04, MAP_MARGIN),
+    NAVIGATION: Clearance(0.04, 0.0, -0.04),  # it keeps its own distance; here is only what must never happen
+}
+
+
+class Gate:
+    """Knows what lies ahead of one robot, and how old each of its inputs is. Several threads may feed it.
+
+    Attributes:
+        workspace: the maps; None before there are any. speed_limits: where there are slow zones.
+        contacts: by bumper or cliff sensor whether it is touched.
+        clock_age: [s] of real time for which the clock has stood still: messages age without it.
+    """
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self.profile = profile
+        self.workspace: Optional[Workspace] = None
+        self.speed_limits: Optional[SpeedLimits] = None
+        self.contacts: Dict[str, bool] = {}
+        self.clock_age = 0.0
+        self._lock = threading.RLock()
+        self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state, pose, spot and command
+        self._scan: Optional[Scan] = None
+        self._pose: Optional[Tuple[float, Pose]] = None
+        self._correction = 0.0, -math.inf  # its date, and when that was new [s]
+        self._jump_hold_until = -math.inf
+        self._other_publishers: Dict[str, float] = {}  # who else commanded this robot, and when
+        self._stepped_at: Optional[float] = None
+
+    # ------------------------------------------------------------- inputs
+    def set_scan(self, scan: Scan, stamp: float) -> None:
+        """Takes a scan of a time [s]."""
+        with self._lock:
+            self._scan = scan
+            self._note("scan", stamp)
+
+    def set_pose(self, pose: Optional[Pose], stamp: float, correction: float = 0.0) -> None:
+        """Takes where the robot was (x, y, yaw), map frame, at a time [s]; None: it is not known.
+
+        Args:
+            correction: date [s] of the newest correction that localisation has made to odometry; 0: there is none to be
+                expected. AMCL dates its corrections ahead, so that what counts is when the date changes.
+        """
+        with self._lock:
+            if correction != self._correction[0]:
+                self._correction = correction, stamp
+            stamp = min(stamp, self._correction[1]) if correction else stamp
+            before = self._pose
+            self._pose = (stamp, pose) if pose is not None else None
+            if pose is None:
+                self._stamps.pop("pose", None)
+            elif before is None or stamp != before[0]:
+                self._note("pose", stamp)  # the same one again is as old as before
+            if pose is None or before is None:
+                return
+            seconds = stamp - before[0]
+            # after a pause a robot may be anywhere
+            if 0.0 <= seconds < 1.0 and pose_jump(before[1], pose, seconds) > MAX_POSE_JUMP:
+                self._jump_hold_until = stamp + POSE_JUMP_HOLD
+
+    def note_other_publisher(self, name: str, now: float) -> None:
+        """Notes that another node has commanded this robot's base."""
+        self._other_publishers[name] = now
+
+    # ------------------------------------------------------------- what is known
+    @property
+    def other_publishers(self) -> str:
+        """Who else commanded the robot lately."""
+        return ", ".join(sorted(self._other_publishers))
+
+    def pose(self, now: float) -> Optional[Pose]:
+        """Returns the robot's pose; None if it is unknown, or has just jumped."""
+        if self._jump_hold_until > now + POSE_JUMP_HOLD:
+            self._jump_hold_until = -math.inf  # time has jumped back
+        if self._pose is None or self._age(now, "pose") > STOP_WITHIN or now < self._jump_hold_until:
+            return None
+        return self._pose[1]
+
+    # ------------------------------------------------------------- for people
+    def border_contact(self, now: float) -> Tuple[BorderContact, str, bool]:
+        """Returns whether the robot touches a border, the border's name, and whether it may not be entered at all."""
+        pose, workspace = self.pose(now), self.workspace
+        if pose is None or workspace is None:
+            return BorderContact.FREE, "", False
+        return workspace.contact_at(pose), workspace.name_at(pose[:2]), workspace.is_lethal(pose[:2])
+
+
+    # ------------------------------------------------------------- what it lets through
+    def _gate(self, now: float, driver: str, request: VelocityRequest) -> Tuple[float, float, str]:
+        """Returns what of a request is safe: (v, w, code)."""
+        if driver in (NOBODY, STOP):
+            return 0.0, 0.0, request.code
+        if not (math.isfinite(request.v) and math.isfinite(request.w)):
+            return 0.0, 0.0, "bad_command"
+        limits = self.profile.limits
+        v, w, code = request.v, min(max(request.w, -limits.max_turn), limits.max_turn), request.code
+        allowed, reason = self._allowed(now, driver, v, w) if v != 0.0 else (math.inf, "")
+        if abs(v) > allowed:
+            # the same arc, more slowly: it is the one that was checked; turning enters no new floor: the robot is round
+            share = allowed / abs(v)
+            v, w, code = (share * v, share * w, reason) if allowed >= 0.02 else (0.0, w, reason)
+        share, late = self._slowed_by_age(now, driver, v, w)
+        held = self._held(now, driver) or late
+        return (0.0, 0.0, held) if held else (share * v, share * w, code)
+
+    def _slowed_by_age(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
+        """Which part of a command the brakes can end before the oldest of its inputs is too old.
+
+        Returns what was lost, as a code, if that is nothing; else "".
+        """
+        # a person with a joystick beside the robot may have come because all else is lost
+        needs = ["scan"] if self.profile.scanner.present else []
+        if driver != TELEOP:
+            needs += ["state", "pose"]
+        ages = {f"{what}_lost": self._age(now, what) for what in needs}
+        if driver == FOLLOW and "spot" in self._stamps:
+            ages["spot_gone"] = self._age(now, "spot")
+        ages["drives"] = self._age(now, driver) if driver in self._stamps else 0.0
+        ages["clock_stopped"] = self.clock_age
+        oldest = max(ages, key=lambda what: ages[what])
+        # the command of this step holds until the next one, and the base takes a moment
+        left = STOP_WITHIN - 1.0 / RATE - BASE_DELAY - ages[oldest]
+        if left <= 0.0:
+            return 0.0, oldest
+        limits = self.profile.limits
+        return min(1.0, left / max(abs(v) / limits.brake, abs(w) / limits.turn_acceleration, 1e-9)), ""
+
+    def _held(self, now: float, driver: str) -> str:
+        """Why nothing may move, apart from what is too old, as a code; else empty."""
+        self._other_publishers = {name: at for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_LIMIT}
+        if self._other_publishers:
+            return "other_cmd_vel_publisher"
+        if driver != TELEOP and now < self._jump_hold_until:
+            return "pose_jumped"
+        if driver != TELEOP and self.workspace is None:
+            return "no_map"
+        return ""
+
+    def _allowed(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
+        """The highest speed [m/s] on the arc of (v, w), and what limits it."""
+        limits, clearance, radius = self.profile.limits, CLEARANCES[driver], self.profile.radius
+        found = [(MAX_SPEED if driver in (FOLLOW, LEAVE) else limits.max_speed, "speed_limit")]
+        if v > 0 and any(self.contacts.values()):
+            found.append((0.0, "contact"))
+        blind = self._scan is None or not self.profile.scanner.present
+        if not blind:
+            assert self._scan is not None
+            found.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits), "obstacle"))
+            blind = not self._scan.sees_path(v, w, radius, stop_distance(v, limits))
+            if blind and driver != TELEOP:
+                found.append((0.0, "floor_not_scanned"))
+        if blind:
+            found.append((BLIND_SPEED, "floor_not_scanned"))
+        pose, workspace = self.pose(now), self.workspace
+        if pose is not None and workspace is not None:
+            if driver == NAVIGATION and workspace.distance_to_keep_out(pose) <= 0.0:
+                found.append((0.0, "inside_border"))
+            free = workspace.free_distance(pose, v, w, clearance.cells, leaving=driver == LEAVE)
+            found.append((safe_speed(free, limits), "border"))
+        if pose is not None and self.speed_limits is not None:
+            found.append((self.speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))
+        return min(found, key=lambda entry: entry[0])
+
+    def _note(self, what: str, stamp: float) -> None:
+        """Notes that something has come that is dated so [s]; a date a little ahead makes it no younger than it is."""
+        ahead = self._stepped_at is not None and self._stepped_at < stamp < self._stepped_at + MAX_FUTURE_STAMP
+        self._stamps[what] = self._stepped_at if ahead and self._stepped_at is not None else stamp
+
+    def _age(self, now: float, what: str) -> float:
+        """Returns how old [s] the newest of something is; inf if it never came, or comes from another clock."""
+        age = now - self._stamps.get(what, -math.inf)
+        return age if age >= -MAX_FUTURE_STAMP else math.inf
