@@ -179,10 +179,8 @@ class RobotDriverNode:
                 if stopped:
                     write_atomically(self._stop_file, b"")
                 else:
-                    self._stop_file.unlink()
+                    self._stop_file.unlink(missing_ok=True)
                 self._remembered = stopped
-            except FileNotFoundError:
-                self._remembered = False
             except (CodedError, OSError) as error:
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: whether it is stopped is not remembered: {error}")
 

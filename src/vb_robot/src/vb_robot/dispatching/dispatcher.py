@@ -95,9 +95,9 @@ class Dispatcher:
         known, wanted = self.sightings, self.sightings.dispatches()
         known.forget_after(now)
         drawing = self._drawing(now) if wanted else None
-        newest, time_since_seen = known.newest(), known.time_since_seen(now)
-        if newest is None and drawing is not None and not drawing.seeding:
-            time_since_seen = 2.0 * LOST_AFTER
+        time_since_seen = known.time_since_seen(now)
+        if known.newest() is None and drawing is not None and not drawing.seeding:
+            time_since_seen = 2.0 * LOST_AFTER  # started again in the middle of a drawing
         seeing = {}
         for name, status in robots.items():
             others = [place for other, its in robots.items() if other != name for place in its.places()]
@@ -107,6 +107,7 @@ class Dispatcher:
         self.notice = None
         if drawing is not None and known.state == spots.BORDER:
             able = any(status.server and planner is not None for status, planner in seeing.values())
+            newest = known.newest()
             self.notice = self._notice(newest is None or now - newest.stamp > LOST_AFTER, drawing, able)
         return goals
 

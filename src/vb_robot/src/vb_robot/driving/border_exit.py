@@ -13,7 +13,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_robot.clearance_map import ClearanceMap, clearance_grid, crop
-from vb_robot.driving.spot_follower import DRIVE_CONE, MAX_SPEED, MAX_TURN, TURN_GAIN, VelocityRequest
+from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest, steer
 from vb_robot.driving.workspace import LETHAL_FROM, Workspace
 from vb_robot.navigation_parameters import PATH_MARGIN
 from vb_robot.poses import Pose
@@ -143,8 +143,7 @@ class BorderExit:
         if math.dist(target, pose[:2]) < 0.015:
             return VelocityRequest(0.0, 0.0)
         bearing = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
-        v = min(MAX_SPEED, 0.8 * remaining + 0.03) * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE)
-        return VelocityRequest(v, min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN))
+        return VelocityRequest(*steer(bearing, min(MAX_SPEED, 0.8 * remaining + 0.03)))
 
     def _give_up(self, now: float, code: str) -> VelocityRequest:
         self.failed, self._retry_at = code, now + RETRY

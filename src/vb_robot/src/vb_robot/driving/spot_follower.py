@@ -36,6 +36,11 @@ class VelocityRequest:
     code: str = "drives"
 
 
+def steer(bearing: float, speed: float) -> Tuple[float, float]:
+    """Computes (v, w) [m/s, rad/s] that turn the robot to a bearing [rad], and drive it the more the less it is off."""
+    return speed * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE), min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN)
+
+
 class SpotFollower:
     """Visual servoing on the spot that the robot's own camera sees.
 
@@ -83,10 +88,7 @@ class SpotFollower:
         elif self._driving == -1 and distance >= BACK_TO_DISTANCE:
             self._driving = 0
         # while it drives it also steers: the spot ahead stays ahead
-        w = TURN_GAIN * bearing if self._turning or self._driving == 1 else 0.0
-        v = 0.0
+        v, w = steer(bearing, DISTANCE_GAIN * (distance - GOOD_DISTANCE + 0.05))
         if self._driving == 1:
-            v = DISTANCE_GAIN * (distance - GOOD_DISTANCE + 0.05) * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE)
-        elif self._driving == -1:
-            v = DISTANCE_GAIN * (distance - BACK_TO_DISTANCE - 0.05)
-        return v, min(max(w, -MAX_TURN), MAX_TURN)
+            return v, w
+        return DISTANCE_GAIN * (distance - BACK_TO_DISTANCE - 0.05) if self._driving == -1 else 0.0, w if self._turning else 0.0
