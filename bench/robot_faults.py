@@ -27,7 +27,7 @@ from vb_core.robot_profile import RobotProfile
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_robot.clearance_map import OCCUPIED, clearance_grid
-from vb_robot.driving.driver import RATE
+from vb_robot.driving.gate import RATE
 from vb_robot.spots import DEFAULT, GUIDE, Sighting
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.lab import Lab

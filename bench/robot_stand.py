@@ -13,7 +13,8 @@ from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.dispatching.dispatch import GoalStatus
 from vb_robot.dispatching.dispatcher import RobotStatus
-from vb_robot.driving.driver import NAVIGATION, Command, Driver
+from vb_robot.driving.driver import Command, Driver
+from vb_robot.driving.gate import NAVIGATION
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import Workspace
 from vb_robot.spots import Sighting

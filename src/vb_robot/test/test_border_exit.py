@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driving.driver import RATE, Driver
 from vb_robot.driving.border_exit import MARGIN, ExitPlanner
+from vb_robot.driving.driver import Driver
+from vb_robot.driving.gate import RATE
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import Workspace
 

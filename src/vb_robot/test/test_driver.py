@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driving.driver import NAVIGATION, STOP_WITHIN, TELEOP, Driver
+from vb_robot.driving.driver import Driver
+from vb_robot.driving.gate import NAVIGATION, STOP_WITHIN, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.spot_follower import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings

@@ -32,8 +32,8 @@ from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_fro
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBorder, VirtualBorderArray
-from vb_robot.driving import driver as drivers
 from vb_robot.driving.driver import Command, Driver
+from vb_robot.driving.gate import LEAVE, NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.workspace import BorderContact, PoseUncertainty, KnownBorder, Workspace
 from vb_robot.inputs import CameraView, SpotListener
@@ -103,7 +103,7 @@ class RobotDriverNode:
         self._bad_goal_until = -1.0
         self._held_since: Dict[str, float] = {}
         self._told = (Command(), -1.0)
-        self._beat = node.WakeTimer(1.0 / drivers.RATE)
+        self._beat = node.WakeTimer(1.0 / RATE)
         self._transforms = TransformLookup()
         self._camera = CameraView(
             profile.camera.info, self._base, profile.camera.max_range, self._transforms,
@@ -115,8 +115,8 @@ class RobotDriverNode:
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
         listen = rospy.Subscriber
         self._subscribers = [
-            listen("cmd_vel/navigation", Twist, self._on_request, drivers.NAVIGATION, queue_size=1, tcp_nodelay=True),
-            listen("cmd_vel/teleop", Twist, self._on_request, drivers.TELEOP, queue_size=1, tcp_nodelay=True),
+            listen("cmd_vel/navigation", Twist, self._on_request, NAVIGATION, queue_size=1, tcp_nodelay=True),
+            listen("cmd_vel/teleop", Twist, self._on_request, TELEOP, queue_size=1, tcp_nodelay=True),
             listen("cmd_vel", rospy.AnyMsg, self._on_command, queue_size=20),
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
             listen(names.STOP, Bool, self._on_stop, queue_size=10),
@@ -325,7 +325,7 @@ class RobotDriverNode:
             code = "robot_inside_border" if inside else "robot_touches_border"
             severity = Severity.ERROR if inside and lethal else Severity.WARNING
             found.append(self._notice(code, severity, border=_quoted(name)))
-            if command.driver == drivers.LEAVE:
+            if command.driver == LEAVE:
                 found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(name)))
             elif self._driver.exit.failed:
                 reason = f"$robot_{self._driver.exit.failed}"
@@ -337,7 +337,7 @@ class RobotDriverNode:
         held = now - self._held_since[command.code] >= HELD_FOR
         if held and self._driver.stopped and not self._remembered and self._stop_file is not None:
             found.append(self._notice("stop_not_remembered", Severity.WARNING))
-        if command.code in HOLDS and (held or command.driver == drivers.STOP):
+        if command.code in HOLDS and (held or command.driver == STOP):
             severity = Severity.INFO if command.code in ("obstacle", "border") else Severity.WARNING
             code = "robot_inside_border_held" if command.code == "inside_border" else f"robot_{command.code}"
             found.append(self._notice(code, severity, others=self._driver.other_publishers))

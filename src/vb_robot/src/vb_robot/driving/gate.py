@@ -107,14 +107,12 @@ class Gate:
             return None
         return self._pose[1]
 
-    # ------------------------------------------------------------- for people
     def border_contact(self, now: float) -> Tuple[BorderContact, str, bool]:
         """Returns whether the robot touches a border, the border's name, and whether it may not be entered at all."""
         pose, workspace = self.pose(now), self.workspace
         if pose is None or workspace is None:
             return BorderContact.FREE, "", False
         return workspace.contact_at(pose), workspace.name_at(pose[:2]), workspace.is_lethal(pose[:2])
-
 
     # ------------------------------------------------------------- what it lets through
     def _gate(self, now: float, driver: str, request: VelocityRequest) -> Tuple[float, float, str]:
@@ -130,20 +128,22 @@ class Gate:
             # the same arc, more slowly: it is the one that was checked; turning enters no new floor: the robot is round
             share = allowed / abs(v)
             v, w, code = (share * v, share * w, reason) if allowed >= 0.02 else (0.0, w, reason)
-        share, late = self._slowed_by_age(now, driver, v, w)
-        held = self._held(now, driver) or late
-        return (0.0, 0.0, held) if held else (share * v, share * w, code)
+        share, missing = self._slowed_by_age(now, driver, v, w)
+        return (0.0, 0.0, missing) if missing else (share * v, share * w, code)
 
     def _slowed_by_age(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
         """Which part of a command the brakes can end before the oldest of its inputs is too old.
 
-        Returns what was lost, as a code, if that is nothing; else "".
+        Returns what is missing, as a code, if that is nothing; else "".
         """
+        self._other_publishers = {name: at for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_LIMIT}
         # a person with a joystick beside the robot may have come because all else is lost
-        needs = ["scan"] if self.profile.scanner.present else []
-        if driver != TELEOP:
-            needs += ["state", "pose"]
-        ages = {f"{what}_lost": self._age(now, what) for what in needs}
+        alone = driver != TELEOP
+        missing = {"other_cmd_vel_publisher": bool(self._other_publishers),
+                   "pose_jumped": alone and now < self._jump_hold_until, "no_map": alone and self.workspace is None}
+        ages = {code: math.inf for code, holds in missing.items() if holds}
+        needs = {"scan": self.profile.scanner.present, "state": alone, "pose": alone}
+        ages.update({f"{what}_lost": self._age(now, what) for what, needed in needs.items() if needed})
         if driver == FOLLOW and "spot" in self._stamps:
             ages["spot_gone"] = self._age(now, "spot")
         ages["drives"] = self._age(now, driver) if driver in self._stamps else 0.0
@@ -155,17 +155,6 @@ class Gate:
             return 0.0, oldest
         limits = self.profile.limits
         return min(1.0, left / max(abs(v) / limits.brake, abs(w) / limits.turn_acceleration, 1e-9)), ""
-
-    def _held(self, now: float, driver: str) -> str:
-        """Why nothing may move, apart from what is too old, as a code; else empty."""
-        self._other_publishers = {name: at for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_LIMIT}
-        if self._other_publishers:
-            return "other_cmd_vel_publisher"
-        if driver != TELEOP and now < self._jump_hold_until:
-            return "pose_jumped"
-        if driver != TELEOP and self.workspace is None:
-            return "no_map"
-        return ""
 
     def _allowed(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
         """The highest speed [m/s] on the arc of (v, w), and what limits it."""
