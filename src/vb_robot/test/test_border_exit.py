@@ -42,8 +42,8 @@ def square(grid, x0, y0, x1, y1):
 class Rig:
     """A driver on a unicycle that a border has swallowed; its scanner sees `ranges`."""
 
-    def __init__(self, posterior, physical, pose, ranges=OPEN):
-        self.driver, self.maps = Driver(RobotProfile(), leaves=True), (posterior, physical)
+    def __init__(self, posterior, physical, pose, ranges=OPEN, leaves=True):
+        self.driver, self.maps = Driver(RobotProfile(), leaves=leaves), (posterior, physical)
         self.driver.set_maps(Workspace(posterior, physical, RADIUS))
         self.pose, self.ranges, self.now, self.poses, self.state, self.said = pose, ranges, 100.0, [pose], 0, set()
 
@@ -115,9 +115,9 @@ def test_no_allowed_floor_and_no_path():
     assert ExitPlanner(Workspace(posterior, shut, RADIUS), RADIUS, (4.0, 2.0)).plan_path((4.0, 2.0)) is None
 
 
-def swallowed(ranges=OPEN, pose=(4.5, 1.5, 0.0)):
+def swallowed(ranges=OPEN, pose=(4.5, 1.5, 0.0), leaves=True):
     physical = room()
-    return Rig(restricted(physical, square(physical, 4.0, 1.0, 5.0, 2.0)), physical, pose, ranges)
+    return Rig(restricted(physical, square(physical, 4.0, 1.0, 5.0, 2.0)), physical, pose, ranges, leaves)
 
 
 def test_gives_up_where_something_is_in_the_way_and_tries_again():
@@ -146,6 +146,12 @@ def test_waits_while_somebody_draws_and_keeps_navigations_goal_for_afterwards():
         assert rig.now < 130.0
     assert driven[-1].driver == "navigation" and not any(command.cancel for command in driven)
     assert Workspace(*rig.maps, RADIUS).distance_to_keep_out(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6
+
+
+def test_a_robot_that_is_not_to_leave_borders_stays_in_one_also_with_a_goal():
+    rig = swallowed(leaves=False)
+    rig.driver.goal_runs = True
+    assert all(rig.step().driver == "nobody" for _ in range(60))
 
 
 def test_without_a_new_map_nobody_is_driven_out_of_free_floor():

@@ -27,13 +27,14 @@ class Robot:
         self.goal, self.pose, self.sees, self.sent = GoalStatus.NONE, (x0 + 50.0, 50.0, 0.0), seen, []
         self.busy, self.server, self.localised, self.safe, self.knows = False, True, True, True, True
         self.asked, self.drawing, self.given = 0, DrawingState(np.zeros(2)), None
+        self.room = lambda pose: True
 
     # as an ViewpointPlanner
     def shows_target(self, pose):
         return self.sees(pose)
 
     def has_room_at(self, pose):
-        return True
+        return self.room(pose)
 
     def searched(self, pose):
         return 0.6
@@ -159,6 +160,33 @@ def test_goal_is_replaced_only_after_patience_and_for_another_place():
     bench.robot.candidates = [place(3, spot=(1.0, 0.0))]
     decisions = bench.run(20)
     assert sent(decisions) == [place(3, spot=(1.0, 0.0))]
+
+
+def test_a_robot_that_has_arrived_is_not_sent_to_about_the_same_place_again_until_the_spot_moves():
+    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
+    bench.step()
+    bench.robot.goal, bench.robot.pose = GoalStatus.REACHED, (1.0, 0.0, 0.0)
+    bench.robot.candidates, bench.robot.sees = [place(1.1)], lambda pose: False
+    assert not sent(bench.run(20))
+    assert sent(bench.run(20, spot=(1.0, 0.0)))
+
+
+def test_a_goal_that_a_new_border_takes_is_replaced():
+    bench = Bench([place(1), place(3)], seen=lambda pose: pose[0] in (1, 3))
+    bench.step()
+    bench.robot.room, bench.robot.candidates = lambda pose: pose[0] != 1, [place(3)]
+    assert sent(bench.run(12)) == [place(3)]
+
+
+def test_a_path_that_becomes_a_crossing_is_cancelled_also_if_no_place_was_found_a_moment_ago():
+    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
+    bench.step()
+    bench.run(8)
+    bench.robot.candidates, bench.robot.sees, asked = [], lambda pose: False, bench.asked
+    while bench.asked == asked:
+        assert bench.step().kind == "keep"
+    bench.robot.safe = False
+    assert bench.step().kind == "cancel"
 
 
 def test_flicker_at_the_edge_does_not_change_the_goal():

@@ -270,6 +270,15 @@ def test_an_obstacle_nearer_than_the_scanner_can_measure_is_not_driven_into():
     assert all(command.v == 0.0 for command in rig.commands)
 
 
+def test_within_a_border_a_person_may_drive_it_and_navigation_may_not():
+    rig = Rig()
+    rig.set_grid(with_border(empty(), 1.0, 1.0, 4.0, 4.0))
+    rig.navigation = (0.3, 0.0)
+    assert rig.step(0.2).code == "inside_border" and rig.commands[-1].v == 0.0
+    rig.teleop = (0.3, 0.0)
+    assert rig.step(0.2).driver == "teleop" and rig.commands[-1].v > 0.0
+
+
 def test_contact_lets_it_only_back_up():
     rig = Rig()
     rig.navigation = (0.3, 0.0)
