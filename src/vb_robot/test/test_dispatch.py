@@ -520,6 +520,15 @@ def test_one_that_is_notably_nearer_takes_over_and_the_other_is_cancelled():
     assert len(bench.robots["bob"].sent) == 1 and bench.robots["ada"].goal is GoalStatus.NONE
 
 
+def test_a_robot_on_its_way_off_the_seeds_side_goes_on_although_another_would_see_the_spot():
+    bench = Fleets(ada=Robot(candidates=[Viewpoint((1.0, 0.0, 0.0), 1.0, (0.0, 0.0), sees_spot=False)]), bob=Robot())
+    bench.run(4)
+    bench.robots["bob"].candidates = [Viewpoint((2.0, 0.0, 0.0), 1.0, (0.0, 0.0))]
+    assert bench.run(40) == {"ada": 1, "bob": 0} and bench.fleet.serving == "ada"
+    bench.spot = (1.0, 0.0)
+    assert bench.run(4)["bob"] == 1, "until the spot moves"
+
+
 def test_all_are_cancelled_when_none_is_wanted():
     bench = Fleets(ada=Robot(2.0), bob=Robot(5.0))
     bench.step()

@@ -191,7 +191,15 @@ class RobotRecord:
             return False
         self._unfit_since = now if self._unfit_since is None else self._unfit_since
         interval = 0.0 if self._endangered else LOST_INTERVAL if inputs.lost else MIN_INTERVAL
-        return now < self._sent + interval or (not inputs.lost and now < self._unfit_since + PATIENCE)
+        if now < self._sent + interval or (not inputs.lost and now < self._unfit_since + PATIENCE):
+            return True
+        # on its way off the seed's side it goes on: the border would lock it in
+        leaves = under_way is not None and not goal.sees_spot and self._target_rests(goal, planner)
+        return leaves and not self._endangered
+
+    def _target_rests(self, goal: Viewpoint, planner: ViewpointPlanner) -> bool:
+        """Whether the target is still about where it was when the goal was chosen."""
+        return math.dist(planner.drawing.look_at, goal.spot) < MIN_SPOT_MOVE
 
     def bid(self, now: float, status: RobotStatus, planner: ViewpointPlanner, serves: bool) -> Optional[Bid]:
         """Makes the robot's bid; None if there is no place for it."""
@@ -215,8 +223,7 @@ class RobotRecord:
         if place is None:
             return
         if goal is not None and pose is not None and math.dist(place.pose[:2], goal.pose[:2]) < MIN_GAIN:
-            rests = math.dist(planner.drawing.look_at, goal.spot) < MIN_SPOT_MOVE
-            there = rests and math.dist(pose[:2], goal.pose[:2]) <= MIN_GAIN
+            there = math.dist(pose[:2], goal.pose[:2]) <= MIN_GAIN and self._target_rests(goal, planner)
             if abs(math.remainder(place.pose[2] - goal.pose[2], 2.0 * math.pi)) < MIN_TURN and (status.running or there):
                 self._unfit_since = now
                 return

@@ -69,10 +69,7 @@ class ViewpointPlanner:
 
     def shows_target(self, pose: Pose) -> bool:
         """Tells whether a robot at a pose would see its target well enough."""
-        place = np.array([pose[:2]])
-        if float(np.linalg.norm(self.drawing.must_see - place[0], axis=1).min()) < 0.6 * MIN_DISTANCE:
-            return False
-        return bool(self._shows(place, np.array([pose[2]]))[0])
+        return bool(self._shows(np.array([pose[:2]]), np.array([pose[2]]))[0])
 
     def searched(self, pose: Pose) -> float:
         """Measures how much [m] of the line ahead, from where the spot was seen last, is in view from a pose."""
