@@ -360,7 +360,7 @@ def _is_there(path: FilePath) -> bool:
 
 
 def _quoted(name: str) -> str:
-    return f"'{name}'" if name else "a border without a name"
+    return f"'{name}'" if name else "$border_without_name"
 
 
 def build() -> RobotDriverNode:
