@@ -1,27 +1,29 @@
 #!/usr/bin/env python3
-"""How well spoken commands are recognised: writes out/bench/voice_GROUP.json, and docs/results/voice.md from both groups' files
-once there are both.
+"""How well spoken commands are recognised: writes out/bench/voice_GROUP.json, and from these files docs/results/voice.md
+(evaluation and ordinary) and voice_curve.csv (development).
 
     bench/voice.py                         every command by every voice, every sentence once, in each kind of noise
+    bench/voice.py --group ordinary        the same with ordinary voices
+    bench/voice.py --group development     the same with what everything was chosen with; says what EVEN would be
     bench/voice.py --share 0.3             a random part of it, the same each time
-    bench/voice.py --group development     the same with what everything was chosen with; says what it would choose
     bench/voice.py --seconds 200           stops then; the next call goes on
 
 Commands, other sentences and near misses are said by synthetic voices and streamed as from a microphone, at 10 dB: in steady
-noise, half of it with reverberation; over music; while eight people talk. Neither voices nor sentences, noises and styles of
-music of the evaluation were used to choose anything. From the development group it says what
-EVEN would be, and what ~recognizer/sure has to exceed.
+noise, half of it with reverberation; over music; while eight people talk. The groups share neither voices nor sentences, noises
+and styles of music.
 Needs espeak-ng, flite, festival and the recordings of bench/voice_recordings.py; voices that are missing are left out.
 """
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+import zlib
 from collections import Counter
 from multiprocessing import Pool
 from typing import Callable, Dict, Iterable, List, Optional, Tuple
@@ -37,7 +39,9 @@ from vb_evaluation.statistics import proportion
 from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, SileroVoiceActivityDetector
 from vb_voice_wizard.recognizer import EVEN, CommandRecognizer, RecognizerParams
 
-MAY_BE_SURE = ("save", "undo", "redo")  # cancel and resume are asked about always
+# done when heard once: it stops robots, or does nothing before somebody points with the laser too; the rest is said twice
+AT_ONCE = ("stop", "define_border", "define_seed", "guide_robot")
+ON_PAGE = ("ordinary", "evaluation")
 
 _recognizer: Optional[CommandRecognizer] = None
 _speech: Optional[SileroVoiceActivityDetector] = None
@@ -73,8 +77,7 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         "voice": plan.voice[1],
         "noise": plan.noise,
         "found": [
-            {"best": issue.best, "evidence": evidence(issue.confidence), "certainty": evidence(issue.certainty), "reason": issue.reason}
-            for issue in issues
+            {"best": issue.best, "evidence": evidence(issue.confidence), "reason": issue.reason} for issue in issues
         ],
         "answer_s": deciding + END_SILENCE_S,
         "cpu_s": time.process_time() - started,
@@ -83,66 +86,56 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
 
 
 def evidence(chance: float) -> float:
-    """What a confidence or certainty follows from, whatever EVEN is."""
+    """What a confidence follows from, whatever EVEN is."""
     chance = min(max(chance, 1e-12), 1.0 - 1e-12)
     return EVEN + float(np.log(chance / (1.0 - chance)))
 
 
-def limits() -> Tuple[float, float]:
-    """The evidence from which a command is taken, and that from which it is certain."""
-    params = RecognizerParams()
-    return evidence(params.threshold), evidence(params.sure)
-
-
 def taken(result: dict, accepted: float) -> dict:
     """The utterance that is taken for a command first, if that much evidence is accepted."""
-    return next((one for one in result["found"] if one["evidence"] >= accepted), {"best": "", "evidence": -1e9, "certainty": -1e9})
+    return next((one for one in result["found"] if one["evidence"] >= accepted), {"best": "", "evidence": -1e9})
+
+
+def strongest(results: List[dict]) -> Tuple[np.ndarray, np.ndarray]:
+    """The most evidence for the command that was meant, and for any command in each near miss."""
+    nothing = {"best": "", "evidence": -1e9}
+    found = [(one, max(one["found"], key=lambda heard: heard["evidence"], default=nothing)) for one in results]
+    right = [heard["evidence"] if heard["best"] == one["command"] else -1e9 for one, heard in found if one["kind"] == "command"]
+    return np.array(right), np.array([heard["evidence"] for one, heard in found if one["kind"] == "near_miss"])
 
 
 def choose(results: List[dict]) -> str:
-    """What EVEN would be, at which as many commands are missed as near misses are taken, and what would be sure."""
-    nothing = {"best": "", "evidence": -1e9, "certainty": -1e9}
-    found = [(one, max(one["found"], key=lambda heard: heard["evidence"], default=nothing)) for one in results]
-    found = [(one, heard) for one, heard in found if one["noise"] != "babble"]
-    right = np.array([heard["evidence"] if heard["best"] == one["command"] else -1e9 for one, heard in found if one["kind"] == "command"])
-    near = np.array([heard["evidence"] for one, heard in found if one["kind"] == "near_miss"])
+    """What EVEN would be, at which as many commands are missed as near misses are taken; writes the curve that it is one point of."""
+    results = [one for one in results if one["noise"] != "babble"]
+    halves = [[one for one in results if zlib.crc32(one["voice"].encode()) % 2 == half] for half in (0, 1)]
+    with open(str(TOP / "docs" / "results" / "voice_curve.csv"), "w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["half", "evidence", "commands", "right", "near_misses", "taken"])
+        for number, half in enumerate(halves):
+            right, near = strongest(half)
+            for at in np.arange(-10.0, 2.1, 1.0):
+                rows.writerow([number + 1, at, len(right), np.sum(right >= at), len(near), np.sum(near >= at)])
+    right, near = strongest(results)
     even = min(np.arange(-8.0, 4.0, 0.05), key=lambda at: abs(np.mean(right < at) - np.mean(near >= at)))
-    rivals = sorted((heard["certainty"] for one, heard in found if one["kind"] != "command" and heard["best"] in MAY_BE_SURE), reverse=True)
     return (
-        f"EVEN {even:.2f}: {np.mean(right < even):.3f} of {len(right)} commands missed, {np.mean(near >= even):.3f} of {len(near)} near "
-        f"misses taken; certain is more than {', '.join(f'{one:.2f}' for one in rivals[:3])}: the highest of {len(rivals)} others"
+        f"EVEN {even:.2f}: {np.mean(right < even):.3f} of {len(right)} commands missed, "
+        f"{np.mean(near >= even):.3f} of {len(near)} near misses taken"
     )
 
 
-def summarise(results: List[dict], accepted: float, sure: float) -> Dict[str, Tuple[int, int]]:
-    """(how many, of how many) for each figure of one set of results; from `sure` on nothing is asked."""
-    one_word = [one for one in results if one["command"] in MAY_BE_SURE]
+def summarise(results: List[dict], accepted: float) -> Dict[str, Tuple[int, int]]:
+    """(how many, of how many) for each figure of one set of results."""
 
-    def count(those: List[dict], condition: Callable[[str, str, bool], bool]) -> Tuple[int, int]:
-        found = [(one, taken(one, accepted)) for one in those]
-        return sum(condition(one["command"], what["best"], what["certainty"] >= sure) for one, what in found), len(those)
+    def count(kind: str, condition: Callable[[str, str], bool]) -> Tuple[int, int]:
+        those = [one for one in results if one["kind"] == kind]
+        return sum(condition(one["command"], taken(one, accepted)["best"]) for one in those), len(those)
 
-    def of(kind: str) -> List[dict]:
-        return [one for one in results if one["kind"] == kind]
-
-    def takes(_meant: str, heard: str, _sure: bool) -> bool:
-        return heard != ""
-
-    def acts(_meant: str, heard: str, is_sure: bool) -> bool:
-        # the rest changes nothing that a second word does not bring back, or is always asked about
-        return heard in MAY_BE_SURE and is_sure
-
-    names = ", ".join(MAY_BE_SURE)
     return {
-        "commands right": count(of("command"), lambda meant, heard, _: heard == meant),
-        f"{names}: right at once": count(one_word, lambda meant, heard, is_sure: heard == meant and is_sure),
-        f"{names}: right, but confirmation requested": count(one_word, lambda meant, heard, is_sure: heard == meant and not is_sure),
-        f"{names}: missed": count(one_word, lambda meant, heard, _: heard != meant),
-        "another command instead": count(of("command"), lambda meant, heard, _: heard not in ("", meant)),
-        "other sentences taken for a command": count(of("other"), takes),
-        "other sentences acted on at once": count(of("other"), acts),
-        "near misses taken for a command": count(of("near_miss"), takes),
-        "near misses acted on at once": count(of("near_miss"), acts),
+        "commands right": count("command", lambda meant, heard: heard == meant),
+        "another command instead": count("command", lambda meant, heard: heard not in ("", meant)),
+        "other sentences taken for a command": count("other", lambda _, heard: heard != ""),
+        "near misses taken for a command": count("near_miss", lambda _, heard: heard != ""),
+        "of these done at once: " + ", ".join(AT_ONCE): count("near_miss", lambda _, heard: heard in AT_ONCE),
     }
 
 
@@ -165,22 +158,21 @@ def table(columns: Dict[str, Dict[str, Tuple[int, int]]]) -> str:
 
 
 def write_page() -> str:
-    """Writes docs/results/voice.md if there are the files of both groups; returns the table of those that there are."""
-    accepted, sure = limits()
+    """Writes docs/results/voice.md if there are the files of all its groups; returns the table of those that there are."""
+    accepted = evidence(RecognizerParams().threshold)
     columns, parts = {}, []
-    for group in ("development", "evaluation"):
+    for group in ON_PAGE:
         path = TOP / "out" / "bench" / f"voice_{group}.json"
         if not path.exists():
             continue
         report = json.loads(path.read_text())
         results = report["utterances"]
         for name, kinds in (("steady noise", NOISES[group]), ("music", MUSIC[group]), ("eight people talking", ("babble",))):
-            columns[f"{name}, {group}"] = summarise([one for one in results if one["noise"] in kinds], accepted, sure)
+            columns[f"{name}, {group}"] = summarise([one for one in results if one["noise"] in kinds], accepted)
         missed = [one for one in results if one["kind"] == "command" and taken(one, accepted)["best"] != one["command"]]
         wrong = [(one, taken(one, accepted)) for one in results if one["kind"] != "command"]
         lines = sorted(
-            f"- {one['text']} ({one['voice']}, {one['noise']}): {what['best']}, {what['evidence']:.1f}, {what['certainty']:.1f} left"
-            for one, what in wrong if what["best"]
+            f"- {one['text']} ({one['voice']}, {one['noise']}): {what['best']}, {what['evidence']:.1f}" for one, what in wrong if what["best"]
         )
         listed = "\n".join(lines) or "- none"
         answers = [one["answer_s"] for one in results if one["kind"] == "command"]
@@ -205,15 +197,14 @@ Taken for a command, before anything is asked, and with how much evidence:
 """)
     names = ("steady noise", "music", "eight people talking")
     shown = table({key: columns[key] for name in names for key in columns if key.startswith(name)})
-    if len(parts) < 2:
+    if len(parts) < len(ON_PAGE):
         return shown  # a page of one group would lose the other's figures
     (TOP / "docs" / "results" / "voice.md").write_text(
         f"""# Spoken commands: results
 
-Streamed. With *development* everything was chosen; *evaluation* has other voices, sentences, noises and styles of music, which
-were not used to choose anything. Voices that are not installed are left out. In brackets 95 % intervals.
-A command is taken from {accepted:.2f} of evidence, and done at once from {sure:.2f} after
-what the speech model would rather write has been taken off.
+Streamed. *Ordinary* voices are American and British, *evaluation* voices are of speakers of other languages. Neither their
+sentences nor noises or styles of music were used to choose anything. Voices that are not installed are left out. In brackets 95 %
+intervals. A command is taken from {accepted:.2f} of evidence; all but {', '.join(AT_ONCE)} must then be said again.
 
 {shown}
 """
@@ -237,7 +228,7 @@ def cause(result: dict, accepted: float) -> str:
 def main() -> int:
     """See the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--group", choices=("development", "evaluation"), default="evaluation")
+    parser.add_argument("--group", choices=tuple(speech.VOICES), default="evaluation")
     parser.add_argument("--takes", type=int, default=1, help="how often each command is said by each voice, in each kind of noise")
     parser.add_argument("--share", type=float, default=1.0, help="of all that could be said")
     parser.add_argument("--snr", type=float, default=10.0, help="[dB]")
@@ -272,10 +263,8 @@ def main() -> int:
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(report, indent=2) + "\n")
-    print(write_page())
-    if group == "development":
-        print(choose(results))
-    print(f"written to {path.relative_to(TOP)}, and docs/results/voice.md if there are both groups' files")
+    print(choose(results) if group == "development" else write_page())
+    print(f"written to {path.relative_to(TOP)} and docs/results")
     return 0
 
 

@@ -1,8 +1,8 @@
 """Synthetic speech in room noise, for judging the voice recogniser.
 
-Two groups of voices, sentences, noises and styles of music that share none: "development" chooses what has to be chosen,
-"evaluation" judges once, when all is frozen. Near misses are words that sound like commands, from a dictionary by phonetic
-distance and by hand.
+Three groups of voices, sentences, noises and styles of music that share none: "development" chooses what has to be chosen,
+"ordinary" (American and British) and "evaluation" (speakers of other languages) judge once, when all is frozen. Near misses are
+words that sound like commands, from a dictionary by phonetic distance and by hand.
 
 Formant voices are from espeak-ng (accents and variants), recorded people's from flite (diphones and clusters) and festival
 (diphones, hidden Markov model), all Debian packages: apt-get install espeak-ng flite festival festvox-kdlpc16k festvox-kallpc16k
@@ -45,11 +45,12 @@ def _espeak(accent: str, *variants: str) -> List[Voice]:
 # Left out, as nobody would give commands with them: those that whisper (af_nicole) and Father Christmas (.._santa).
 KOKORO = {
     "development": (
-        "af_aoede", "af_heart", "af_kore", "af_sky", "am_echo", "am_fenrir", "am_michael", "am_puck", "bf_emma", "bf_isabella",
-        "bm_george", "bm_lewis", "jf_alpha", "jf_gongitsune", "jf_nezumi", "jf_tebukuro", "jm_kumo",
-        "af_alloy", "af_bella", "af_jessica", "af_nova", "af_river", "af_sarah", "am_adam", "am_eric", "am_liam", "am_onyx",
-        "bf_alice", "bf_lily", "bm_daniel", "bm_fable", "ef_dora", "em_alex", "ff_siwis", "hf_alpha", "hm_omega", "if_sara",
-        "im_nicola", "pm_alex", "zf_xiaobei", "zm_yunjian",
+        "af_aoede", "af_kore", "af_sky", "am_echo", "am_fenrir", "bf_isabella", "bm_lewis", "jf_alpha", "jf_gongitsune", "jf_nezumi",
+        "jf_tebukuro", "jm_kumo", "af_alloy", "af_jessica", "af_river", "af_sarah", "am_eric", "am_liam", "am_onyx", "bf_alice",
+        "bm_fable", "ef_dora", "em_alex", "ff_siwis", "hf_alpha", "hm_omega", "if_sara", "im_nicola", "pm_alex", "zf_xiaobei", "zm_yunjian",
+    ),
+    "ordinary": (
+        "af_heart", "af_bella", "af_nova", "am_michael", "am_adam", "am_puck", "bf_emma", "bf_lily", "bm_george", "bm_daniel",
     ),
     "evaluation": (
         "hf_beta", "hm_psi", "pf_dora", "zf_xiaoni", "zf_xiaoxiao", "zf_xiaoyi", "zm_yunxi", "zm_yunxia", "zm_yunyang",
@@ -57,22 +58,24 @@ KOKORO = {
 }
 NEURAL = {  # what bench/voice_recordings.py records for each group
     "development": (*KOKORO["development"], "hibari", "joe"),
+    "ordinary": KOKORO["ordinary"],
     "evaluation": KOKORO["evaluation"],
 }
-DEVELOPMENT_VOICES = [
-    *(("recorded", name) for name in NEURAL["development"]),
+FORMANT = [  # and of diphones: other kinds of synthesiser, for development alone
     *_espeak("en-gb-scotland", "f3"), *_espeak("en-us-nyc", "edward"), *_espeak("en-gb-x-gbclan", "david"), *_espeak("en-us", "benjamin"),
     ("flite", "awb"), ("flite", "kal16"), ("flite", "rms"), ("flite", "slt"), ("festival", "ked_diphone"),
     ("festival", "kal_diphone"), ("festival", "cmu_us_slt_arctic_hts"),
 ]
-EVALUATION_VOICES = [("recorded", name) for name in NEURAL["evaluation"]]
+VOICES = {group: [("recorded", name) for name in names] + (FORMANT if group == "development" else []) for group, names in NEURAL.items()}
 # no group hears the noises or music of another, but for "babble"
 NOISES = {
     "development": ("white", "pink", "brown", "hoth", "fan", "office", "vacuum", "shower", "street"),
+    "ordinary": ("fridge", "hairdryer", "sea"),
     "evaluation": ("rain", "train", "kettle"),
 }
 MUSIC = {
     "development": ("piano", "strings", "organ", "band", "guitar", "brass", "marimba", "choir"),
+    "ordinary": ("flute", "banjo"),
     "evaluation": ("harp", "accordion"),
 }
 
@@ -132,7 +135,7 @@ def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequenc
     if any(kind in styles for styles in MUSIC.values()):
         return music(rng, count, kind)
     colours = {"white": 0.0, "pink": 1.0, "brown": 2.0, "hoth": 1.6, "fan": 1.3, "office": 1.2, "vacuum": 0.7, "shower": 0.3, "street": 1.8,
-               "rain": 0.5, "train": 1.5, "kettle": 1.0}
+               "rain": 0.5, "train": 1.5, "kettle": 1.0, "fridge": 2.2, "hairdryer": 0.4, "sea": 0.9}
     noise = _coloured(rng, count, colours[kind])
     if kind == "street":
         # cars pass
@@ -144,8 +147,12 @@ def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequenc
     if kind == "kettle":
         # boils louder and louder
         noise *= np.linspace(0.5, 1.5, count)
-    if kind in ("fan", "vacuum"):
-        time, base = np.arange(count) / RATE, rng.uniform(80, 140) * (1 if kind == "fan" else 3)
+    if kind == "sea":
+        # waves come in
+        noise *= 1.0 + 0.8 * np.sin(2 * np.pi * rng.uniform(0.1, 0.3) * np.arange(count) / RATE + rng.uniform(0, 6))
+    if kind in ("fan", "vacuum", "fridge", "hairdryer"):
+        lowest = {"fan": 80, "vacuum": 240, "fridge": 50, "hairdryer": 320}[kind]
+        time, base = np.arange(count) / RATE, lowest * rng.uniform(1.0, 1.75)
         hum = sum(
             rng.uniform(0.2, 1) / k * np.sin(2 * np.pi * base * k * time + rng.uniform(0, 6)) for k in range(1, 8)
         )
@@ -169,6 +176,8 @@ def music(rng: np.random.Generator, count: int, style: str) -> np.ndarray:
         "brass": ((0.7, 1.0, 0.9, 0.7, 0.5, 0.4, 0.3), 4.0, 0.06, True),
         "marimba": ((1.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.15), 0.15, 0.002, False),
         "harp": ((1.0, 0.4, 0.2, 0.1), 0.7, 0.003, False),
+        "flute": ((1.0, 0.3, 0.05), 7.0, 0.08, False),
+        "banjo": ((0.8, 1.0, 0.7, 0.6, 0.4, 0.3, 0.2), 0.12, 0.001, True),
         "accordion": ((1.0, 0.9, 0.5, 0.6, 0.3, 0.3, 0.2, 0.15), 8.0, 0.05, True),
         "choir": ((1.0, 0.6, 0.8, 0.3, 0.2, 0.1), 6.0, 0.2, False),
         "band": ((1.0, 0.6, 0.45, 0.3, 0.25, 0.2, 0.1), 0.35, 0.003, True),
@@ -278,7 +287,9 @@ def plans(group: str, voices: Sequence[Voice], takes: int, noises: Sequence[str]
     ]
     for kind, name in (("other", "others"), ("near_miss", "near_misses")):
         for text in sentences(f"{group}_{name}"):
+            # as a person would, if one of these has been recorded
             able = [voice for voice in voices if can_say(voice, text)]
+            able = [voice for voice in able if voice[0] == "recorded"] or able
             if able:
                 result.append(Plan(kind, text, able[rng.integers(len(able))], noise(), 0, snr_db))
     return result
@@ -294,7 +305,7 @@ def everything(group: str, takes: int = 1, share: float = 1.0, snr_db: float = 1
         The plans in a random order, but commands, near misses and others in turn: what is stopped early has as many of each;
         talkers' sound.
     """
-    voices = EVALUATION_VOICES if group == "evaluation" else DEVELOPMENT_VOICES
+    voices = VOICES[group]
     # the neural voices have not recorded such long sentences
     people = [voice for voice in voices if voice[0] != "recorded"] or [("flite", "awb"), ("flite", "slt"), ("festival", "ked_diphone")]
     texts, rng = sentences(f"{group}_others"), np.random.default_rng(0)
