@@ -86,6 +86,7 @@ class VoiceCommandsTest(unittest.TestCase):
         heard = self.heard.wait(lambda message: message.accepted, "the command")
         wait_until(lambda: "understood" in self.played(), "the sound of a command that was understood")
         self.assertEqual([(request.command, request.source) for request in self.requests], [("define_border", "voice")])
+        self.assertTrue(self.requests[0].unclear, "what is spoken may have been misunderstood")
         self.assertEqual((heard.command, heard.reason, heard.success, heard.code), ("define_border", "ok", True, "ok"))
         self.assertEqual(heard.message, "Draw the border.")
         self.assertGreater(heard.confidence, 0.0)

@@ -318,6 +318,14 @@ def test_what_an_unclear_command_would_undo_is_asked_about(command, way):
     assert after(*way).command(command, "voice", 10.0).success
 
 
+@pytest.mark.parametrize("command, way", [
+    (SAVE, ()), (SAVE, (DEFINE_BORDER,)), (CANCEL, ()), (UNDO, (DEFINE_BORDER,)), (REDO, (DEFINE_SEED,)), (RESUME, ()),
+])
+def test_what_has_no_effect_is_not_asked_about(command, way):
+    asked, certain = after(*way).command(command, "voice", 10.0, unclear=True), after(*way).command(command, "voice", 10.0)
+    assert asked == certain and not asked.code.startswith("confirm")
+
+
 # ------------------------------------------------------------------ a save without an answer, and nobody there
 def test_cancel_after_an_unanswered_save_does_not_promise_an_unchanged_map():
     interaction = drawn()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError, ParameterError
-from vb_voice_wizard.recognizer import ALWAYS_UNCLEAR, CommandRecognizer, RecognizerParams
+from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams
 from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -50,20 +50,6 @@ def test_what_was_made_of_it_can_be_seen(recognizer):
     assert [issue.reason for issue in examine(recognizer, long)] == ["too_long"]
 
 
-@pytest.mark.parametrize("text", ["saving", "defined border", "cancelled", "undone", "council", "stopped", "resumed"])
-def test_near_misses_are_never_acted_on_unasked(recognizer, text):
-    for issue in examine(recognizer, say(text)):
-        assert issue.command in (None, "stop") or issue.unclear, f"{text} is surely {issue.command}"
-
-
-@pytest.mark.parametrize("text", ["resume", "cancel"])
-def test_one_word_never_does_what_cannot_be_taken_back(recognizer, text):
-    for voice in ("en-us", "en-gb", "en-us+f2"):
-        for issue in examine(recognizer, say(text, voice, snr_db=25.0)):
-            assert issue.command is None or issue.unclear
-    assert text in ALWAYS_UNCLEAR
-
-
 @pytest.mark.parametrize("text", ["what is for dinner tonight", "good afternoon", "the robot got stuck under the sofa"])
 def test_other_sentences_are_not_commands(recognizer, text):
     assert command_in(recognizer, say(text, "en-gb+f2")) is None
@@ -78,36 +64,21 @@ def test_noise_beeps_and_nothing_are_no_commands(recognizer):
         assert command_in(recognizer, np.concatenate([quiet, tone(hertz, 0.3), quiet])) is None
 
 
-def test_what_is_spoken_clearly_is_not_always_asked_about(recognizer):
-    """How often is the bench's matter: formant voices are harder than people."""
-    spoken = [(text, voice) for text in ("save", "undo", "redo") for voice in ("en-us", "en-gb", "en-us+f2", "en-gb+m3")]
-    heard = [issue for text, voice in spoken for issue in examine(recognizer, say(text, voice, snr_db=25.0)) if issue.command == text]
-    assert any(not issue.unclear for issue in heard), heard
-
-
 def test_the_speech_model_tells_what_was_said_not_how_loud():
     texts = ["define seed", "define seeds", "save", "undo", "and do"]
     model, pcm = SpeechModel(texts), say("define seed", snr_db=25.0)
-    told = model.evidence(model.hear(pcm))
+    told = model.evidence(pcm)
     assert told.shape == (5,) and texts[int(told.argmax())] == "define seed"
-    np.testing.assert_allclose(model.evidence(model.hear((pcm // 4).astype(np.int16))), told, atol=1.5)
+    np.testing.assert_allclose(model.evidence((pcm // 4).astype(np.int16)), told, atol=1.5)
     # what else is asked does not matter
-    assert SpeechModel(["save"]).evidence(model.hear(pcm))[0] == pytest.approx(told[2], abs=1.0)
-    assert np.isfinite(model.evidence(model.hear(np.zeros(RATE // 5, np.int16)))).all()
-
-
-def test_what_would_be_written_is_the_rival():
-    """What the network writes itself is about as probable as the best text asked for, and far more than another one."""
-    model = SpeechModel(["define seed", "save"])
-    heard = model.hear(say("define seed", snr_db=30.0))
-    written = model.evidence(heard) + model.rarity
-    assert model.rival(heard) > written[0] - 1.0 and model.rival(heard) > written[1] + 3.0
+    assert SpeechModel(["save"]).evidence(pcm)[0] == pytest.approx(told[2], abs=1.0)
+    assert np.isfinite(model.evidence(np.zeros(RATE // 5, np.int16))).all()
 
 
 def test_rare_texts_are_not_at_a_disadvantage():
     """Silence makes "stop" far more probable than "define border"; that is no evidence for it."""
     model = SpeechModel(["stop", "define border"])
-    silence = model.hear(np.zeros(RATE, np.int16))
+    silence = np.zeros(RATE, np.int16)
     written, evidence = model._written(silence), model.evidence(silence)
     assert written[0] - written[1] > evidence[0] - evidence[1] > 0.0
 

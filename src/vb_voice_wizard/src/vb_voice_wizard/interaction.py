@@ -46,7 +46,8 @@ REDO = "redo"
 COMMANDS = (DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO)
 
 _ENTERS = {DEFINE_BORDER: State.BORDER, DEFINE_SEED: State.SEED, GUIDE_ROBOT: State.GUIDE}
-# what an unclear command must not do on its own: these discard, undo, or let robots drive
+# What a command that may have been misunderstood must not do on its own: these change the map, discard the drawing or let
+# robots drive. The others stop robots, or do nothing before somebody points with the laser too.
 _ASKED_ABOUT = (SAVE, CANCEL, RESUME, UNDO, REDO)
 # [s] without a spot in Border or Seed: a person has begun by then, or draws with a laser that no camera sees
 UNSEEN_AFTER = 10.0
@@ -190,7 +191,7 @@ class Interaction:
             name: one of COMMANDS; anything else is answered with "unknown_command".
             source: who sends it, for the record.
             now: [s].
-            unclear: whether it may have been misunderstood, as a spoken near miss.
+            unclear: whether it may have been misunderstood, as everything spoken.
             doubtful_border: whether the preview of what would be saved has issues.
         """
         self.advance(now)
@@ -208,7 +209,8 @@ class Interaction:
         self._active = now
         if self.state != State.DEFAULT:
             self._note(source)
-        refusal = self._check_save() if name == SAVE else None
+        # before anything is asked: nobody should confirm what is refused anyway
+        refusal = self._check(name)
         if refusal is None:
             refusal = self._ask(name, now, unclear, doubtful_border)
         else:
@@ -216,7 +218,8 @@ class Interaction:
         if refusal is not None:
             return self._answered(name, source, refusal)
         if name in (SAVE, UNDO, REDO):
-            return self._begin_change(name, source)
+            self.pending, self._pending_source = name, source
+            return self._answered(name, source, Answer(True, "saving" if name == SAVE else "changing"))
         if name == CANCEL:
             return self._cancel(source, now)
         if name == RESUME:
@@ -261,7 +264,8 @@ class Interaction:
             rule = self._params.confirm_save
             ask = rule == ALWAYS or (rule == UNCLEAR and (unclear or doubtful_border))
         else:
-            ask = unclear and name in _ASKED_ABOUT and not (name == CANCEL and self.state == State.DEFAULT)
+            idle = (name == CANCEL and self.state == State.DEFAULT) or (name == RESUME and not self.stopped)
+            ask = unclear and name in _ASKED_ABOUT and not idle
         if confirmed or not ask:
             return None
         self._confirming, self._asked = name, now
@@ -292,7 +296,13 @@ class Interaction:
         self._end(UNANSWERED if lost else CANCELLED, "", now)
         return self._answered(CANCEL, source, Answer(True, "cancelled_unanswered" if lost else "cancelled"))
 
-    def _check_save(self) -> Optional[Answer]:
+    def _check(self, name: str) -> Optional[Answer]:
+        """Says why a command cannot be carried out now, or returns None."""
+        if name in (UNDO, REDO) and self.state != State.DEFAULT:
+            # the newest change of the map is not what the person is drawing
+            return Answer(False, "not_while_drawing", {"command": spoken(name)})
+        if name != SAVE:
+            return None
         if self.state == State.DEFAULT:
             return Answer(False, "nothing_to_save")
         missing = self.missing()
@@ -300,13 +310,6 @@ class Interaction:
             # the person may have drawn all the same: what is missing first is a camera that sees it
             return Answer(False, "missing_spots")
         return Answer(False, "missing_" + "_and_".join(missing)) if missing else None
-
-    def _begin_change(self, name: str, source: str) -> Answer:
-        if name != SAVE and self.state != State.DEFAULT:
-            # the newest change of the map is not what the person is drawing
-            return self._answered(name, source, Answer(False, "not_while_drawing", {"command": spoken(name)}))
-        self.pending, self._pending_source = name, source
-        return self._answered(name, source, Answer(True, "saving" if name == SAVE else "changing"))
 
     # ------------------------------------------------------------------ queries
     def take_record(self) -> Optional[Record]:

@@ -2,9 +2,8 @@
 
 The idea: endpointing finds the speech, and a network that knows people's speech says how much more probable the utterance
 makes each command than silence does (speech_model). Even odds against a word that sounds like it are enough to take a
-command. To do at once what cannot be undone, the command must also bear comparison with what the network would write if it
-were asked to write: *stave* is near *save*, but then the network writes "Stave". Nothing is trained; bench/voice.py measures,
-and says which odds are even.
+command: no score tells *undo* from *on to* in noise, so what acts on its own must be said again (interaction.py). Nothing is
+trained; bench/voice.py measures, and says which odds are even.
 
 >>> import numpy as np
 >>> recognizer = CommandRecognizer()
@@ -24,14 +23,12 @@ from vb_core.parameters import Parameters, param
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 from vb_voice_wizard.voice.endpointing import Utterance
-from vb_voice_wizard.interaction import CANCEL, COMMANDS, RESUME
+from vb_voice_wizard.interaction import COMMANDS
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
 # what people say for each command
 PHRASES = {command: [command.replace("_", " ")] for command in COMMANDS}
 PHRASES["stop"].append("stop robot")
-# one spoken word never does what no other word takes back: robots drive again, a drawing is gone
-ALWAYS_UNCLEAR = (RESUME, CANCEL)
 # Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are missed
 # as near misses are taken in the development group (docs/results/voice.md).
 EVEN = -3.7
@@ -45,7 +42,6 @@ class RecognizerParams(Parameters):
     """Parameters of the recogniser; config/voice_commands.yaml says why."""
 
     threshold: float = param(0.5, "", low=0.0, high=1.0)
-    sure: float = param(0.96, "", low=0.0, high=1.0)
     phrases: dict = param(PHRASES)
 
     def __post_init__(self) -> None:
@@ -65,17 +61,13 @@ class RecognitionResult:
         command: the command that was understood, or None.
         best: the command that fits best, understood or not; empty if none was looked for.
         confidence: 0 .. 1.
-        certainty: 0 .. 1, of an understood command: the confidence, less by what the speech model would rather write.
         reason: "ok", or why not: "unlike_a_command", "too_long", "too_short", or a node's own.
-        unclear: understood, but not surely: what cannot be undone has to be confirmed.
     """
 
     command: Optional[str] = None
     best: str = ""
     confidence: float = 0.0
-    certainty: float = 0.0
     reason: str = "ok"
-    unclear: bool = False
 
     def refused(self, reason: str) -> "RecognitionResult":
         """The same, not accepted after all."""
@@ -105,17 +97,13 @@ class CommandRecognizer:
             return RecognitionResult(reason="too_long")
         if len(utterance.pcm) < _SHORTEST_S * SAMPLE_RATE:
             return RecognitionResult(reason="too_short")
-        heard = [self._model.hear(_played(utterance.pcm, speed)) for speed in _SPEEDS]
-        evidence = np.array([self._model.evidence(one) for one in heard])
+        evidence = np.array([self._model.evidence(_played(utterance.pcm, speed)) for speed in _SPEEDS])
         odds = np.mean(np.exp(evidence - EVEN), axis=0)
         number = int(odds.argmax())
         best, confidence = str(self._meanings[number]), float(odds.max() / (1.0 + odds.max()))
         if confidence < self.params.threshold:
             return RecognitionResult(best=best, confidence=confidence, reason="unlike_a_command")
-        written = evidence[:, number] + self._model.rarity[number]
-        odds = odds[number] * np.exp(min(0.0, np.max(written - [self._model.rival(one) for one in heard])))
-        certainty = float(odds / (1.0 + odds))
-        return RecognitionResult(best, best, confidence, certainty, unclear=certainty < self.params.sure or best in ALWAYS_UNCLEAR)
+        return RecognitionResult(best, best, confidence)
 
 
 def _played(pcm: np.ndarray, speed: float) -> np.ndarray:

@@ -200,7 +200,8 @@ class VoiceCommands:
         self._beep("understood")
         self._last_command, self._last_time = issue.command, now
         heard = (issue, utterance.end - utterance.start, answer_s)
-        if not self._orders.put(issue.command, heard, issue.unclear):
+        # speech is never certain, so what acts on its own has to be said again
+        if not self._orders.put(issue.command, heard, unclear=True):
             self._publish(issue.refused("busy"), utterance.end - utterance.start, answer_s)
 
     def _on_answer(
@@ -221,7 +222,6 @@ class VoiceCommands:
         heard = SpeechCommand(
             command=issue.best,
             accepted=bool(issue.command),
-            unclear=issue.unclear,
             confidence=issue.confidence,
             reason=issue.reason,
             duration_s=duration,

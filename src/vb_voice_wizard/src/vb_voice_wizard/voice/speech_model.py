@@ -25,7 +25,6 @@ _PEAK = 0.5  # of full scale: loudness is no part of a word
 # How much of a text's own rarity is taken off. All of it would let rare texts win in noise. Chosen with the development
 # group, where 0.1 to 0.3 do equally well.
 _RARITY = 0.2
-_WRITTEN = 8  # tokens are enough to compare with a command
 
 
 class SpeechModel:
@@ -34,9 +33,6 @@ class SpeechModel:
     Args:
         texts: what is to be recognised, in small letters.
         folder: with encoder_model.ort, decoder_model_merged.ort and tokenizer.bin.
-
-    Attributes:
-        rarity: (M,) what is taken off for each text's rarity.
 
     Raises:
         CodedError: "no_speech_model" if a file is missing or unusable.
@@ -51,31 +47,21 @@ class SpeechModel:
         rows = [_tokenise(text, tokens) for text in texts]
         self._length = np.array([len(row) for row in rows])
         self._given = np.array([[_START, *row] + [_ENDS[0]] * (max(map(len, rows)) - len(row)) for row in rows], np.int64)
-        self.rarity = _RARITY * self._written(self.hear(np.zeros(16000, np.int16)))
+        self._rarity = _RARITY * self._written(np.zeros(16000, np.int16))
 
-    def hear(self, pcm: np.ndarray) -> np.ndarray:
-        """What the other methods work on: (N,) int16 at 16 kHz, a tenth of a second at least, to (1, T, 288) float32."""
+    def evidence(self, pcm: np.ndarray) -> np.ndarray:
+        """Returns (M,), for each text the logarithm of how much more probable an utterance makes it.
+
+        Args:
+            pcm: (N,) int16 at 16 kHz, a tenth of a second at least.
+        """
+        return self._written(pcm) - self._rarity
+
+    def _continued(self, pcm: np.ndarray, tokens: np.ndarray) -> np.ndarray:
+        """(M, L) tokens to (M, L, tokens there are): logarithms of the probabilities of what follows each of them."""
         samples = np.asarray(pcm, dtype=np.float32)[None]
         samples = samples * (_PEAK / max(1.0, float(np.abs(samples).max())))
-        return self._encoder.run(None, {"input_values": samples, "attention_mask": np.ones(samples.shape, np.int64)})[0]
-
-    def evidence(self, heard: np.ndarray) -> np.ndarray:
-        """(M,) for each text the logarithm of how much more probable an utterance makes it."""
-        return self._written(heard) - self.rarity
-
-    def rival(self, heard: np.ndarray) -> float:
-        """Logarithm of the probability of what the network would write itself, one token after the other."""
-        tokens, logarithm = [_START], 0.0
-        while len(tokens) <= _WRITTEN:
-            after = self._continued(heard, np.array([tokens]))[0, -1]
-            if after.argmax() in _ENDS:
-                return logarithm + float(np.log(np.exp(after[_ENDS]).sum()))
-            tokens.append(int(after.argmax()))
-            logarithm += float(after.max())
-        return logarithm
-
-    def _continued(self, heard: np.ndarray, tokens: np.ndarray) -> np.ndarray:
-        """(M, L) tokens to (M, L, tokens there are): logarithms of the probabilities of what follows each of them."""
+        heard = self._encoder.run(None, {"input_values": samples, "attention_mask": np.ones(samples.shape, np.int64)})[0]
         rows = len(tokens)
         given = {name: np.zeros((rows, heads, 0, size), np.float32) for name, (heads, size) in self._past.items()}
         given.update(
@@ -86,9 +72,9 @@ class SpeechModel:
         found -= found.max(axis=2, keepdims=True)
         return found - np.log(np.exp(found).sum(axis=2, keepdims=True))
 
-    def _written(self, heard: np.ndarray) -> np.ndarray:
+    def _written(self, pcm: np.ndarray) -> np.ndarray:
         """(M,) logarithm of the probability that the network, left to itself, writes exactly each text."""
-        rows, found = len(self._given), self._continued(heard, self._given)
+        rows, found = len(self._given), self._continued(pcm, self._given)
         steps = np.take_along_axis(found[:, :-1], self._given[:, 1:, None], axis=2)[..., 0]
         steps[np.arange(steps.shape[1]) >= self._length[:, None]] = 0.0
         ends = found[np.arange(rows)[:, None], self._length[:, None], _ENDS]
