@@ -318,6 +318,16 @@ def test_what_an_unclear_command_would_undo_is_asked_about(command, way):
     assert after(*way).command(command, "voice", 10.0).success
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("way", [(*way, *stop) for way in situations() for stop in ((), (STOP,))])
+def test_one_misunderstood_word_changes_no_map_and_loses_no_drawing_and_lets_no_robot_drive(way, command):
+    interaction = after(*way)
+    drawing, missing = interaction.interaction_id, interaction.missing()
+    interaction.command(command, "voice", 10.0, unclear=True)
+    assert not interaction.pending and (interaction.stopped or STOP not in way)
+    assert drawing in ("", interaction.interaction_id) and set(interaction.missing()) <= set(missing)
+
+
 @pytest.mark.parametrize("command, way", [
     (SAVE, ()), (SAVE, (DEFINE_BORDER,)), (CANCEL, ()), (UNDO, (DEFINE_BORDER,)), (REDO, (DEFINE_SEED,)), (RESUME, ()),
 ])
