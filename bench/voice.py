@@ -172,7 +172,8 @@ def write_page() -> str:
         missed = [one for one in results if one["kind"] == "command" and taken(one, accepted)["best"] != one["command"]]
         wrong = [(one, taken(one, accepted)) for one in results if one["kind"] != "command"]
         lines = sorted(
-            f"- {one['text']} ({one['voice']}, {one['noise']}): {what['best']}, {what['evidence']:.1f}" for one, what in wrong if what["best"]
+            f"- {one['text']} ({one['voice']}, {one['noise']}): {what['best']}, {what['evidence']:.1f}"
+            for one, what in wrong if what["best"]
         )
         listed = "\n".join(lines) or "- none"
         answers = [one["answer_s"] for one in results if one["kind"] == "command"]
