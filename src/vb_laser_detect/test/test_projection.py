@@ -170,5 +170,5 @@ def test_points_above_and_below_the_floor_are_rejected():
 
 
 def test_depth_outside_its_image():
-    assert depth_at(np.ones((4, 4)), np.array([9.0, 1.0]), ProjectionParams()) is None
-    assert depth_at(np.ones((4, 4)), np.array([np.nan, 1.0]), ProjectionParams()) is None
+    assert depth_at(np.ones((4, 4)), np.array([9.0, 1.0])) is None
+    assert depth_at(np.ones((4, 4)), np.array([np.nan, 1.0])) is None
