@@ -107,6 +107,22 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
     report_of(True).require_own_frame("head_camera")
 
 
+@pytest.mark.parametrize("mobile, colour, confirmation_s, said", [
+    (False, True, 0.12, ""), (True, True, 0.12, ""), (False, False, 0.12, ""),
+    (True, False, 0.12, "no_colour"), (False, True, 1.5, "slow_camera"),
+])
+def test_a_camera_that_is_slow_or_a_robots_without_colour_is_not_called_well(monkeypatch, mobile, colour, confirmation_s, said):
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
+    report = DetectorDiagnostics.__new__(DetectorDiagnostics)
+    report._camera, report._mobile, report._frame_id, report._lock = "red", mobile, "red_frame", threading.Lock()
+    report._missing_input, report._faults, report._started, report.debug_images = "", {}, rospy.Time(1), 0
+    report._status, report._image = DetectorStatus(rate_hz=2.0), np.zeros((64, 64), np.uint8)
+    report.colour, report._confirmation_s = colour, confirmation_s
+    status = report._diagnose(DiagnosticStatusWrapper())
+    assert status.level == (DiagnosticStatus.WARN if said else DiagnosticStatus.OK)
+    assert not said or f"[{said}]" in status.message
+
+
 def test_a_missing_pose_is_logged_once_it_has_lasted_then_on_change_and_ever_more_rarely():
     fault, logged = _Fault(), []
     for now in np.append(np.arange(0.0, 220.0, 0.1), np.arange(290.0, 300.0, 0.1)):

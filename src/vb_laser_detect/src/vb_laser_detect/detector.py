@@ -236,10 +236,8 @@ def _is_followed_spot(spot: Spot, expected: Optional[Expected]) -> bool:
 
 def _checked(image: np.ndarray) -> np.ndarray:
     image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+    if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
         raise CodedError("bad_image", f"expected 8 bit mono, Bayer or colour pixels, got {image.dtype} {image.shape}")
     if min(image.shape[:2]) < 4 * BLOCK:
         raise CodedError("bad_image", f"the image is too small: {image.shape[1]} x {image.shape[0]}")
-    if image.ndim == 3 and image.shape[2] != 3:
-        image = image[:, :, 0] if image.shape[2] == 1 else image[:, :, :3]
     return np.ascontiguousarray(image)

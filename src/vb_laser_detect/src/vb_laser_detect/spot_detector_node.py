@@ -18,7 +18,6 @@ from vb_core.ros.images import image_message
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
-from vb_laser_detect.detection import projection
 from vb_laser_detect.detection.debug_image import draw
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
@@ -29,13 +28,6 @@ from vb_laser_detect.ros.camera_geometry import CameraGeometry, DepthTopic, Info
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
 from vb_msgs.srv import GetTime, GetTimeRequest, GetTimeResponse
-
-_SOURCES = {
-    projection.GROUND_PLANE: LaserSpot.GROUND_PLANE,
-    projection.DEPTH: LaserSpot.DEPTH,
-    projection.GROUND_PLANE_FALLBACK: LaserSpot.GROUND_PLANE_FALLBACK,
-}
-
 
 _DEBUG_S = 0.2  # between two debug images: drawing them takes longer than the search
 
@@ -186,7 +178,7 @@ class SpotDetectorNode:
         result.diameter_m = spot.diameter * point.metres_per_pixel
         result.confidence = spot.confidence
         result.track = spot.track
-        result.projection = _SOURCES[point.source]
+        result.projection = getattr(LaserSpot, point.source.upper())
         return result
 
     def _publish_debug(self, image: np.ndarray, encoding: str, header: Any) -> None:

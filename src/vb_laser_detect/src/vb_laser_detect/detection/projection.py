@@ -20,6 +20,7 @@ from vb_core.parameters import Parameters, param
 
 ToFloor = Callable[[np.ndarray], np.ndarray]  # pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
 
+# what vb_msgs/LaserSpot calls them in capitals
 GROUND_PLANE = "ground_plane"
 DEPTH = "depth"
 GROUND_PLANE_FALLBACK = "ground_plane_fallback"
