@@ -128,22 +128,19 @@ class SpotDetector:
         return spots
 
     def _examine_all(self, searched: SearchedImage, camera: Camera) -> List[Spot]:
-        """Measures and classifies an image's proposals; notes those that were not examined in `candidates`."""
+        """Measures and classifies an image's proposals."""
         seen: List[Spot] = []
-        proposals = [proposal for proposal in searched.proposals if not proposal.rejection]
-        not_examined = [proposal for proposal in searched.proposals if proposal.rejection]
-        for number, proposal in enumerate(proposals):
-            spot = self._examine(proposal, searched, camera)
+        followed = False
+        for proposal in searched.proposals:
+            rejection = proposal.rejection or ("not_examined" if followed else "")
+            if rejection:
+                spot = Spot(*proposal.middle, float(proposal.region[2] - proposal.region[0]), rejection=rejection)
+            else:
+                spot = self._examine(proposal, searched, camera)
             if not any(_same_blob(spot, other) for other in seen):
                 seen.append(spot)
-            if self.params.max_spots == 1 and _is_followed_spot(spot, proposal.expected):
-                # the one spot is found where it is expected: nothing else can take its place
-                not_examined += [other._replace(rejection="not_examined") for other in proposals[number + 1 :]]
-                break
-        self.candidates = [
-            Spot(*proposal.middle, float(proposal.region[2] - proposal.region[0]), rejection=proposal.rejection)
-            for proposal in not_examined
-        ]
+            # the one spot is found where it is expected: nothing else can take its place
+            followed = followed or self.params.max_spots == 1 and _is_followed_spot(spot, proposal.expected)
         return seen
 
     def _examine(self, proposal: Proposal, searched: SearchedImage, camera: Camera) -> Spot:
@@ -180,7 +177,7 @@ class SpotDetector:
         if found and self._to_floor is not None:
             floor = np.asarray(self._to_floor(np.array([(spot.u, spot.v) for spot in found])), float)
             found = [replace(spot, floor=(x, y)) for spot, (x, y) in zip(found, floor[:, :2])]
-        self.candidates += [spot for spot in seen if spot.rejection]
+        self.candidates = [spot for spot in seen if spot.rejection]
         confirmed: List[Spot] = []
         kept: List[Spot] = []
         self.backfilled = []

@@ -67,10 +67,8 @@ class InfoTopic:
 
     def __init__(self, topic: str, report: DetectorDiagnostics, rectified: bool = False) -> None:
         self._report, self._rectified = report, rectified
-        self._lock = threading.Lock()
         self._known: Optional[list] = None  # what the last one said
-        self._camera: Optional[CameraModel] = None
-        self._reason = f"no camera_info on {topic}"
+        self._latest: Tuple[Optional[CameraModel], str] = None, f"no camera_info on {topic}"  # the model, or why there is none
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
 
     def model_for(self, shape: Tuple[int, ...]) -> CameraModel:
@@ -79,8 +77,7 @@ class InfoTopic:
         Raises:
             CodedError: "no_camera_info" if none came yet, if it describes no camera, or one of another image size.
         """
-        with self._lock:
-            camera, reason = self._camera, self._reason
+        camera, reason = self._latest
         if camera is None:
             raise CodedError("no_camera_info", reason)
         if (camera.height, camera.width) != tuple(shape[:2]):
@@ -94,14 +91,11 @@ class InfoTopic:
         if known == self._known:
             return
         self._known = known
-        camera, reason = None, ""
         try:
-            camera = camera_from_info(message, self._rectified)
+            self._latest = camera_from_info(message, self._rectified), ""
         except CodedError as error:
             self._report.fault(error)
-            reason = error.message
-        with self._lock:
-            self._camera, self._reason = camera, reason
+            self._latest = None, error.message
 
 
 class DepthTopic:
