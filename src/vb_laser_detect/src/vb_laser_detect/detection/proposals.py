@@ -132,7 +132,7 @@ class Proposer:
         proposals = []
         # most of what a person's clothes leave is found too large at once, and must not use up all places
         for region, level, _ in rated[: 2 * _MAX_REGIONS]:
-            spot = next((one for one in expected if one.intersect(region)), None)
+            spot = next((one for one in expected if one.overlaps(region)), None)
             proposals.append(Proposal(region, spot, "" if level >= _MIN_LEVEL * self.white else "too_dark"))
         # published ones, other expected ones, the rest
         return sorted(proposals, key=lambda one: 2 if one.rejection or one.expected is None else int(not one.expected.published))
