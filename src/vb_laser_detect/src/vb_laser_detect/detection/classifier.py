@@ -21,7 +21,7 @@ VERSION = 1
 BUILT_IN = Path(__file__).resolve().parent / "spot_classifier.json"
 # features of the surroundings do not count against a spot that is where it was expected; nor does colour, which it has
 # shown and other light may now hide
-_IGNORED_WHEN_EXPECTED = ("darker", "fall", "busy", "chroma_mosaic")
+_NOT_AGAINST_EXPECTED = ("darker", "fall", "busy", "chroma_mosaic")
 
 
 class Classification(NamedTuple):
@@ -54,8 +54,10 @@ class SpotClassifier:
         """
         logit, least, reason = self.intercept, math.inf, ""
         for name, value in features.items():
-            if name in self.curves and not math.isnan(value) and not (expected and name in _IGNORED_WHEN_EXPECTED):
+            if name in self.curves and not math.isnan(value):
                 part = float(np.interp(value, *self.curves[name]))
+                if expected and name in _NOT_AGAINST_EXPECTED:
+                    part = max(0.0, part)
                 logit += part
                 if part < least:
                     least, reason = part, name
