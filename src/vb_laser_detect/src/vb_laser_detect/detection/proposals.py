@@ -23,6 +23,7 @@ _MIN_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is small
 _SATURATED = 0.97
 _MAX_REGIONS = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.3  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
+_MAX_CHANGE_LOST = 0.12  # the same, for a moving camera whose motion is not known: else all that it passes would be examined
 
 
 class Proposal(NamedTuple):
@@ -76,6 +77,7 @@ class Proposer:
         self._registration = ImageRegistration() if params.moving_camera else None
         self._background: Optional[Background] = None
         self._motion = np.eye(3)  # from the background's pixels to the last image's
+        self._lost = False
         self._half: Optional[np.ndarray] = None
 
     def estimate_motion(self, image: np.ndarray) -> Optional[np.ndarray]:
@@ -84,8 +86,10 @@ class Proposer:
             return None
         self._half = halve(image)
         found, before = self._registration.motion_to(image, self._half), self._motion
+        # while it is not known the camera is taken to be where it was
+        self._lost = found is None
         if found is None:
-            return None  # not known: the camera is taken to be where it was
+            return None
         self._motion = np.eye(3) if is_still(found, image.shape) else found
         return self._motion @ cv2.invert(before)[1]
 
@@ -100,10 +104,11 @@ class Proposer:
             still = np.array_equal(self._motion, np.eye(3))
             rise, darker = self._background.measure_rise(image, None if still else self._motion, self._half)
             hot = self._background.foreground_blocks(rise, min_rise)
+            limit = _MAX_CHANGE_LOST if self._lost else _MAX_CHANGE
         else:
             self.white = max(self.white, float(image.max()))
         # a person close to the camera darkens much of the image too, and must not become its background
-        if self._background is None or max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) > _MAX_CHANGE * hot.size:
+        if self._background is None or max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) > limit * hot.size:
             self._start(image, expected)
             rise, darker = self._background.measure_rise(image, None)
             hot = rise >= min_rise
