@@ -300,9 +300,6 @@ class FaultsTest(unittest.TestCase):
         other.update_configuration({"max_range": 1.0})
         self.wait(lambda: self.observer.refused("red", "too_far") > 3, "a floor that is too far away")
         other.update_configuration({"max_range": 12.0})
-        node = Client("/spot_detector_red", timeout=PATIENCE)
-        self.addCleanup(node.close)
-        self.assertEqual(node.update_configuration({"tf_wait_s": 0.3})["tf_wait_s"], 0.3)
         self.wait_for_spots("red")
 
     def debug_image_only_while_somebody_looks(self):

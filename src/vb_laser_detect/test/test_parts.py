@@ -142,8 +142,8 @@ def test_statistics():
     assert (summary.refusals, summary.refusal_counts) == (["no_transform"], [1])
     assert statistics.summary(100.0)["rate_hz"] == 0.0
     assert statistics.summary(1.0)["processed"] == 50
-    statistics.count_backfilled(2)
-    assert [statistics.summary(12.0)[key] for key in ("detected", "spots")] == [27, 27]
+    statistics.count_image(12.0, 11.98, 0.002, 3, backfilled=2)
+    assert [statistics.summary(12.0)[key] for key in ("processed", "detected", "spots")] == [51, 28, 28]
 
 
 @pytest.mark.parametrize("encoding, bayer", [("bgr8", False), ("rgb8", False), ("bayer_rggb8", True), ("mono8", True)])

@@ -11,7 +11,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.projection import (
-    DEPTH, GROUND_PLANE, GROUND_PLANE_FALLBACK, FloorProjection, ProjectionParams, depth_at, floor_points, pixels_of,
+    DEPTH, GROUND_PLANE, GROUND_PLANE_FALLBACK, FloorProjection, depth_at, floor_points, pixels_of,
 )
 
 CEILING = CameraModel(1920, 1080, np.array([[1100.0, 0, 950], [0, 1105.0, 545], [0, 0, 1]]), np.array([-0.2, 0.05, 0.001, -0.001, 0]))
@@ -170,5 +170,5 @@ def test_points_above_and_below_the_floor_are_rejected():
 
 
 def test_depth_outside_its_image():
-    assert depth_at(np.ones((4, 4)), np.array([9.0, 1.0]), ProjectionParams()) is None
-    assert depth_at(np.ones((4, 4)), np.array([np.nan, 1.0]), ProjectionParams()) is None
+    assert depth_at(np.ones((4, 4)), np.array([9.0, 1.0])) is None
+    assert depth_at(np.ones((4, 4)), np.array([np.nan, 1.0])) is None

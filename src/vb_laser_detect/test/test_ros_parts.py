@@ -36,6 +36,9 @@ class Faults:
     def fault(self, error, missing=False):
         self.codes.append(error.code)
 
+    def require_own_frame(self, frame_id):
+        pass
+
 
 @pytest.fixture(autouse=True)
 def no_master(monkeypatch):
@@ -84,9 +87,9 @@ def test_depth_of_another_frame_is_not_used():
     topic = camera_geometry.DepthTopic("/depth/image_raw", "/depth/camera_info", report)
     depth = np.full((48, 64), 1500, np.uint16)
     topic._on_image(Image(Header(stamp=rospy.Time(5), frame_id="depth_frame"), 48, 64, "16UC1", 0, 128, depth.tobytes()))
-    assert topic.nearest(rospy.Time(5), 0.1, "colour_frame") == (None, None)
+    assert topic.nearest(rospy.Time(5), "colour_frame") == (None, None)
     assert report.codes == ["depth_not_registered"]
-    assert topic.nearest(rospy.Time(5), 0.1, "depth_frame")[0].shape == (48, 64)
+    assert topic.nearest(rospy.Time(5), "depth_frame")[0].shape == (48, 64)
 
 
 def test_ceiling_cameras_that_share_a_frame_are_named():
@@ -97,10 +100,27 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
             report.note_detector(DetectorStatus(camera=camera, mobile=robots, frame_id="head_camera"))
         return report
 
-    error = report_of(False).shared_frame("head_camera")
-    assert error.code == "shared_frame" and "green, red" in str(error) and "robot" not in str(error)
-    assert report_of(False).shared_frame("red_optical_frame") is None
-    assert report_of(True).shared_frame("head_camera") is None
+    with pytest.raises(CodedError) as raised:
+        report_of(False).require_own_frame("head_camera")
+    assert raised.value.code == "shared_frame" and "green, red" in str(raised.value) and "robot" not in str(raised.value)
+    report_of(False).require_own_frame("red_optical_frame")
+    report_of(True).require_own_frame("head_camera")
+
+
+@pytest.mark.parametrize("mobile, colour, confirmation_s, said", [
+    (False, True, 0.12, ""), (True, True, 0.12, ""), (False, False, 0.12, ""),
+    (True, False, 0.12, "no_colour"), (False, True, 1.5, "slow_camera"),
+])
+def test_a_camera_that_is_slow_or_a_robots_without_colour_is_not_called_well(monkeypatch, mobile, colour, confirmation_s, said):
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
+    report = DetectorDiagnostics.__new__(DetectorDiagnostics)
+    report._camera, report._mobile, report._frame_id, report._lock = "red", mobile, "red_frame", threading.Lock()
+    report._missing_input, report._faults, report._started, report.debug_images = "", {}, rospy.Time(1), 0
+    report._status, report._image = DetectorStatus(rate_hz=2.0), np.zeros((64, 64), np.uint8)
+    report.colour, report._confirmation_s = colour, confirmation_s
+    status = report._diagnose(DiagnosticStatusWrapper())
+    assert status.level == (DiagnosticStatus.WARN if said else DiagnosticStatus.OK)
+    assert not said or f"[{said}]" in status.message
 
 
 def test_a_missing_pose_is_logged_once_it_has_lasted_then_on_change_and_ever_more_rarely():

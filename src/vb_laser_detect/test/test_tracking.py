@@ -20,9 +20,9 @@ class Told(NamedTuple):
     backfilled: list
 
 
-def sighting(x, y=0.0, confidence=0.9, certain=True, tint=GREEN):
+def sighting(x, y=0.0, confidence=0.9, tint=GREEN):
     """A spot at (x, y) [m] under a camera of 2 mm per pixel."""
-    return Spot(500 * x, 500 * y, 8.0, confidence, certain=certain, tint=tint, floor=(x, y))
+    return Spot(500 * x, 500 * y, 8.0, confidence, tint=tint, floor=(x, y))
 
 
 class Film:
@@ -122,20 +122,9 @@ def test_where_it_is_expected():
         film.see(sighting(0.008 * i))
     film.now += film.period
     (ahead,) = film.tracker.begin(film.now, film.camera, None)
-    assert ahead.u == pytest.approx(500 * 0.008 * 30) and ahead.trusted and ahead.published
+    assert ahead.u == pytest.approx(500 * 0.008 * 30) and ahead.published
     assert ahead.holds(ahead.u + 13.0, 0.0) and not ahead.holds(ahead.u - 30.0, 0.0)
     # the camera turns by 40 px
     film.tracker.update([sighting(0.008 * 30)])
     shifted = film.tracker.begin(film.now + film.period, film.camera, np.array([[1.0, 0, 40], [0, 1, 0], [0, 0, 1]]))
     assert shifted[0].u == pytest.approx(500 * 0.008 * 31 + 40.0)
-
-
-def test_uncertain_sightings_are_trusted_for_half_a_second_only():
-    film = Film()
-    for _ in range(5):
-        film.see(sighting(0.0))
-    trusted = []
-    for _ in range(25):
-        film.see(sighting(0.0, certain=False))
-        trusted.append(film.expected[0].trusted)
-    assert trusted[:10] == [True] * 10 and not any(trusted[15:])

@@ -1,20 +1,25 @@
 """What is on a robot is not on the floor: a robot with a bright button below two ceiling cameras, rendered."""
 import math
 from functools import lru_cache
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+from vb_core.robot_profile import RobotProfile
 from vb_laser_detect.detection.bodies import Body
 from vb_laser_detect.detection.image_geometry import ImageGeometry, locate_confirmed, search
 from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.lab_history import Snapshot
+from vb_sim.room.bodies import piece_outlines, robot_pieces
 from vb_sim.room.floor_texture import render_floor
 from vb_sim.room.mesh import world_mesh
 from vb_sim.room.camera_models import CameraModels, Optics
-from vb_sim.room.world import world_from_mapping
+from vb_sim.room.world import load_world, world_from_mapping
 
+TOP = Path(__file__).resolve().parents[3]
 WORLD = world_from_mapping({
     "room": {"size": [4.0, 3.0]},
     "floor": {"kind": "planks", "color": [70, 50, 40], "contrast": 0.16},
@@ -59,6 +64,15 @@ def found(camera, hides):
         off.setdefault(frame.stamp, []).append(math.hypot(*(place - seen[frame.stamp])) if frame.stamp in seen else math.inf)
     true = sum(min(distances) < 0.03 for distances in off.values())
     return len(seen), true, sum(distance > 0.1 for distances in off.values() for distance in distances)
+
+
+@pytest.mark.parametrize("robot, world", [("turtlebot2", "lab"), ("turtlebot3_burger", "burger")])
+def test_a_robot_is_drawn_within_the_cylinder_that_its_profile_describes(robot, world):
+    # else simulated cameras see parts of it that no detector takes for a robot's
+    shape = RobotProfile.load(TOP / "robots" / f"{robot}.yaml").shape
+    (drawn,) = load_world(TOP / "src" / "vb_sim" / "worlds" / f"{world}.yaml").robots
+    points = piece_outlines(robot_pieces((2.0, 1.0, 0.4), drawn.radius)).reshape(-1, 3)
+    assert points[:, 2].max() <= shape.height and np.hypot(*(points[:, :2] - (2.0, 1.0)).T).max() <= shape.radius + 1e-6
 
 
 @pytest.mark.parametrize("camera", ["left", "right"])

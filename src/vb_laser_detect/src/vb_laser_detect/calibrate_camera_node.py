@@ -159,7 +159,7 @@ class CalibrationDialog:
         # what the lab's files say of this camera need not be said again
         running = rospy.get_param(f"/spot_detector_{arguments.camera}", {})
         image = arguments.image or "/" + (running.get("image") or f"{arguments.camera}/image_raw").lstrip("/")
-        info = arguments.camera_info or running.get("camera_info") or sibling_topic(image, "camera_info")
+        info = arguments.camera_info or sibling_topic(image, "camera_info")
         compressed = arguments.compressed or running.get("image_transport") == "compressed"
         self._input = CameraInput(image, info, compressed, self.on_image)
         self.camera = self._input.wait(arguments.patience)

@@ -128,59 +128,46 @@ class SpotDetector:
         return spots
 
     def _examine_all(self, searched: SearchedImage, camera: Camera) -> List[Spot]:
-        """Measures and classifies an image's proposals; notes those that were not examined in `candidates`."""
+        """Measures and classifies an image's proposals."""
         seen: List[Spot] = []
-        proposals = [proposal for proposal in searched.proposals if not proposal.rejection]
-        not_examined = [proposal for proposal in searched.proposals if proposal.rejection]
-        for number, proposal in enumerate(proposals):
-            spot = self._examine(proposal, searched, camera)
+        followed = False
+        for proposal in searched.proposals:
+            rejection = proposal.rejection or ("not_examined" if followed else "")
+            if rejection:
+                spot = Spot(*proposal.middle, float(proposal.region[2] - proposal.region[0]), rejection=rejection)
+            else:
+                spot = self._examine(proposal, searched, camera)
             if not any(_same_blob(spot, other) for other in seen):
                 seen.append(spot)
-            if self.params.max_spots == 1 and _is_followed_spot(spot, proposal.expected):
-                # the one spot is found where it is expected: nothing else can take its place
-                not_examined += [other._replace(rejection="not_examined") for other in proposals[number + 1 :]]
-                break
-        self.candidates = [
-            Spot(*proposal.middle, float(proposal.region[2] - proposal.region[0]), rejection=proposal.rejection)
-            for proposal in not_examined
-        ]
+            # the one spot is found where it is expected: nothing else can take its place
+            followed = followed or self.params.max_spots == 1 and _is_followed_spot(spot, proposal.expected)
         return seen
 
     def _examine(self, proposal: Proposal, searched: SearchedImage, camera: Camera) -> Spot:
-        """Measures and classifies one proposal; where a spot must be, also what a brighter area left of it: its core."""
-        expected = proposal.expected
+        """Measures and classifies one proposal."""
         largest = _LONGEST * self._sizes(self._metre(*proposal.middle), camera)[1]
         blob = features.measure(searched.image, searched.reference, proposal.region, largest, camera)
-        spot = self._classify(blob, searched, camera, False)
-        if spot.rejection and expected is not None and expected.trusted:
-            region = expected.intersect(proposal.region)
-            core = features.measure(searched.image, searched.reference, region, largest, camera, features.CORE)
-            again = self._classify(core, searched, camera, True)
-            if not again.rejection and expected.holds(core.u, core.v):
-                return again
-        return spot
-
-    def _classify(self, blob: Blob, searched: SearchedImage, camera: Camera, expected: bool) -> Spot:
         rejection, probability = blob.problem or self._wrong_size(blob, camera), 0.0
         if not rejection:
             numbers = {**blob.numbers, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
+            expected = proposal.expected is not None and proposal.expected.holds(blob.u, blob.v)
             probability, reason = self._classifier.classify(blob, numbers, expected)
-            if probability < max(self.params.min_probability, _CERTAIN if expected else 0.0):
+            if probability < self.params.min_probability:
                 rejection = reason
             elif self._place_check is not None:
                 rejection = self._place_check(blob.u, blob.v)
-        return Spot(blob.u, blob.v, blob.diameter, probability, rejection=rejection, certain=not expected, tint=blob.tint)
+        return Spot(blob.u, blob.v, blob.diameter, probability, rejection=rejection, tint=blob.tint)
 
     def _confirm(self, seen: List[Spot]) -> Tuple[List[Spot], List[Spot]]:
         """Follows the spots; returns those to publish, the most certain first, and those to keep out of the background.
 
         Notes the others, and why they are not published, in `candidates`.
         """
-        found = sorted((spot for spot in seen if not spot.rejection), key=lambda spot: (not spot.certain, -spot.confidence))
+        found = sorted((spot for spot in seen if not spot.rejection), key=lambda spot: -spot.confidence)
         if found and self._to_floor is not None:
             floor = np.asarray(self._to_floor(np.array([(spot.u, spot.v) for spot in found])), float)
             found = [replace(spot, floor=(x, y)) for spot, (x, y) in zip(found, floor[:, :2])]
-        self.candidates += [spot for spot in seen if spot.rejection]
+        self.candidates = [spot for spot in seen if spot.rejection]
         confirmed: List[Spot] = []
         kept: List[Spot] = []
         self.backfilled = []
@@ -195,8 +182,7 @@ class SpotDetector:
                 confirmed.append(spot)
                 self.backfilled += track.waiting
                 track.waiting = []
-            surely_a_spot = spot.certain and spot.confidence >= max(_CERTAIN, self.params.min_probability)
-            if surely_a_spot and self._stamp - track.rests_since < self.params.hold_s:
+            if spot.confidence >= max(_CERTAIN, self.params.min_probability) and self._stamp - track.rests_since < self.params.hold_s:
                 kept.append(spot)
         return confirmed, kept
 
@@ -228,18 +214,14 @@ def _same_blob(spot: Spot, other: Spot) -> bool:
 
 
 def _is_followed_spot(spot: Spot, expected: Optional[Expected]) -> bool:
-    """Tells whether a spot is certainly the published one, where it was expected."""
-    if expected is None or not expected.published:
-        return False
-    return spot.certain and not spot.rejection and expected.holds(spot.u, spot.v)
+    """Tells whether a spot is the published one, where it was expected."""
+    return expected is not None and expected.published and not spot.rejection and expected.holds(spot.u, spot.v)
 
 
 def _checked(image: np.ndarray) -> np.ndarray:
     image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+    if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
         raise CodedError("bad_image", f"expected 8 bit mono, Bayer or colour pixels, got {image.dtype} {image.shape}")
     if min(image.shape[:2]) < 4 * BLOCK:
         raise CodedError("bad_image", f"the image is too small: {image.shape[1]} x {image.shape[0]}")
-    if image.ndim == 3 and image.shape[2] != 3:
-        image = image[:, :, 0] if image.shape[2] == 1 else image[:, :, :3]
     return np.ascontiguousarray(image)

@@ -14,14 +14,9 @@ class SpotDetectorNodeParams(Parameters):
 
     camera: str = param("", doc="name of the camera")
     image: str = param("", doc="image topic; empty: <camera>/image_raw")
-    camera_info: str = param("", doc="empty: camera_info beside the image topic")
     depth: str = param("", doc="depth image topic; empty: the floor is a plane")
-    depth_info: str = param("", doc="empty: camera_info beside the depth topic")
     frame: str = param("", doc="optical frame; empty: what the images say")
     image_transport: str = param("raw", choices=("raw", "compressed"))
-    tf_wait_s: float = param(0.1, "s", low=0.0, high=2.0, doc="how long to wait for a pose at the image's time")
-    pose_refresh_s: float = param(2.0, "s", above=0.0, high=3600.0, doc="a fixed camera's pose is looked up so often")
-    depth_age_s: float = param(0.08, "s", low=0.0, high=5.0, doc="largest time between image and depth image")
     ignore_regions: list = param([], "m", doc="polygons in the map frame where no spot counts")
     robots: list = param([], doc="namespaces of those it sees, / for one without; nothing on them is a spot")
 

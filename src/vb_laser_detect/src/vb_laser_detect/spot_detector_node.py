@@ -18,7 +18,6 @@ from vb_core.ros.images import image_message
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
-from vb_laser_detect.detection import projection
 from vb_laser_detect.detection.debug_image import draw
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
@@ -27,15 +26,8 @@ from vb_laser_detect.detection.image_format import PixelReader
 from vb_laser_detect.detection.projection import FloorPoint, FloorProjection, ProjectionParams
 from vb_laser_detect.ros.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, decode, is_rectified, sibling_topic
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
-from vb_laser_detect.ros.time_server import TimeServer
 from vb_msgs.msg import DetectorStatus, LaserSpot
-
-_SOURCES = {
-    projection.GROUND_PLANE: LaserSpot.GROUND_PLANE,
-    projection.DEPTH: LaserSpot.DEPTH,
-    projection.GROUND_PLANE_FALLBACK: LaserSpot.GROUND_PLANE_FALLBACK,
-}
-
+from vb_msgs.srv import GetTime, GetTimeRequest, GetTimeResponse
 
 _DEBUG_S = 0.2  # between two debug images: drawing them takes longer than the search
 
@@ -45,8 +37,8 @@ class SpotDetectorNode:
 
     Subscribed topics:
         <image> (sensor_msgs/Image), or <image>/compressed (sensor_msgs/CompressedImage)
-        <camera_info> (sensor_msgs/CameraInfo): may come late and change
-        <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <depth_info>: only if a depth topic is set
+        camera_info beside the image (sensor_msgs/CameraInfo): may come late and change
+        <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), and its camera_info: only if a depth topic is set
         /map (nav_msgs/OccupancyGrid): optional; spots outside it are rejected
         tf: <robot>/base_link to map, and <optical frame> to map for a moving camera, at the image's time
     Published topics:
@@ -58,8 +50,8 @@ class SpotDetectorNode:
     Services:
         ~get_time (vb_msgs/GetTime): this computer's clock, for clock_check
     Parameters:
-        ~* SpotDetectorNodeParams, ~detector/* DetectorParams, ~projection/* ProjectionParams. Their numbers and switches can be
-        changed while it runs (dynamic_reconfigure, in the same namespaces). <robot>/robot_profile: how large a robot is.
+        ~* SpotDetectorNodeParams, ~detector/* DetectorParams, ~projection/* ProjectionParams; the latter two can be changed
+        while it runs (dynamic_reconfigure, in the same namespaces). <robot>/robot_profile: how large a robot is.
     """
 
     def __init__(self, params: SpotDetectorNodeParams, detector: DetectorParams, projection_params: ProjectionParams) -> None:
@@ -81,12 +73,11 @@ class SpotDetectorNode:
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
         self._camera_geometry = self._make_camera_geometry(image)
-        self._time_server = TimeServer()
+        self._time_service = rospy.Service("~get_time", GetTime, _tell_time)
         self._worker = Worker(self._mailbox, self._search)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.note_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
         self._reconfigure_servers = [
-            ReconfigureServer(params, "~", self._set_node_params),
             ReconfigureServer(detector, "~detector", self._set_detector_params, fixed=("moving_camera",)),
             ReconfigureServer(projection_params, "~projection", self._set_projection_params),
         ]
@@ -97,14 +88,12 @@ class SpotDetectorNode:
         rospy.Subscriber(topic, kind, self._mailbox.put, queue_size=1, buff_size=2**24, tcp_nodelay=True)
 
     def _make_camera_geometry(self, image: str) -> CameraGeometry:
-        p, depth = self._params, None
         # image_rect, image_rect_color: the images are already undistorted
-        rectified = is_rectified(image)
-        info = InfoTopic(rospy.resolve_name(p.camera_info or sibling_topic(image, "camera_info")), self._report, rectified)
-        if p.depth:
-            topic = rospy.resolve_name(p.depth)
-            depth = DepthTopic(topic, rospy.resolve_name(p.depth_info or sibling_topic(topic, "camera_info")), self._report)
-        return CameraGeometry(self._mobile, info, depth, self._projector, p, self._report)
+        info, depth = InfoTopic(sibling_topic(image, "camera_info"), self._report, is_rectified(image)), None
+        if self._params.depth:
+            topic = rospy.resolve_name(self._params.depth)
+            depth = DepthTopic(topic, sibling_topic(topic, "camera_info"), self._report)
+        return CameraGeometry(self._mobile, info, depth, self._projector, self._params.robots, self._report)
 
     def close(self) -> None:
         """Stops the worker."""
@@ -117,10 +106,6 @@ class SpotDetectorNode:
             self._report.fault(error)
 
     # ------------------------------------------------------------- dynamic_reconfigure
-    def _set_node_params(self, params: SpotDetectorNodeParams) -> None:
-        with self._params_lock:
-            self._params = self._camera_geometry.params = params
-
     def _set_detector_params(self, params: DetectorParams) -> None:
         with self._params_lock:
             self._detector.set_params(params)
@@ -149,32 +134,26 @@ class SpotDetectorNode:
         image = self._reader.read(raw, encoding)
         self._report.colour = image.ndim == 3 or encoding.startswith("bayer")
         frame_id = self._params.frame or message.header.frame_id
-        shared = self._report.shared_frame(frame_id)
-        frame, unplaced = (None, shared) if shared is not None else self._place(frame_id, stamp, image)
+        frame, unplaced = self._place(frame_id, stamp, image)
         began = time.perf_counter()
         spots = search(self._detector, image, stamp.to_sec(), frame, encoding)
         took = time.perf_counter() - began
-        if frame is not None and frame.unplaced is not None:
-            # the pose was asked for and is missing: what was found is only counted
-            unplaced = frame.unplaced
-            self._report.fault(unplaced, missing=True)
-        elif shared is not None:
-            self._report.fault(shared)
-            spots, self._detector.backfilled = [], []
-        self._report.set_missing_input("" if unplaced is None else str(unplaced))
         for candidate in self._detector.candidates:
             # these are everyday events: counted, but not worth a warning
             if candidate.rejection:
                 self._report.count(candidate.rejection)
-        # the first spots of a stroke come with their own times and places; what has no place was counted when seen
-        confirmed = locate_confirmed(self._detector, spots, frame)
+        if frame is not None:
+            unplaced = frame.unplaced  # the pose was asked for and is missing
+        # camera_info may come late: that is worth a word once a spot is lost by it
+        if unplaced is not None and (spots or unplaced.code != "no_camera_info"):
+            self._report.fault(unplaced, missing=unplaced.code != "shared_frame")
+        self._report.set_missing_input("" if unplaced is None else str(unplaced))
+        # the first spots of a stroke come with their own times and places
+        confirmed = [] if frame is None else locate_confirmed(self._detector, spots, frame)
         for where, spot in confirmed:
             self._spots.publish(self._message(spot, where.point(spot.u, spot.v), where.stamp))
-        self._report.count_backfilled(sum(where is not frame for where, _ in confirmed))
-        if frame is None and spots and unplaced is not None:
-            self._report.fault(unplaced, missing=True)
-            spots = []
-        self._report.count_image(stamp, took, len(spots), image, frame_id, self._detector.confirmation_s)
+        earlier = sum(where is not frame for where, _ in confirmed)
+        self._report.count_image(stamp, took, len(confirmed), earlier, image, frame_id, self._detector.confirmation_s)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(image, encoding, message.header)
 
@@ -183,10 +162,9 @@ class SpotDetectorNode:
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
         """Returns the image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
         try:
+            self._report.require_own_frame(frame_id)
             return self._camera_geometry.geometry_of(frame_id, stamp, image.shape), None
         except CodedError as error:
-            if error.code != "no_camera_info":  # which may come late
-                self._report.fault(error, missing=True)
             return None, error.without_stack()
 
     def _message(self, spot: Spot, point: FloorPoint, stamp: rospy.Time) -> LaserSpot:
@@ -200,7 +178,7 @@ class SpotDetectorNode:
         result.diameter_m = spot.diameter * point.metres_per_pixel
         result.confidence = spot.confidence
         result.track = spot.track
-        result.projection = _SOURCES[point.source]
+        result.projection = getattr(LaserSpot, point.source.upper())
         return result
 
     def _publish_debug(self, image: np.ndarray, encoding: str, header: Any) -> None:
@@ -211,6 +189,12 @@ class SpotDetectorNode:
         self._report.debug_images += 1
         picture = draw(image, encoding, self._detector.candidates)
         self._debug.publish(image_message(picture, "bgr8", header.stamp, header.frame_id))
+
+
+def _tell_time(_request: GetTimeRequest) -> GetTimeResponse:
+    """Returns this computer's clock, whatever ROS time is."""
+    received = rospy.Time.from_sec(time.time())
+    return GetTimeResponse(received, rospy.Time.from_sec(time.time()))
 
 
 def build() -> SpotDetectorNode:

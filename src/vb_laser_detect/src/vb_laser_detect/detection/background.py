@@ -120,16 +120,13 @@ class Background:
             self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
         return cv2.compare(maxima, cv2.max(self._limit, math.ceil(least)), cv2.CMP_GE) > 0
 
-    def update(
-        self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float, at_rest: bool = False,
-    ) -> bool:
+    def update(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
         """Adds a frame.
 
         Args:
             rise: (rows, columns) of the blocks.
             changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
             dt: [s] since the last frame.
-            at_rest: the camera has moved, and stopped.
 
         Returns:
             Whether the image became the keyframe of a camera that moved.
@@ -138,7 +135,7 @@ class Background:
             self._images += 1
             middle = np.array([[[0.5 * image.shape[1], 0.5 * image.shape[0]]]])
             far = np.abs(cv2.perspectiveTransform(middle, self.motion) - middle).max() > _KEYFRAME_PART * image.shape[1]
-            if not (at_rest or far or self._images >= _KEYFRAME):
+            if not far and self._images < _KEYFRAME:
                 return False
             self._begin_keyframe(image, spots)
             return True

@@ -19,9 +19,9 @@ from vb_laser_detect.detection.features import Blob
 
 VERSION = 1
 BUILT_IN = Path(__file__).resolve().parent / "spot_classifier.json"
-# features of the surroundings do not count against a spot that was seen until now and must be there; nor does colour,
-# which it has shown and other light may now hide
-_IGNORED_WHEN_TRACKED = ("darker", "fall", "busy", "chroma_mosaic")
+# features of the surroundings do not count against a spot that is where it was expected; nor does colour, which it has
+# shown and other light may now hide
+_NOT_AGAINST_EXPECTED = ("darker", "fall", "busy", "chroma_mosaic")
 
 
 class Classification(NamedTuple):
@@ -47,15 +47,17 @@ class SpotClassifier:
 
         Args:
             blob: itself; the curves do not use it.
-            expected: a spot was seen until now and must be there.
+            expected: a spot was seen until now, and should be there.
 
         Returns:
             How likely it is a spot, and the feature that speaks most against it.
         """
         logit, least, reason = self.intercept, math.inf, ""
         for name, value in features.items():
-            if name in self.curves and not math.isnan(value) and not (expected and name in _IGNORED_WHEN_TRACKED):
+            if name in self.curves and not math.isnan(value):
                 part = float(np.interp(value, *self.curves[name]))
+                if expected and name in _NOT_AGAINST_EXPECTED:
+                    part = max(0.0, part)
                 logit += part
                 if part < least:
                     least, reason = part, name

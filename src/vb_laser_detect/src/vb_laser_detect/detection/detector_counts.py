@@ -24,24 +24,20 @@ class DetectorCounts:
         with self._lock:
             self._rejections[code] += 1
 
-    def count_image(self, now: float, stamp: float, search_s: float, spots: int) -> None:
+    def count_image(self, now: float, stamp: float, search_s: float, spots: int, backfilled: int = 0) -> None:
         """Counts a searched image.
 
         Args:
             now, stamp: [s] the current and the image's time, on the same clock.
             search_s: [s] of the search itself.
-            spots: published for this image.
+            spots: published after this image, one for each image that shows one.
+            backfilled: of these, spots of earlier images.
         """
         with self._lock:
             if self._frames and now < self._frames[-1][0]:
                 self._frames.clear()
             self._frames.append((now, now - stamp, search_s))
-            self._sums.update(processed=1, detected=int(spots > 0), spots=spots)
-
-    def count_backfilled(self, frames: int) -> None:
-        """Counts earlier frames whose spot was published late, once it was confirmed."""
-        with self._lock:
-            self._sums.update(detected=frames, spots=frames)
+            self._sums.update(processed=1, detected=backfilled + int(spots > backfilled), spots=spots)
 
     def summary(self, now: float) -> Dict[str, Any]:
         """Returns counts since the start and rates and times over the last seconds, named as in vb_msgs/DetectorStatus.

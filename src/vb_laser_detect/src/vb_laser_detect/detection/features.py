@@ -14,8 +14,7 @@ import numpy as np
 
 from vb_laser_detect.detection.blocks import Region, max_channel
 
-EDGE = 0.35  # the blob is where the rise exceeds this part of its peak; ...
-CORE = 0.6  # ... its core, where it touches a bright line, or more that became brighter with it
+_EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
 _SHADOW = 0.5  # part of the light that a shadow leaves at least
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
@@ -52,9 +51,7 @@ class Camera(NamedTuple):
     white: float = 255.0
 
 
-def measure(
-    image: np.ndarray, background: np.ndarray, seed: Region, largest: float, camera: Camera, edge: float = EDGE,
-) -> Blob:
+def measure(image: np.ndarray, background: np.ndarray, seed: Region, largest: float, camera: Camera) -> Blob:
     """Measures the brightest blob of a region.
 
     Args:
@@ -62,7 +59,6 @@ def measure(
         background: the same shape; what the place looks like without a spot.
         seed: region that holds the peak.
         largest: [px] largest extent looked for.
-        edge: the part of the peak that the rise exceeds in the blob.
 
     Returns:
         The blob; see its `problem`.
@@ -78,7 +74,7 @@ def measure(
         # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
         smooth = cv2.GaussianBlur(max_channel(cv2.subtract(now, before)), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
         _, peak, _, at = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
-        _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > edge * peak).astype(np.uint8), connectivity=8)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > _EDGE * peak).astype(np.uint8), connectivity=8)
         label = labels[at[1] + top - y0, at[0] + left - x0]
         bx, by, bw, bh, _ = stats[label].tolist()
         if peak < 4 or max(bw, bh) > largest:

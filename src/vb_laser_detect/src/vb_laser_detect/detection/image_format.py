@@ -41,7 +41,7 @@ class PixelReader:
             image = cv2.convertScaleAbs(image, alpha=255.0 / ((1 << self._bits) - 1))
         if image.dtype != np.uint8:
             raise CodedError("unknown_encoding", encoding=encoding)
-        return image
+        return image if image.ndim == 2 else np.ascontiguousarray(image[:, :, :3])
 
 
 def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
@@ -55,9 +55,7 @@ def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
         return cv2.cvtColor(image, BAYER[encoding[:10]])
     if image.ndim == 2:
         return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    if encoding.startswith("rgb"):
-        return cv2.cvtColor(image[:, :, :3], cv2.COLOR_RGB2BGR)
-    return image[:, :, :3].copy()
+    return cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if encoding.startswith("rgb") else image.copy()
 
 
 def to_grey(image: np.ndarray, encoding: str) -> np.ndarray:

@@ -82,8 +82,6 @@ class ImageGeometry:
         try:
             self.point(u, v)
         except CodedError as error:
-            if error.code in ("no_transform", "bad_transform"):
-                raise
             return error.code
         return ""
 

@@ -15,12 +15,10 @@ from vb_laser_detect.detection.blocks import halve
 _WIDTH = 240  # [px] at least, of the images in which corners are followed
 _CORNERS, _FEWEST = 48, 12  # looked for; needed to know a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
-_SHARE, _SURE = 0.35, 0.75  # of the corners have to agree; so many cannot be a thing's
-_DIFFERS = 10  # [grey levels] a pixel differs
+_SHARE = 0.35  # of the corners have to agree
 _STILL_PX = 0.35  # [px] no place of the image moved farther: the camera is stationary
-_FLOW = dict(winSize=(11, 11), criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
+_FLOW = dict(winSize=(11, 11), maxLevel=2, criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
              flags=cv2.OPTFLOW_USE_INITIAL_FLOW)
-_HALF = np.diag((0.5, 0.5, 1.0))
 
 
 class ImageRegistration:
@@ -65,46 +63,34 @@ class ImageRegistration:
         self._motion = np.eye(3)
 
     def _follow(self) -> Optional[np.ndarray]:
-        """Finds the motion since the keyframe: first where it leads on as before, if that fails wherever it may lead."""
+        """Finds the motion since the keyframe, first where it leads on as before."""
         if len(self._corners) < _FEWEST:
             return None
-        for ahead, levels in ((self._step @ self._motion, 0), (self._motion, 2)):
-            motion = self._search(cv2.perspectiveTransform(self._corners, ahead), levels)
-            if motion is not None:
-                self._step, self._motion = motion @ cv2.invert(self._motion)[1], motion
-                return motion
-        self._step = np.eye(3)
-        return None
-
-    def _search(self, guess: np.ndarray, levels: int) -> Optional[np.ndarray]:
-        found, good, _ = cv2.calcOpticalFlowPyrLK(self._keyframe, self._latest, self._corners, guess, maxLevel=levels, **_FLOW)
+        ahead = cv2.perspectiveTransform(self._corners, self._step @ self._motion)
+        found, good, _ = cv2.calcOpticalFlowPyrLK(self._keyframe, self._latest, self._corners, ahead, **_FLOW)
         good = good.ravel() > 0
         before, after = self._corners[good], found[good]
-        if len(before) < _FEWEST:
-            return None
-        motion, agree = cv2.estimateAffinePartial2D(
-            before, after, method=cv2.RANSAC, ransacReprojThreshold=_AGREE_PX, maxIters=200, confidence=0.99)
+        motion = _agreed_motion(before, after) if len(before) >= _FEWEST else None
         if motion is None:
+            self._step = np.eye(3)
             return None
-        motion, count = np.vstack([motion, (0, 0, 1)]), int(agree.sum())
-        if not levels and count < _SHARE * len(before):
-            return None  # most corners were not where the search began
-        if count < 0.85 * len(before) and len(before) >= 2 * _FEWEST:
-            # a floor seen at a slant: where the camera drives, near places move farther than far ones
-            plane, of_plane = cv2.findHomography(before, after, cv2.RANSAC, _AGREE_PX, maxIters=200, confidence=0.99)
-            if plane is not None and of_plane.sum() > 1.15 * count:
-                motion, count = plane, int(of_plane.sum())
-        known = count >= max(_FEWEST, _SHARE * len(before)) and (count >= _SURE * len(before) or self._explains(motion))
-        return motion if known else None
+        self._step, self._motion = motion @ cv2.invert(self._motion)[1], motion
+        return motion
 
-    def _explains(self, motion: np.ndarray) -> bool:
-        """Tells whether the images differ less after the motion than before: things that move together do not count."""
-        now, before = (cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-                       for picture in (self._latest, self._keyframe))
-        moved = cv2.warpPerspective(before, _HALF @ motion @ np.diag((2.0, 2.0, 1.0)), now.shape[::-1],
-                                    flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        differ = [cv2.countNonZero(cv2.compare(cv2.absdiff(picture, now), _DIFFERS, cv2.CMP_GT)) for picture in (moved, before)]
-        return differ[0] <= differ[1]
+
+def _agreed_motion(before: np.ndarray, after: np.ndarray) -> Optional[np.ndarray]:
+    """Returns the motion (3, 3) that most corners (N, 1, 2) agree on; None if too few do."""
+    motion, agree = cv2.estimateAffinePartial2D(
+        before, after, method=cv2.RANSAC, ransacReprojThreshold=_AGREE_PX, maxIters=200, confidence=0.99)
+    if motion is None:
+        return None
+    motion, count = np.vstack([motion, (0, 0, 1)]), int(agree.sum())
+    if count < 0.85 * len(before) and len(before) >= 2 * _FEWEST:
+        # a floor seen at a slant: where the camera drives, near places move farther than far ones
+        plane, of_plane = cv2.findHomography(before, after, cv2.RANSAC, _AGREE_PX, maxIters=200, confidence=0.99)
+        if plane is not None and of_plane.sum() > 1.15 * count:
+            motion, count = plane, int(of_plane.sum())
+    return motion if count >= max(_FEWEST, _SHARE * len(before)) else None
 
 
 def is_still(motion: np.ndarray, shape: tuple) -> bool:

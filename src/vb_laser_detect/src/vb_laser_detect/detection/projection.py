@@ -20,13 +20,14 @@ from vb_core.parameters import Parameters, param
 
 ToFloor = Callable[[np.ndarray], np.ndarray]  # pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
 
+# what vb_msgs/LaserSpot calls them in capitals
 GROUND_PLANE = "ground_plane"
 DEPTH = "depth"
 GROUND_PLANE_FALLBACK = "ground_plane_fallback"
 _HEIGHT_PER_RANGE = 0.03  # [m/m] a depth point may be farther off the floor at a distance, as the depth's noise grows
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
 _DEPTH_SHARE = 0.3  # of the neighbourhood needs readings; else the plane is used, and marked
-_MIN_DEPTH = 0.3  # [m] nearer readings are none, for every camera of this kind
+_MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings are none, for every camera of this kind
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,6 @@ class ProjectionParams(Parameters):
     max_range: float = param(12.0, "m", above=0.0, high=100.0, doc="from the camera to the point")
     max_incidence_deg: float = param(85.0, "deg", low=0.0, high=89.9, doc="between the ray and the floor's normal")
     max_height: float = param(0.08, "m", above=0.0, high=2.0, doc="of a depth point above or below the floor")
-    max_depth: float = param(6.0, "m", above=0.0, high=100.0, doc="farther readings are none")
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ class FloorProjection:
         reading = None
         if depth is not None and depth.ndim == 2 and depth.size:
             model = depth_camera or camera.scaled_to(depth.shape[1], depth.shape[0])
-            reading = depth_at(depth, model.project(ray[None])[0], p)
+            reading = depth_at(depth, model.project(ray[None])[0])
         if reading is None:
             return FloorPoint(plane.position, plane.metres_per_pixel, GROUND_PLANE_FALLBACK, plane.range)
         point = geometry.apply(T_map_camera, ray * reading)
@@ -193,7 +193,7 @@ def _polygon(corners: Sequence[Sequence[float]]) -> np.ndarray:
     return polygon
 
 
-def depth_at(depth: np.ndarray, pixel: np.ndarray, params: ProjectionParams) -> Optional[float]:
+def depth_at(depth: np.ndarray, pixel: np.ndarray) -> Optional[float]:
     """Reads the depth [m] at a pixel of the depth image, the median of its neighbourhood; None if there are only holes.
 
     The floor is slanted in the image, so the median of a symmetric neighbourhood represents its middle.
@@ -212,7 +212,7 @@ def depth_at(depth: np.ndarray, pixel: np.ndarray, params: ProjectionParams) -> 
         part = part / 1000.0
     rows, columns = np.mgrid[-ry : ry + 1, -rx : rx + 1]
     with np.errstate(invalid="ignore"):
-        good = np.isfinite(part) & (part >= _MIN_DEPTH) & (part <= params.max_depth)
+        good = np.isfinite(part) & (part >= _MIN_DEPTH) & (part <= _MAX_DEPTH)
     if good.sum() < max(1, _DEPTH_SHARE * part.size):
         return None
     values = part[good]

@@ -23,7 +23,7 @@ _MIN_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is small
 _SATURATED = 0.97
 _MAX_REGIONS = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.3  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
-_MAX_CHANGE_LOST = 0.12  # the same, for a moving camera whose motion is not known
+_MAX_CHANGE_LOST = 0.12  # the same, for a moving camera whose motion is not known: else all that it passes would be examined
 
 
 class Proposal(NamedTuple):
@@ -77,11 +77,11 @@ class Proposer:
         self._registration = ImageRegistration() if params.moving_camera else None
         self._background: Optional[Background] = None
         self._motion = np.eye(3)  # from the background's pixels to the last image's
-        self._lost = self._at_rest = False
+        self._lost = False
         self._half: Optional[np.ndarray] = None
 
     def estimate_motion(self, image: np.ndarray) -> Optional[np.ndarray]:
-        """Estimates how the camera moved since the last image, (3, 3); None if it was stationary. Call it before `propose`."""
+        """Estimates how the camera moved since the last image, (3, 3); None if that is not known. Call it before `propose`."""
         if self._registration is None:
             return None
         self._half = halve(image)
@@ -90,10 +90,8 @@ class Proposer:
         self._lost = found is None
         if found is None:
             return None
-        self._motion = np.eye(3) if self._background is None or is_still(found, image.shape) else found
-        step = self._motion @ cv2.invert(before)[1]
-        self._at_rest = is_still(step, image.shape)
-        return None if self._at_rest else step
+        self._motion = np.eye(3) if is_still(found, image.shape) else found
+        return self._motion @ cv2.invert(before)[1]
 
     def propose(self, image: np.ndarray, expected: Sequence[Expected]) -> SearchedImage:
         """Compares an image with the background.
@@ -139,7 +137,7 @@ class Proposer:
         proposals = []
         # most of what a person's clothes leave is found too large at once, and must not use up all places
         for region, level, _ in rated[: 2 * _MAX_REGIONS]:
-            spot = next((one for one in expected if one.intersect(region)), None)
+            spot = next((one for one in expected if one.overlaps(region)), None)
             proposals.append(Proposal(region, spot, "" if level >= _MIN_LEVEL * self.white else "too_dark"))
         # published ones, other expected ones, the rest
         return sorted(proposals, key=lambda one: 2 if one.rejection or one.expected is None else int(not one.expected.published))
@@ -168,5 +166,5 @@ class Proposer:
         held = np.zeros_like(view.changed)
         for spot in spots:
             held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + BLOCK)] = True
-        if self._background.update(view.image, view.rise, view.changed, held, elapsed, self._at_rest):
+        if self._background.update(view.image, view.rise, view.changed, held, elapsed):
             self._begin()

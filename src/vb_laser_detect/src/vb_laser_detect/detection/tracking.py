@@ -25,7 +25,6 @@ _SLACK_M, _SLACK_PX = 0.05, 12.0  # what noise alone may move a spot between two
 _MAX_SPEED = 8.0  # [m/s] of a spot on the floor: a wrist's flick
 _GAP_S, _GAP_PERIODS = 0.25, 3.5  # a spot may be hidden so long, a leg's time, and be missing in two images of any camera
 _RECALL_S = 1.0  # older sightings of a spot confirmed late are not published
-_TRUST_S = 0.5  # [s] how long a spot is followed while it cannot be measured well
 _DIAGONAL_M = 5.0  # without a pose an image's diagonal counts as this much
 _PERIODS = 15  # [images] whose median distance in time is the period
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
@@ -45,7 +44,6 @@ class Spot:
         confidence: 0 ... 1
         track: number of the spot in this camera's images; it stays while the spot is followed.
         rejection: why it is not published, or "".
-        certain: False if it was taken for a spot only since one was expected there.
         tint: what `features.tint_of` said; None: without colour.
         floor: (x, y) [m]; NaN where the pose is not known.
     """
@@ -56,7 +54,6 @@ class Spot:
     confidence: float = 0.0
     track: int = 0
     rejection: str = ""
-    certain: bool = field(default=True, compare=False)
     tint: Optional[np.ndarray] = field(default=None, compare=False)
     floor: Sequence[float] = field(default=(math.nan, math.nan), compare=False)
 
@@ -74,25 +71,22 @@ class Expected(NamedTuple):
 
     Attributes:
         reach: [px] about its place (u, v).
-        trusted: it was measured well a short time ago.
         published: it is one of those published.
     """
 
     u: float
     v: float
     reach: float
-    trusted: bool
     published: bool
 
     def holds(self, u: float, v: float) -> bool:
         """Tells whether a place [px] is within reach."""
         return math.hypot(u - self.u, v - self.v) <= self.reach
 
-    def intersect(self, region: Region) -> Optional[Region]:
-        """Returns the part of a region that is within reach; None if nothing is."""
-        left, top = max(region[0], int(self.u - self.reach)), max(region[1], int(self.v - self.reach))
-        right, bottom = min(region[2], int(self.u + self.reach) + 1), min(region[3], int(self.v + self.reach) + 1)
-        return (left, top, right, bottom) if left < right and top < bottom else None
+    def overlaps(self, region: Region) -> bool:
+        """Tells whether a part of a region is within reach, of a square."""
+        left, top, right, bottom = region
+        return left <= self.u + self.reach and self.u - self.reach < right and top <= self.v + self.reach and self.v - self.reach < bottom
 
 
 @dataclass(eq=False)
@@ -112,7 +106,6 @@ class Track:
     rest: np.ndarray
     rests_since: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(4))
-    certain_at: float = -math.inf
     hits: int = 0
     confirmed: bool = False
     published: bool = False
@@ -162,8 +155,7 @@ class SpotTracker:
         elapsed = self._stamp - track.stamp
         u, v = (track.place + track.velocity * elapsed)[:2].tolist()
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity[:2])
-        trusted = self._stamp - track.certain_at <= max(_TRUST_S, _GAP_PERIODS * self.period_s)
-        return Expected(u, v, reach, trusted, track.published)
+        return Expected(u, v, reach, track.published)
 
     def update(self, spots: Sequence[Spot], tag: Any = None) -> List[Track]:
         """Adds the spots of the image that was begun, the most certain first; returns the track of each.
@@ -213,11 +205,9 @@ class SpotTracker:
         return found
 
     def _see(self, track: Track, spot: Spot) -> None:
-        if spot.certain:
-            track.certain_at = self._stamp
-            track.hits += 1
-            if spot.tint is not None:
-                track.light = spot.tint if track.light is None else track.light + spot.tint
+        track.hits += 1
+        if spot.tint is not None:
+            track.light = spot.tint if track.light is None else track.light + spot.tint
         if track.hits < self.params.confirm_frames or track.confirmed:
             return
         # of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which looks like a colour; in

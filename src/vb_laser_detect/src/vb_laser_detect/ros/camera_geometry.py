@@ -23,7 +23,10 @@ from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 
 
+_LOOK_UP_S = 0.5  # a camera's pose is looked up so often: a recalibrated one is soon known, and no image waits for it
+_TF_WAIT_S = 0.15  # odometry comes in after the image
 _TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any does
+_DEPTH_AGE_S = 0.08  # largest time between image and depth image
 _DOUBT_M = 0.05  # by which a robot's localisation may be off, as its driver takes it to be where nothing else is known
 _STALE_S = 0.5  # a robot whose newest pose is older was somewhere else by now, or is switched off
 
@@ -64,10 +67,8 @@ class InfoTopic:
 
     def __init__(self, topic: str, report: DetectorDiagnostics, rectified: bool = False) -> None:
         self._report, self._rectified = report, rectified
-        self._lock = threading.Lock()
         self._known: Optional[list] = None  # what the last one said
-        self._camera: Optional[CameraModel] = None
-        self._reason = f"no camera_info on {topic}"
+        self._latest: Tuple[Optional[CameraModel], str] = None, f"no camera_info on {topic}"  # the model, or why there is none
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
 
     def model_for(self, shape: Tuple[int, ...]) -> CameraModel:
@@ -76,8 +77,7 @@ class InfoTopic:
         Raises:
             CodedError: "no_camera_info" if none came yet, if it describes no camera, or one of another image size.
         """
-        with self._lock:
-            camera, reason = self._camera, self._reason
+        camera, reason = self._latest
         if camera is None:
             raise CodedError("no_camera_info", reason)
         if (camera.height, camera.width) != tuple(shape[:2]):
@@ -91,14 +91,11 @@ class InfoTopic:
         if known == self._known:
             return
         self._known = known
-        camera, reason = None, ""
         try:
-            camera = camera_from_info(message, self._rectified)
+            self._latest = camera_from_info(message, self._rectified), ""
         except CodedError as error:
             self._report.fault(error)
-            reason = error.message
-        with self._lock:
-            self._camera, self._reason = camera, reason
+            self._latest = None, error.message
 
 
 class DepthTopic:
@@ -119,7 +116,7 @@ class DepthTopic:
         with self._lock:
             self._images.append(message)
 
-    def nearest(self, stamp: rospy.Time, age_s: float, colour_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
+    def nearest(self, stamp: rospy.Time, colour_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
         """Returns the depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
 
         Args:
@@ -128,7 +125,7 @@ class DepthTopic:
         with self._lock:
             images = list(self._images)
         best = min(images, key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
-        if best is None or abs((best.header.stamp - stamp).to_sec()) > age_s:
+        if best is None or abs((best.header.stamp - stamp).to_sec()) > _DEPTH_AGE_S:
             return None, None
         if best.header.frame_id.lstrip("/") != colour_frame.lstrip("/"):
             self._report.fault(CodedError("depth_not_registered", depth=best.header.frame_id, colour=colour_frame))
@@ -213,62 +210,51 @@ class CameraGeometry:
         mobile: whether the camera moves.
         info, depth: topics; depth None: the floor is a plane.
         projector: the camera's.
-        params: the node's, with tf_wait_s, pose_refresh_s, depth_age_s; they may be changed between images.
+        robots: namespaces of those that the camera sees.
         report: of faults.
     """
 
     def __init__(
-        self, mobile: bool, info: InfoTopic, depth: Optional[DepthTopic], projector: FloorProjection, params: Any,
+        self, mobile: bool, info: InfoTopic, depth: Optional[DepthTopic], projector: FloorProjection, robots: Sequence[str],
         report: DetectorDiagnostics,
     ) -> None:
-        self.params = params
         self._mobile, self._info, self._depth, self._projector = mobile, info, depth, projector
         self._transforms = TransformLookup()
-        self._robots = Robots(params.robots, self._transforms, report)
+        self._robots = Robots(robots, self._transforms, report)
         self._pose: Optional[np.ndarray] = None
-        self._pose_frame = ""
-        self._pose_at: Optional[rospy.Time] = None
-        self._unreachable = False
+        self._frame = ""
+        self._looked_up: Optional[rospy.Time] = None
 
     def geometry_of(self, frame_id: str, stamp: rospy.Time, shape: Tuple[int, ...]) -> ImageGeometry:
-        """Returns an image's geometry. A moving camera's pose is looked up only when it is asked for.
+        """Returns an image's geometry. A moving camera's pose at its time is looked up only when it is asked for.
 
         Raises:
             CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
         """
-        camera = self._info.model_for(shape)
+        camera, now = self._info.model_for(shape), rospy.Time.now()
+        if self._looked_up is None or frame_id != self._frame or abs((now - self._looked_up).to_sec()) >= _LOOK_UP_S:
+            self._looked_up = None  # while there is none it is asked for with each image
+            self._pose = self._newest_pose(frame_id, stamp)
+            self._looked_up, self._frame = now, frame_id
         if self._mobile:
-            self._check_reachable(frame_id, stamp)
-            pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, self.params.tf_wait_s)
+            pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, _TF_WAIT_S)
         else:
-            pose = partial(np.copy, self._stationary_pose(frame_id))
-        depth = partial(self._depth.nearest, stamp, self.params.depth_age_s, frame_id) if self._depth is not None else None
+            pose = partial(np.copy, self._pose)
+        depth = partial(self._depth.nearest, stamp, frame_id) if self._depth is not None else None
         return ImageGeometry(camera, pose, self._projector, depth, stamp, partial(self._robots.bodies, stamp))
 
-    def _check_reachable(self, frame_id: str, stamp: rospy.Time) -> None:
-        """Checks now and then that poses exist at all: an image without candidates does not need one."""
-        now = rospy.Time.now()
-        if self._pose_at is None or abs((now - self._pose_at).to_sec()) >= self.params.pose_refresh_s or self._unreachable:
-            self._pose_at, self._unreachable = now, True
-            try:
-                self._transforms.lookup(names.MAP_FRAME, frame_id, stamp - _TF_LATE, 0.0)
-            except CodedError:  # just started, or gone
-                self._transforms.lookup(names.MAP_FRAME, frame_id, stamp, self.params.tf_wait_s)
-            self._unreachable = False
-
-    def _stationary_pose(self, frame_id: str) -> np.ndarray:
-        now = rospy.Time.now()
-        fresh = self._pose_at is not None and abs((now - self._pose_at).to_sec()) < self.params.pose_refresh_s
-        if self._pose is not None and fresh and frame_id == self._pose_frame:
-            return self._pose
+    def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
+        """Returns the pose (4, 4); a moving camera's only tells that there is one, which most images do not ask for."""
+        lookup = partial(self._transforms.lookup, names.MAP_FRAME, frame_id)
         try:
-            pose = self._transforms.lookup(names.MAP_FRAME, frame_id, rospy.Time(0), 0.0)
-            if not self._robots:
-                self._transforms.unsubscribe_if_static(names.MAP_FRAME, frame_id)
+            pose = lookup(stamp - _TF_LATE if self._mobile else rospy.Time(0), 0.0)
         except CodedError:
+            if self._mobile:  # just started, or gone
+                return lookup(stamp, _TF_WAIT_S)
             # a camera that does not move stays where it was last seen, whatever became of its publisher
-            if self._pose is None or frame_id != self._pose_frame:
+            if self._pose is None or frame_id != self._frame:
                 raise
-            pose = self._pose
-        self._pose, self._pose_frame, self._pose_at = pose, frame_id, now
+            return self._pose
+        if not self._mobile and not self._robots:
+            self._transforms.unsubscribe_if_static(names.MAP_FRAME, frame_id)
         return pose

@@ -121,29 +121,23 @@ class DetectorDiagnostics:
             with self._lock:
                 self._others[message.camera] = (message.frame_id, time.monotonic())
 
-    def shared_frame(self, frame_id: str) -> Optional[CodedError]:
-        """Returns why a stationary camera cannot have this frame: another one has it, and a frame has one pose."""
-        if self._mobile:
-            return None
+    def require_own_frame(self, frame_id: str) -> None:
+        """Checks that no other stationary camera has this frame: a frame has one pose.
+
+        Raises:
+            CodedError: "shared_frame"
+        """
         with self._lock:
             frames = {name: frame for name, (frame, at) in self._others.items() if time.monotonic() - at < _HEARD_S}
-        try:
+        if not self._mobile:
             require_own_frame(self._camera, frame_id, frames)
-        except CodedError as error:
-            return error.without_stack()
-        return None
 
     def count_image(
-        self, stamp: rospy.Time, search_s: float, spots: int, image: np.ndarray, frame_id: str, confirmation_s: float
+        self, stamp: rospy.Time, search_s: float, spots: int, backfilled: int, image: np.ndarray, frame_id: str, confirmation_s: float
     ) -> None:
-        """Counts a searched image; at the images' rate a spot is confirmed after `confirmation_s`."""
-        self._frame_id, self._confirmation_s = frame_id, confirmation_s
-        self._counts.count_image(rospy.Time.now().to_sec(), stamp.to_sec(), search_s, spots)
-        self._image = image
-
-    def count_backfilled(self, frames: int) -> None:
-        """Counts earlier images whose spots were published late, once confirmed."""
-        self._counts.count_backfilled(frames)
+        """Counts a searched image, see `DetectorCounts`; at the images' rate a spot is confirmed after `confirmation_s`."""
+        self._frame_id, self._confirmation_s, self._image = frame_id, confirmation_s, image
+        self._counts.count_image(rospy.Time.now().to_sec(), stamp.to_sec(), search_s, spots, backfilled)
 
     # ------------------------------------------------------------- what goes out
     def _publish(self, _event: Any) -> None:

@@ -3,8 +3,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
-from typing import List, Optional, Sequence, Tuple
+from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -183,29 +182,25 @@ def robot_key(pose: Tuple[float, float, float]) -> Tuple:
     return (round(pose[0] / 0.003), round(pose[1] / 0.003), round(pose[2] / 0.02))
 
 
+# a TurtleBot 2: a round base, plates on poles, a camera at the front, a green button
+_ROBOT_RADIUS = 0.18
+_ROBOT = _stack([
+    (0.0, 0.0, 0.01, 0.10, (0.18, 0.18), (0.18, 0.18), (40, 40, 43)),
+    (0.0, 0.0, 0.10, 0.115, (0.1728, 0.1728), (0.1728, 0.1728), (70, 70, 72)),
+    *((x, y, 0.11, 0.40, (0.008, 0.008), (0.008, 0.008), (150, 150, 152)) for x in (0.099, -0.108) for y in (0.108, -0.108)),
+    *((0.0, 0.0, z, z + 0.008, (0.153, 0.153), (0.153, 0.153), (58, 56, 54)) for z in (0.19, 0.28)),
+    (0.0, 0.0, 0.40, 0.41, (0.1584, 0.1584), (0.1584, 0.1584), (92, 88, 82)),
+    (0.0, 0.0, 0.412, 0.414, (0.108, 0.108), (0.108, 0.108), (104, 100, 94)),
+    (0.099, 0.0, 0.41, 0.45, (0.025, 0.09), (0.025, 0.09), (26, 26, 28)),
+    (-0.063, 0.0, 0.414, 0.417, (0.035, 0.035), (0.03, 0.03), (120, 168, 96)),
+])
+
+
 def robot_pieces(pose: Tuple[float, float, float], radius: float) -> Pieces:
-    """Builds a TurtleBot-like robot, 0.42 m high: round base, plates on poles, a camera at the front."""
-    return _robot(radius).move_to(*pose)
-
-
-@lru_cache(maxsize=None)
-def _robot(r: float) -> Pieces:
-    black, plate = (40, 40, 43), (58, 56, 54)
-    rows: List[Tuple] = [
-        (0.0, 0.0, 0.01, 0.10, (r, r), (r, r), black),
-        (0.0, 0.0, 0.10, 0.115, (0.96 * r, 0.96 * r), (0.96 * r, 0.96 * r), (70, 70, 72)),
-    ]
-    poles = [(0.55 * r, 0.6 * r), (0.55 * r, -0.6 * r), (-0.6 * r, 0.6 * r), (-0.6 * r, -0.6 * r)]
-    rows += [(x, y, 0.11, 0.40, (0.008, 0.008), (0.008, 0.008), (150, 150, 152)) for x, y in poles]
-    for z in (0.19, 0.28):
-        rows.append((0.0, 0.0, z, z + 0.008, (0.85 * r, 0.85 * r), (0.85 * r, 0.85 * r), plate))
-    rows += [
-        (0.0, 0.0, 0.40, 0.41, (0.88 * r, 0.88 * r), (0.88 * r, 0.88 * r), (92, 88, 82)),
-        (0.0, 0.0, 0.412, 0.414, (0.60 * r, 0.60 * r), (0.60 * r, 0.60 * r), (104, 100, 94)),
-        (0.55 * r, 0.0, 0.41, 0.46, (0.025, 0.09), (0.025, 0.09), (26, 26, 28)),
-        (-0.35 * r, 0.0, 0.414, 0.417, (0.035, 0.035), (0.03, 0.03), (120, 168, 96)),
-    ]
-    return _stack(rows)
+    """Builds a robot of a TurtleBot 2's proportions: what it is drawn like fits into the cylinder of its profile."""
+    scale = radius / _ROBOT_RADIUS
+    parts = (_ROBOT.low, _ROBOT.high, _ROBOT.low_radii, _ROBOT.high_radii)
+    return Pieces(*(scale * part for part in parts), _ROBOT.yaws, _ROBOT.colors).move_to(*pose)
 
 
 @dataclass(frozen=True)
