@@ -247,8 +247,10 @@ class Interaction:
 
     def _stop(self, source: str, now: float) -> Answer:
         self._confirming, self._active = "", now
-        if not self.stopped:
-            self.stopped, self.stopped_by = True, source
+        if self.stopped:
+            # one press may come twice, on the topic and as a command: it is one stop, and is told once
+            return Answer(True, "stopped")
+        self.stopped, self.stopped_by = True, source
         return self._answered(STOP, source, Answer(True, "stopped"))
 
     def _resume(self, source: str) -> Answer:

@@ -82,9 +82,10 @@ class ActionHandler:
     def _command(self, request: Request, source: str) -> Dict[str, Any]:
         command = request.values["command"]
         if command in ("stop", "resume"):
-            # robots hear this themselves: it works without any other node
-            self._stop.publish(Bool(command == "stop"))
             self._unheard_stop = ""
+        if command == "stop":
+            # robots hear this themselves: it works without any other node
+            self._stop.publish(Bool(True))
         elif command in ("undo", "redo") and not self._manager_there():
             return self._trigger(names.UNDO if command == "undo" else names.REDO)
         wanted = make_request(command, source, COMMAND_EXPIRES_S)
@@ -95,6 +96,9 @@ class ActionHandler:
             if command in ("stop", "resume") and error.code in _UNREACHED:
                 if command == "stop":
                     self._unheard_stop = source
+                else:
+                    # not before: a manager that hears this and the command would be told to resume twice
+                    self._stop.publish(Bool(False))
                 return {"ok": True, "code": _SENT[command], "values": {}, "message": ""}
             raise
 

@@ -42,6 +42,7 @@ _SILENT_S = 4.0  # a detector says something every second
 _MAX_DIAGNOSTICS = 30
 _EVENTS = 100  # of the history that the page shows
 _INVITATION = "page_invitation"
+_UNDER_WAY = ("saving", "changing")  # answers that another one follows
 
 
 @dataclass(frozen=True)
@@ -246,14 +247,16 @@ class PageNode:
         self._state_at = time.monotonic()
         self._view.put("state", section)
         self._invite(section["name"] == "default")
+        if section["name"] == "default":
+            self._view.put("progress", None)
         last = section["last"]
         answered = (last["command"], last["at"], last["code"])
+        if last["code"] in _UNDER_WAY:
+            return  # the history has what became of it
         if self._answered is not None and answered != self._answered and last["command"]:
             self._tell("page_event_command" if last["ok"] else "page_event_refused",
                        {"command": last["command"], "code": last["code"]}, last["source"])
         self._answered = answered
-        if section["name"] == "default":
-            self._view.put("progress", None)
 
     def _invite(self, idle: bool) -> None:
         """Shows address and code on the smart display: people in the room may command by voice and pointer, too."""
