@@ -440,7 +440,7 @@ def pictures(folder):
                     page.wait_text("#laser", sentences.say("missing_spots", {}, language))
                     take("missing")
                     send(make_request("stop", "bench", 10.0))
-                    page.wait("document.getElementById('stop').dataset.command == 'resume'")
+                    page.wait("document.body.classList.contains('stopped')")
                     take("stopped")
                     send(make_request("resume", "bench", 10.0))
                     send(make_request("cancel", "bench", 10.0))

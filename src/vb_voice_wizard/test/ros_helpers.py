@@ -7,6 +7,7 @@ import time
 import rospy
 
 from std_srvs.srv import Trigger, TriggerResponse
+from vb_core.errors import CodedError
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import (
     AddBorder,
@@ -107,7 +108,7 @@ class StubNeighbours:
 
     def _on_undo(self, _request):
         if self.undone:
-            return TriggerResponse(False, "There is nothing to undo.")
+            return TriggerResponse(False, str(CodedError("nothing_to_undo")))
         self.undone += 1
         return TriggerResponse(True, "Nursery is gone.")
 

@@ -258,7 +258,7 @@ class InteractionManagerTest(unittest.TestCase):
             self.assertEqual((first.code, first.values[0].value), ("border_gone", "Nursery"))
             self.assertEqual(self.stub.undone, 1)
             refused = self.command("undo", id="two")
-            self.assertEqual((refused.success, refused.code), (False, "not_changed"))
+            self.assertEqual((refused.success, refused.code), (False, "nothing_to_undo"))
         finally:
             for service in with_undo:
                 service.shutdown()

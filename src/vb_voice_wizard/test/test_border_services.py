@@ -4,8 +4,11 @@ import pytest
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.ros import services
+from std_srvs.srv import TriggerResponse
+from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import GetDrawnBorderResponse
 from vb_voice_wizard.dialogue import border_services
+from vb_voice_wizard.interaction_manager_node import _what_changed
 
 
 @pytest.fixture
@@ -30,3 +33,30 @@ def test_without_spots_the_laser_is_to_blame(made):
 def test_without_spots_a_faulty_camera_is_to_blame_before_the_laser(made):
     error = refusal(made, Notice("camera_no_pose", Severity.ERROR, camera="south", values={"camera": "south"}))
     assert error.code == "camera_no_pose" and "south" in error.message
+
+
+@pytest.mark.parametrize("code, expected", [("nothing_to_redo", "nothing_to_redo"), ("cannot_write", "not_changed")])
+def test_what_cannot_be_redone_says_why_by_a_code(monkeypatch, code, expected):
+    said = str(CodedError(code, what="the disk", reason="full"))
+    monkeypatch.setattr(services, "call", lambda *_arguments, **_more: TriggerResponse(False, said))
+    with pytest.raises(CodedError) as caught:
+        border_services.BorderServices(1.0, 1.0, 1.0, lambda: []).change("redo")
+    assert caught.value.code == expected
+
+
+def test_what_was_undone_is_named():
+    def told(before, after):
+        answer = _what_changed({border.id: border for border in before}, {border.id: border for border in after})
+        return answer.code, answer.values.get("borders")
+
+    rug, bed = VirtualBorder(id="b1", name="Rug", enabled=True), VirtualBorder(id="b2", name="Bed", enabled=True)
+    off, renamed = VirtualBorder(id="b1", name="Rug"), VirtualBorder(id="b1", name="Carpet", enabled=True)
+    # what the map integrator fills in is nobody's change
+    idle = VirtualBorder(id="b2", name="Bed", enabled=True, reason="off_schedule")
+    assert told([rug, bed], [rug]) == ("border_gone", "Bed")
+    assert told([rug], [rug, bed]) == ("border_back", "Bed")
+    assert told([rug, bed], [off, idle]) == ("border_off", "Rug")
+    assert told([off, bed], [rug, bed]) == ("border_on", "Rug")
+    assert told([rug, bed], [renamed, bed]) == ("border_changed", "Carpet")
+    assert told([rug], [off, bed]) == ("borders_changed", None)
+    assert told([rug, idle], [rug, bed]) == ("borders_changed", None)

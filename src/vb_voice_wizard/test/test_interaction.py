@@ -272,6 +272,13 @@ def test_stop_holds_until_resume_whatever_else_is_said(way):
     assert not interaction.stopped and STOP in interaction.suggested_commands()
 
 
+def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
+    interaction = after(STOP)
+    told = (interaction.stopped_by, interaction.last_source, interaction.last_answered)
+    assert interaction.command(STOP, "page 1a2b", 20.0).code == "stopped"
+    assert (interaction.stopped_by, interaction.last_source, interaction.last_answered) == told
+
+
 def test_guide_while_stopped_says_so():
     interaction = after(STOP)
     assert interaction.command(GUIDE_ROBOT, "a", 2.0).code == "guide_stopped"

@@ -153,8 +153,12 @@ class PageTest(unittest.TestCase):
         self.browser.click("#undo")
         self.wait_borders(0)
         self.browser.wait_text("#borders", "No borders yet")
+        self.browser.wait_text("#toast", "Removed from the map: Küche 厨房.")
         self.browser.click("#redo")
         self.wait_borders(1)
+        self.browser.click("#redo")
+        self.browser.wait_text("#toast", "There is nothing to redo.")
+        self.browser.wait("document.getElementById('redo').disabled", what="a button that has nothing to do")
         # rename, switch off
         self.browser.click("#borders .name")
         field = self.browser.driver.find_element("css selector", "#dialog input")
@@ -175,7 +179,7 @@ class PageTest(unittest.TestCase):
     def test_2_corners_times_and_a_wall(self):
         self.draw_carpet("Rug")
         self.browser.click("#borders .name")
-        self.browser.click("#dialog button", "Change shape")
+        self.browser.click("#dialog button", "Edit")
         self.browser.wait("document.querySelectorAll('#handles [data-corner]').length >= 4", what="corners")
         corner = self.browser.run("return window.virtualBorders.draft().points.reduce((a, b) => b[0] + b[1] > a[0] + a[1] ? b : a)")
         self.browser.stroke([corner, [corner[0] + 0.2, corner[1] + 0.1], [corner[0] + 0.5, corner[1] + 0.4]])
@@ -191,22 +195,27 @@ class PageTest(unittest.TestCase):
         self.assertAlmostEqual(min(abs(p.x - (low[0] - 0.1)) + abs(p.y - low[1]) for p in points), 0.0, delta=0.02)
         # times
         self.browser.click("#borders .name")
-        self.browser.click("#dialog button", "Times")
-        for day in ("Sat", "Sun"):
-            self.browser.click("#dialog .days button", day)
-        self.browser.run("""for (const [input, value] of [[0, "08:00"], [1, "12:30"]]) {
-            const e = document.querySelectorAll('#dialog input[type=time]')[input];
-            e.value = value; e.dispatchEvent(new Event('change')) }""")
+        self.browser.click("#dialog button", "Times of day")
+        self.browser.wait_text("#dialog", "Rug: times of day")
+        self.browser.click("#dialog button", "Weekdays")
+        self.browser.click("#dialog button", "Save")  # nobody's times are made up
+        self.browser.wait_text("#toast", "both times")
+        for field, text in (("from", "8"), ("to", "1230")):
+            self.browser.driver.find_element("css selector", f"#dialog input[data-key={field}]").send_keys(text)
         self.browser.click("#dialog button", "Save")
         until(lambda: self.borders()[0].schedule == "mon-fri 08:00-12:30", "the schedule")
-        self.browser.wait_text("#borders", "Mon-Fri 08:00-12:30")
+        self.browser.wait_text("#toast", "in force Mon")
+        self.browser.wait("document.getElementById('borders').innerText.replace(/\\u2060/g, '').includes('Mon–Fri 08:00–12:30')",
+                          what="the schedule in the list")
         # a wall by two taps
         self.browser.click("#wall")
         for point in ([3.3, 4.0], [3.3, 3.1]):
             self.browser.tap(point)
+        self.browser.wait_text("#review", "Save this wall?")
         self.browser.click("#review button", "Save")
         wall = self.wait_borders(2)[-1]
         self.assertEqual(wall.kind, VirtualBorder.VIRTUAL_WALL)
+        self.browser.wait_text("#borders", "Wall ")  # nobody named it
         self.remove_all()
         self.assertEqual(self.browser.faults(), [])
 
@@ -226,11 +235,46 @@ class PageTest(unittest.TestCase):
                           " && window.virtualBorders.view.notices.some((one) => one.code == 'stopped')", what="the answer and the notice")
         self.assertEqual(self.browser.text("#toast"), "")
         self.assertNotIn("topped", self.browser.text("#notices"))
+        self.assertEqual(self.browser.text("#state"), "Stopped")
+        self.assertNotIn("Problems", self.browser.text("#health"))  # what somebody wanted is no problem
         self.browser.click("#dialog button", "Close")
-        self.browser.click("#stop")
+        self.browser.click("#stop")  # a second tap on Stop is no Resume
+        self.browser.wait("document.getElementById('resume').getClientRects().length", what="the way to resume, elsewhere")
+        self.assertTrue(self.heard[names.STATE].stopped)
+        self.browser.click("#resume", "Resume")
         until(lambda: not self.heard[names.STATE].stopped and not self.heard[names.STOP].data, "go on")
+        self.browser.wait_text("#toast", "Robots may drive again.")
         self.browser.click("#commands button", "Cancel")
         self.browser.wait("document.body.dataset.state == 'default'", what="the state default")
+        told = [json.loads(line)["values"]["command"] for line in self.events.read_text().splitlines() if "command" in line]
+        self.assertEqual(told[-4:], ["define_border", "stop", "resume", "cancel"])  # each once
+
+    def test_3a_nothing_moves_under_a_finger_and_the_map_stays_in_its_frame(self):
+        place = "return JSON.stringify(['map', 'stop', 'settings-button'].map((id) => document.getElementById(id).getBoundingClientRect()))"
+        self.browser.run("window.scrollTo(0, 0)")
+        before = self.browser.run(place)
+        self.browser.click("#draw")
+        self.browser.tap([3.0, 1.0])
+        self.browser.run("window.scrollTo(0, 0)")
+        self.assertEqual(self.browser.run(place), before)
+        self.browser.click("#review button", "Cancel")
+        self.browser.click("#stop")
+        self.browser.wait_text("#banners", "All robots are stopped")
+        self.browser.run("window.scrollTo(0, 0)")
+        self.assertEqual(self.browser.run(place), before)
+        self.browser.click("#resume")
+        until(lambda: not self.heard[names.STATE].stopped, "go on")
+        inside = """const m = window.virtualBorders.map, [w, h] = m.size(), [x0, x1, y0, y1] = m.box;
+            const [a, b] = [m.toScreen([x0, y1]), m.toScreen([x1, y0])];
+            return a[0] < w / 2 && b[0] > w / 2 && a[1] < h / 2 && b[1] > h / 2"""
+        for swipe in ("pan(-5000, 0)", "pan(0, 5000)", "zoom(3)", "pan(9000, -9000)", "zoom(1 / 9)"):
+            self.browser.run(f"window.virtualBorders.map.{swipe}")
+            self.assertTrue(self.browser.run(inside), swipe)
+        self.browser.click("#zoom-fit")
+        # what is drawn beyond the map's edge ends at it; what is drawn beside the map is refused in words
+        edge = self.browser.run("return window.virtualBorders.map.onMap([-50, -50])")
+        self.assertEqual(self.browser.run("return window.virtualBorders.map.onMap(arguments[0])", edge), edge)
+        self.assertEqual(self.browser.faults(), [])
 
     def test_3b_a_manager_that_hangs_is_told_with_the_age_of_what_is_shown(self):
         uri = rosgraph.Master("/rostest_page").lookupNode("/interaction_manager")
@@ -257,7 +301,7 @@ class PageTest(unittest.TestCase):
         # roslaunch restarts the manager, and nobody's stop is forgotten by that
         self.browser.wait_text("#banners", "All robots are stopped")
         until(lambda: self.heard[names.STATE].stopped, "the manager to know of the stop")
-        self.browser.click("#stop")
+        self.browser.click("#resume")
         until(lambda: not self.heard[names.STATE].stopped and not self.heard[names.STOP].data, "go on")
 
     # ------------------------------------------------------------- what is seen

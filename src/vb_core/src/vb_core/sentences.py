@@ -23,7 +23,7 @@ import yaml
 
 ENGLISH = "en"
 FOLDER = Path(__file__).resolve().parent / "languages"
-_UNNAMED = re.compile(r"\bborder (\d+)\b")  # as the border database stores it
+_UNNAMED = re.compile(r"\b(border|wall) (\d+)\b")  # as the border database stores it
 
 
 def languages() -> List[str]:
@@ -66,7 +66,7 @@ def robot(name: str) -> str:
 
 def border_name(name: str, language: str = ENGLISH) -> str:
     """Returns a border's name, or several, as people read it: a border that nobody named is numbered in their language."""
-    return _UNNAMED.sub(lambda found: say("unnamed_border", {"number": found.group(1)}, language), name)
+    return _UNNAMED.sub(lambda found: say(f"unnamed_{found.group(1)}", {"number": found.group(2)}, language), name)
 
 
 def say(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, otherwise: str = "") -> str:

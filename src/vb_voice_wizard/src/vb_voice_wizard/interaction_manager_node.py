@@ -4,7 +4,7 @@ from __future__ import annotations
 import threading
 import traceback
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 import rospy
 from std_msgs.msg import Bool
@@ -16,7 +16,7 @@ from vb_core.parameters import param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticeListener, NoticePublisher
-from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorderArray
+from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard.dialogue import persistence
@@ -212,10 +212,10 @@ class InteractionManager:
 
     def _change(self, command: str) -> Answer:
         """Undo or redo, without the lock; says what became of the borders."""
-        before = self._services.fetch_names()
+        before = self._services.fetch_borders()
         self._services.change(command)
         try:
-            answer = _what_changed(before, self._services.fetch_names())
+            answer = _what_changed(before, self._services.fetch_borders())
         except CodedError:
             answer = Answer(True, "borders_changed")
         with self._lock:
@@ -334,13 +334,27 @@ class InteractionManager:
         return said
 
 
-def _what_changed(before: Dict[str, str], after: Dict[str, str]) -> Answer:
-    """What to say when the borders (id to name) were these and are those now."""
-    gone = [name for identity, name in before.items() if identity not in after]
-    back = [name for identity, name in after.items() if identity not in before]
-    if bool(gone) == bool(back):
+def _what_changed(before: Mapping[str, VirtualBorder], after: Mapping[str, VirtualBorder]) -> Answer:
+    """What to say when the borders, by id, were these and are those now; names the borders if one thing happened to all."""
+    both = [key for key in before if key in after]
+    switched = [key for key in both if before[key].enabled != after[key].enabled]
+    found = {
+        "border_gone": [border for key, border in before.items() if key not in after],
+        "border_back": [border for key, border in after.items() if key not in before],
+        "border_on": [after[key] for key in switched if after[key].enabled],
+        "border_off": [after[key] for key in switched if not after[key].enabled],
+        "border_changed": [after[key] for key in both if key not in switched and _drawn(before[key]) != _drawn(after[key])],
+    }
+    kinds = [code for code, borders in found.items() if borders]
+    if len(kinds) != 1:
         return Answer(True, "borders_changed")
-    return Answer(True, "border_gone" if gone else "border_back", {"borders": ", ".join(gone or back)})
+    return Answer(True, kinds[0], {"borders": ", ".join(border.name or border.id for border in found[kinds[0]])})
+
+
+def _drawn(border: VirtualBorder) -> Tuple:
+    """What a person can change of a border besides its switch."""
+    return (border.name, [(point.x, point.y) for point in border.points], border.seed.x, border.seed.y, border.zone,
+            border.max_speed, border.schedule)
 
 
 def _await_clock(limit_s: float = 3.0) -> None:

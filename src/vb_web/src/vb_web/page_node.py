@@ -255,7 +255,7 @@ class PageNode:
             return  # the history has what became of it
         if self._answered is not None and answered != self._answered and last["command"]:
             self._tell("page_event_command" if last["ok"] else "page_event_refused",
-                       {"command": last["command"], "code": last["code"]}, last["source"])
+                       {**last["values"], "command": last["command"], "code": last["code"]}, last["source"])
         self._answered = answered
 
     def _invite(self, idle: bool) -> None:
@@ -305,7 +305,9 @@ class PageNode:
             for status in message.status:
                 # rospy's level is a byte or a number, by version
                 level = status.level if isinstance(status.level, int) else status.level[0]
-                entry = {"name": status.name[:80], "level": level, "message": status.message[:200]}
+                values = messages.mapping_from_values(status.values)
+                entry = {"name": status.name[:80], "level": level, "message": status.message[:200],
+                         "code": values.pop("code", ""), "values": values}
                 self._diagnostics[status.name] = (time.monotonic(), entry)
 
     # ------------------------------------------------------------- periodic checks

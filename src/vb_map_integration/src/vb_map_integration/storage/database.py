@@ -478,7 +478,7 @@ class Database:
         if border.id:
             raise CodedError("id_not_empty", id=border.id)
         number = self._state.next_number
-        name = border.name or f"border {number}"
+        name = border.name or f"{'wall' if border.wall else 'border'} {number}"
         return border.replace(id=f"b{number}", name=name, created=now, modified=now)
 
     def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> None:

@@ -69,13 +69,16 @@ class BorderServices:
         name = names.UNDO if command == UNDO else names.REDO
         response = self._ask(name, Trigger, TriggerRequest(), _INTEGRATOR)
         if not response.success:
-            # a Trigger has no code
+            # a Trigger has no code of its own, and this one is the case that people meet
+            nothing = f"nothing_to_{command}"
+            if response.message.endswith(f"[{nothing}]"):
+                raise CodedError(nothing)
             raise CodedError("not_changed", command=command, reason=response.message)
 
-    def fetch_names(self) -> Dict[str, str]:
-        """Fetches the names of all borders, by their ids."""
+    def fetch_borders(self) -> Dict[str, VirtualBorder]:
+        """Fetches all borders, by their ids."""
         response = self._ask(names.LIST_BORDERS, ListBorders, ListBordersRequest(), _INTEGRATOR)
-        return {border.id: border.name or border.id for border in response.borders.borders}
+        return {border.id: border for border in response.borders.borders}
 
     def preview(self, border: VirtualBorder) -> PreviewBorderArrayResponse:
         """Asks what adding the border would do; an error is in the response."""

@@ -109,8 +109,8 @@ export class Words {
     return at ? said : said.charAt(0).toUpperCase() + said.slice(1);
   }
 
-  // A border that nobody named is numbered in the reader's language.
-  border(name) { return name.replace(/\bborder (\d+)\b/g, (_, number) => this.say("unnamed_border", { number })); }
+  // A border or wall that nobody named is numbered in the reader's language.
+  border(name) { return name.replace(/\b(border|wall) (\d+)\b/g, (_, kind, number) => this.say(`unnamed_${kind}`, { number })); }
 
   // Of anything that has code, values and message.
   tell(said) { return this.say(said.code, said.values, said.message); }

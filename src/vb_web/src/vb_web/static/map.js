@@ -62,7 +62,7 @@ export function middle(polygon) {
 }
 
 export class MapView {
-  // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index)
+  // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index), outside()
   constructor(words, on) {
     Object.assign(this, { words, on, view: { x: 0, y: 0, scale: 50 }, info: null, borders: [], pointers: new Map(), drawing: false, cursor: null });
     this.element = $("map");
@@ -90,9 +90,34 @@ export class MapView {
     const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
     $("map-area").style.setProperty("--aspect", ((y1 - y0) / (x1 - x0)).toFixed(3));
     this.view = { x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale: Math.max(1, Math.min((w - 12) / (x1 - x0), (h - 12) / (y1 - y0))) };
-    this.limits = [this.view.scale * .5, Math.max(400, this.view.scale * 20)];
+    this.limits = [this.view.scale, Math.max(400, this.view.scale * 20)];
+    this.box = [x0, x1, y0, y1];
     this.touched = false;
     this.update();
+  }
+
+  // Moves the view by pixels; the map cannot leave its frame.
+  pan(right, down) {
+    this.view.x -= right / this.view.scale; this.view.y += down / this.view.scale;
+    this.keepInFrame();
+  }
+
+  keepInFrame() {
+    const [x0, x1, y0, y1] = this.box, [w, h] = this.size();
+    for (const [axis, low, high, frame] of [["x", x0, x1, w], ["y", y0, y1, h]]) {
+      const slack = Math.max(0, (high - low) / 2 + (HANDLE_PX - frame / 2) / this.view.scale), centre = (low + high) / 2;
+      this.view[axis] = Math.max(centre - slack, Math.min(centre + slack, this.view[axis]));
+    }
+    this.touched = true;
+    this.update();
+  }
+
+  // The point of the map that is nearest to a point of the world, so that every corner can be seen and gripped.
+  onMap([px, py]) {
+    const { origin: [x, y, yaw], rows, columns, resolution } = this.info, [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+    const keep = (value, most) => Math.max(0, Math.min(most * resolution, value));
+    const [i, j] = [keep(c * (px - x) + s * (py - y), columns), keep(c * (py - y) - s * (px - x), rows)];
+    return [x + c * i - s * j, y + s * i + c * j];
   }
 
   zoom(factor, at = null) {
@@ -101,8 +126,7 @@ export class MapView {
     this.view.scale = Math.max(this.limits[0], Math.min(this.limits[1], this.view.scale * factor));
     const after = this.toWorld(point);
     this.view.x += before[0] - after[0]; this.view.y += before[1] - after[1];
-    this.touched = true;
-    this.update();
+    this.keepInFrame();
   }
 
   update() {
@@ -125,7 +149,8 @@ export class MapView {
     }
     for (const element of [...this.placedGroup.children, ...this.handleGroup.children]) {
       if (!element.at) continue;
-      const [u, v] = this.toScreen(element.at);
+      let [u, v] = this.toScreen(element.at);
+      if (element.half) [u, v] = [Math.max(element.half, Math.min(w - element.half, u)), Math.max(14, Math.min(h - 26, v))];
       element.setAttribute("transform", `translate(${u.toFixed(1)} ${v.toFixed(1)})` + (element.yaw === undefined ? "" : ` rotate(${(-element.yaw * 180 / Math.PI).toFixed(1)})`) + (element.metres ? ` scale(${Math.max(9, element.metres * scale).toFixed(2)})` : ""));
     }
   }
@@ -167,16 +192,22 @@ export class MapView {
     return group;
   }
 
-  setBorders(borders, chosen) {
+  // `hidden` is the id of the border that is being changed; a border's `note` stands under its name.
+  setBorders(borders, hidden) {
     this.borders = borders.map((border) => ({ ...border, line: pairs(border.points) }));
     this.clear("borders");
     for (const border of this.borders) {
-      if (chosen && chosen.hidden === border.id) continue;
+      if (border.id === hidden) continue;
       const acting = border.enabled && !(border.reason && !border.acting);
-      this.line("borders", `border ${border.kind} ${acting ? "" : "off"} ${chosen && chosen.id === border.id ? "chosen" : ""}`, path(border.line, border.kind === "polygon"));
-      const at = border.kind === "polygon" ? middle(border.line) : border.line[Math.floor(border.line.length / 2)];
-      const name = this.words.border(border.name);
-      if (name) this.place("borders", "name", at, [["text", { y: ".3em" }, name.length > 22 ? name.slice(0, 21) + "…" : name]]);
+      this.line("borders", `border ${border.kind} ${acting ? "" : "off"}`, path(border.line, border.kind === "polygon"));
+      const half = border.line.length / 2, ends = [border.line[Math.ceil(half) - 1], border.line[Math.floor(half)]];
+      const at = border.kind === "polygon" ? middle(border.line) : [(ends[0][0] + ends[1][0]) / 2, (ends[0][1] + ends[1][1]) / 2];
+      const name = this.words.border(border.name), y = border.kind === "polygon" ? .3 : -.6;
+      const group = this.place("borders", "name", at, [
+        ["text", { y: `${y}em` }, name.length > 22 ? name.slice(0, 21) + "…" : name],
+        ["text", { class: "note", y: `${y + 1.4}em` }, border.note]]);
+      // a name stays inside the frame
+      group.half = Math.max(...[...group.children].map((text) => text.getComputedTextLength())) / 2 + 4;
     }
     this.update();
   }
@@ -232,7 +263,7 @@ export class MapView {
     if (!draft) return this.update();
     const closed = draft.kind === "polygon", points = draft.points;
     this.line("draft", "draft", path(points, closed && !rough));
-    if (rough) { for (const p of points.slice(0, rough === "taps" ? 99 : 0)) this.place("draft", "knob", p, [["circle", { r: 6, fill: "currentColor" }]]); return this.update(); }
+    if (rough) { for (const p of points.slice(0, rough === "taps" ? 99 : 0)) this.place("draft", "knob", p, [["circle", { r: 7 }]]); return this.update(); }
     const count = points.length;
     if (count <= 24) for (let i = 0; i < (closed ? count : count - 1); i++) {
       const next = points[(i + 1) % count];
@@ -267,6 +298,8 @@ export class MapView {
     element.addEventListener("pointermove", (event) => this.move(event));
     for (const name of ["pointerup", "pointercancel"]) element.addEventListener(name, (event) => this.up(event, name === "pointerup"));
     element.addEventListener("wheel", (event) => { event.preventDefault(); this.zoom(Math.exp(-event.deltaY * .0015), this.at(event)); }, { passive: false });
+    // one finger scrolls the page while nothing is drawn, two move the map
+    element.addEventListener("touchmove", (event) => { if (event.touches.length > 1) event.preventDefault(); }, { passive: false });
     element.addEventListener("keydown", (event) => this.key(event));
     element.addEventListener("blur", () => this.setCursor(null));
   }
@@ -293,21 +326,19 @@ export class MapView {
       const other = [...this.pointers.entries()].find(([id]) => id !== event.pointerId);
       if (other) {
         const [a, b] = [distance(before, other[1]), distance(here, other[1])];
-        this.view.x -= (here[0] - before[0]) / 2 / this.view.scale; this.view.y += (here[1] - before[1]) / 2 / this.view.scale;
+        this.pan((here[0] - before[0]) / 2, (here[1] - before[1]) / 2);
         this.zoom(a > 10 ? b / a : 1, [(here[0] + other[1][0]) / 2, (here[1] + other[1][1]) / 2]);
       }
     } else if (!this.moved && distance(here, this.start) < 6) return;
     else {
       this.moved = true;
-      if (this.gesture === "pan") {
-        this.view.x -= (here[0] - before[0]) / this.view.scale; this.view.y += (here[1] - before[1]) / this.view.scale;
-        this.touched = true; this.update();
-      } else if (this.gesture === "stroke") {
+      if (this.gesture === "pan") { if (event.pointerType !== "touch") this.pan(here[0] - before[0], here[1] - before[1]); }
+      else if (this.gesture === "stroke") {
         const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [event];
         for (const one of events.length ? events : [event]) this.strokePoints.push(this.toWorld(this.at(one)));
-        this.on.stroke(this.strokePoints, false);
-      } else if (this.gesture === "between") { this.gesture = "corner"; this.corner = this.on.between(this.corner, this.toWorld(here)); }
-      else if (this.gesture === "corner") this.on.drag(this.corner, this.toWorld(here), false);
+        this.on.stroke(this.strokePoints.map((point) => this.onMap(point)), false);
+      } else if (this.gesture === "between") { this.gesture = "corner"; this.corner = this.on.between(this.corner, this.onMap(this.toWorld(here))); }
+      else if (this.gesture === "corner") this.on.drag(this.corner, this.onMap(this.toWorld(here)), false);
     }
     this.pointers.set(event.pointerId, here);
   }
@@ -318,10 +349,16 @@ export class MapView {
     if (this.pointers.size) return;
     this.gesture = null;
     if (gesture === "pinch" || !regular) return;
-    if (gesture === "stroke" && this.moved) this.on.stroke(this.strokePoints, true);
-    else if (gesture === "corner" && this.moved) this.on.drag(this.corner, this.toWorld(here), true);
-    else if (gesture === "between") this.on.between(this.corner, this.toWorld(here));
-    else if (!this.moved && (gesture === "pan" || gesture === "stroke")) { const point = this.toWorld(here); this.on.tap(point, this.pick(point)); }
+    const point = this.toWorld(here), onMap = this.onMap(point), beside = (one) => distance(one, this.onMap(one)) * this.view.scale > HANDLE_PX;
+    if (gesture === "stroke" && this.moved) {
+      if (this.strokePoints.every(beside)) { this.on.stroke([onMap], false); this.on.outside(); }
+      else this.on.stroke(this.strokePoints.map((one) => this.onMap(one)), true);
+    } else if (gesture === "corner" && this.moved) this.on.drag(this.corner, onMap, true);
+    else if (gesture === "between") this.on.between(this.corner, onMap);
+    else if (!this.moved && (gesture === "pan" || gesture === "stroke")) {
+      if ((this.drawing || this.picking) && beside(point)) this.on.outside();
+      else this.on.tap(onMap, this.pick(point));
+    }
   }
 
   // The border at a point: the nearest line within a finger's reach, else the smallest polygon around it.
@@ -342,7 +379,7 @@ export class MapView {
     const reach = event.shiftKey ? .25 : .05;
     if (corner !== undefined) {
       const at = event.target.at;
-      if (step) this.on.drag(Number(corner), [at[0] + step[0] * reach, at[1] + step[1] * reach], true);
+      if (step) this.on.drag(Number(corner), this.onMap([at[0] + step[0] * reach, at[1] + step[1] * reach]), true);
       else if (event.key === "Delete" || event.key === "Backspace") this.on.removeCorner(Number(corner));
       else if (event.key === "Enter" || event.key === " ") this.on.choose(Number(corner));
       else return;
@@ -350,9 +387,9 @@ export class MapView {
       this.on.between(Number(event.target.dataset.between), event.target.at);
     } else if (step && (this.drawing || this.picking)) {
       const at = this.cursor ? this.cursor.at : [this.view.x, this.view.y];
-      this.setCursor([at[0] + step[0] * reach, at[1] + step[1] * reach]);
+      this.setCursor(this.onMap([at[0] + step[0] * reach, at[1] + step[1] * reach]));
     } else if ((event.key === "Enter" || event.key === " ") && this.cursor) this.on.tap(this.cursor.at, null);
-    else if (step) { this.view.x += step[0] * 60 / this.view.scale; this.view.y += step[1] * 60 / this.view.scale; this.touched = true; this.update(); }
+    else if (step) this.pan(-60 * step[0], 60 * step[1]);
     else if (event.key === "+" || event.key === "-") this.zoom(event.key === "+" ? 1.3 : 1 / 1.3);
     else return;
     event.preventDefault();

@@ -10,11 +10,14 @@ const $ = (id) => document.getElementById(id);
 const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
 // what a person does in each state: the code of the answer that led there, so that it stands here and is not said twice
 const DOES = { border: "draw_border", seed: "point_seed", guide: "guide" };
-const COMMANDS = ["save", "define_seed", "define_border", "guide_robot", "cancel"];
+const COMMANDS = ["define_border", "define_seed", "cancel", "save", "guide_robot"];
+const CHANGES = ["add", "update", "rename", "enable", "remove"];  // what undo takes back
+const NAME_LENGTH = 60;
 const words = new Words();
 const view = {};
 const hello = { role: "nobody" };
-let online = false, mode = "look", draft = null, taps = [], chosenCorner = null, check = null, checking = 0, chosenBorder = null, floorOn = false, floorSeers = "", watched = "", toastTimer = 0;
+let online = false, mode = "look", draft = null, taps = [], chosenCorner = null, check = null, checking = 0, floorOn = false, floorSeers = "", watched = "", toastTimer = 0;
+const spent = {};  // of undo and redo: the borders' revision at which there was nothing to do
 
 // ----------------------------------------------------------------- small things
 function element(tag, attributes = {}, ...children) {
@@ -52,27 +55,38 @@ function dropStanding() {
   if (standing.includes($("toast").dataset.code)) $("toast").textContent = "";
 }
 
-function toast(text, bad = false, code = "") {
+function toast(text, bad = false, code = "", more = null) {
   clearTimeout(toastTimer);
-  $("toast").textContent = text;
+  $("toast").replaceChildren(...(text ? [element("span", {}, text), more].filter(Boolean) : []));
   $("toast").dataset.code = code;
   dropStanding();
   $("toast").classList.toggle("bad", bad);
-  toastTimer = setTimeout(() => { $("toast").textContent = ""; }, bad ? 9000 : 4500);
+  toastTimer = setTimeout(() => { $("toast").textContent = ""; }, bad || more ? 9000 : 4500);
 }
 
-async function ask(action, fields, done = null) {
+async function ask(action, fields, done = null, values = {}) {
   const answer = await link.ask(action, fields);
-  if (answer.ok && done) toast(say(done));
+  if (answer.ok && done) toast(say(done, values), false, "", CHANGES.includes(action) ? button("page_undo", () => change("undo")) : null);
   else if (!answer.ok || action === "command") toast(words.tell(answer), !answer.ok, answer.code);
   return answer;
 }
+
+async function change(command) {
+  // whoever taps twice wants two steps, and is not told that the first is still under way
+  $("undo").disabled = $("redo").disabled = true;
+  const answer = await ask("command", { command });
+  if (answer.code === `nothing_to_${command}`) spent[command] = view.borders && view.borders.revision;
+  drawChanges();
+}
+
+function drawChanges() { for (const command of ["undo", "redo"]) $(command).disabled = Boolean(view.borders) && spent[command] === view.borders.revision; }
 
 // ----------------------------------------------------------------- modes
 const map = new MapView(words, {
   tap(point, picked) {
     if (mode === "look") choose(picked);
     else if (mode === "side") { draft.seed = point; setMode("review"); }
+    else if (taps.length && distance(taps[taps.length - 1], point) * map.view.scale < 12) return;  // the same tap again
     else if (mode === "wall") { taps.push(point); taps.length === 2 ? begin([...taps], "wall") : showRough(taps, "taps"); }
     else if (mode === "draw") {
       if (taps.length > 2 && distance(taps[0], point) * map.view.scale < 24) return begin([...taps], "polygon");
@@ -106,6 +120,7 @@ const map = new MapView(words, {
     return corner + 1;
   },
   removeCorner() { removeCorner(); },
+  outside() { toast(say("page_off_map"), true); },
 });
 
 // Whether the seed follows the polygon: it does while nobody has put it outside.
@@ -113,13 +128,15 @@ const middleSeed = () => draft.kind === "polygon" && inside(draft.seed, draft.po
 
 function setMode(next) {
   mode = document.body.dataset.mode = next;
+  if (next !== "look") toast("");  // of what was done before
   map.drawing = next === "draw" || next === "wall";
   map.picking = next === "side";
   if (next === "look") { draft = null; check = null; }
   if (next === "look" || next === "draw" || next === "wall") { taps = []; chosenCorner = null; }
   if (next !== "side" && next !== "draw" && next !== "wall") map.setCursor(null);
   map.setDraft(next === "review" || next === "side" ? draft : null, chosenCorner);
-  $("hint").textContent = next === "look" ? "" : say(`page_hint_${next}`);
+  drawHint();
+  drawBanners();
   if (next === "review") examine();
   drawBorders();
   drawReview();
@@ -131,8 +148,17 @@ function setMode(next) {
 
 function showRough(points, kind) {
   map.setDraft({ points, kind: "curve" }, null, kind || "line");
-  $("hint").textContent = say(taps.length && mode === "draw" ? "page_hint_corners" : `page_hint_${mode}`);
+  drawHint();
   drawReview();
+}
+
+// What a touch of the map does; while it only chooses a border, the first thing that people should know comes before that.
+function drawHint() {
+  const [first] = mode === "look" ? standing() : [];
+  const which = mode === "look" && !operator() ? "watch" : mode === "review" && draft.kind === "wall" ? "ends" : taps.length && (mode === "draw" || mode === "wall") ? `${mode}_next` : mode;
+  const text = first ? words.tell(first) : say(`page_hint_${which}`);
+  if ($("hint").textContent !== text) $("hint").textContent = text;
+  $("hint").classList.toggle("warning", Boolean(first && first.severity));
 }
 
 function begin(points, kind) {
@@ -178,15 +204,20 @@ async function examine() {
 async function save() {
   const { border, revision } = draft;
   const answer = border ? await ask("update", { draft: draftFields(), border, revision }, "page_saved") : await ask("add", { draft: draftFields() }, "page_saved");
-  if (answer.ok) { chosenBorder = answer.border || border; setMode("look"); } else if (draft) { check = answer; drawReview(); }
+  if (answer.ok) setMode("look"); else if (draft) { check = answer; drawReview(); }
 }
 
 function issues(list) {
   return (list || []).map((one) => element("p", { class: `issue ${one.severity ? "error" : ""}` }, words.tell(one)));
 }
-const figures = (area, parts) => element("div", { class: "figures" },
-  element("div", {}, element("b", {}, `${words.number(area, 2)} m²`), say("page_area")),
-  parts > 1 ? element("div", {}, element("b", {}, words.number(parts, 0)), say("page_parts")) : null);
+const figures = (area) => element("div", { class: "figures" }, element("div", {}, element("b", {}, `${words.number(area, 2)} m²`), say("page_area")));
+const what = (kind) => ({ what: kind === "wall" ? "$page_what_wall" : "$page_what_border" });
+
+function nameField(value, placeholder = "") {
+  const made = element("input", { maxlength: NAME_LENGTH, value, placeholder, "data-key": "name", autocomplete: "off" });
+  made.addEventListener("input", () => { if (made.value.length === NAME_LENGTH) toast(say("page_name_long", { count: NAME_LENGTH }), true); });
+  return made;
+}
 
 function select(code, value, options, onchange) {
   const made = element("select", { "data-key": code }, ...options.map((one) => element("option", { value: one, selected: one === value }, say(`${code}_${one}`))));
@@ -200,50 +231,56 @@ function drawReview() {
   if (mode === "look") { map.picture("region", ""); return fill(box, []); }
   const cancel = button("page_discard", () => setMode("look"));
   if (mode !== "review") {
-    const done = mode === "draw" && taps.length > 1 ? button("page_finish", () => begin([...taps], taps.length > 2 ? "polygon" : "curve"), "primary") : null;
-    const close = mode === "side" && draft.points.length > 2 ? button("page_close_line", () => { draft.kind = "polygon"; draft.seed = middle(draft.points); setMode("review"); }) : null;
-    return fill(box, [element("h2", {}, say(mode === "wall" ? "page_wall" : `page_title_${mode}`)), mode === "side" ? null : element("p", { class: "muted" }, say(`page_help_${mode}`)), element("div", { class: "row" }, cancel, close, done)]);
+    const end = (kind) => Object.assign(button(`page_end_${kind}`, () => begin([...taps], kind), kind === "polygon" ? "primary" : ""), { disabled: taps.length < (kind === "polygon" ? 3 : 2) });
+    const close = mode === "side" && draft.kind === "curve" && draft.points.length > 2 ? button("page_end_polygon", () => { draft.kind = "polygon"; draft.seed = middle(draft.points); setMode("review"); }) : null;
+    return fill(box, [element("h2", {}, say(`page_title_${mode}`)), mode === "side" ? null : element("p", { class: "muted" }, say(`page_help_${mode}`)),
+      element("div", { class: "row" }, cancel, ...(mode === "draw" ? [end("curve"), end("polygon")] : [close]).filter(Boolean))]);
   }
-  const name = element("input", { maxlength: 60, value: words.border(draft.name), placeholder: say("page_name_free"), "data-key": "name", autocomplete: "off" });
+  const wall = draft.kind === "wall";
+  const name = nameField(words.border(draft.name), say(wall ? "page_name_wall" : "page_name_free"));
   name.addEventListener("input", () => { draft.name = name.value; });
   const speed = element("input", { type: "number", min: .05, max: 1, step: .05, value: draft.max_speed, "data-key": "speed" });
   speed.addEventListener("change", () => { draft.max_speed = Math.max(.05, Math.min(1, Number(speed.value) || .2)); examine(); });
   const refused = check && !check.ok;
   const corner = chosenCorner !== null && draft.points.length > (draft.kind === "polygon" ? 3 : 2);
   fill(box, [
-    element("h2", {}, say(draft.border ? "page_title_edit" : "page_title_review")),
-    check === null ? element("p", { class: "muted" }, say("page_checking")) : refused ? element("p", { class: "issue error" }, words.tell(check)) : draft.kind === "wall" ? null : figures(check.area, check.parts),
-    ...issues(refused ? [] : check && check.issues),
-    element("div", { class: "row" }, button("page_discard", () => setMode("look")), Object.assign(button("page_save", save, "primary"), { disabled: !check || refused })),
+    element("h2", {}, say(draft.border ? "page_title_edit" : "page_title_review", what(draft.kind))),
     element("label", {}, element("span", {}, say("page_name")), name),
-    select("page_zone", draft.zone, ["keep_out", "avoid", "slow"], (value) => { draft.zone = value; examine(); }),
+    wall ? null : select("page_zone", draft.zone, ["keep_out", "avoid", "slow"], (value) => { draft.zone = value; examine(); }),
     draft.zone === "slow" ? element("label", {}, element("span", {}, say("page_speed")), speed) : null,
-    element("div", { class: "row" }, draft.kind === "wall" ? null : button("page_other_side", () => setMode("side")), corner ? button("page_remove_corner", removeCorner) : null),
+    element("div", { class: "row" }, wall ? null : button("page_other_side", () => setMode("side")),
+      wall && draft.points.length === 2 ? null : Object.assign(button("page_remove_corner", removeCorner), { disabled: !corner })),
+    check === null ? element("p", { class: "muted" }, say("page_checking")) : refused ? element("p", { class: "issue error" }, words.tell(check)) : wall ? null : figures(check.area),
+    ...issues(refused ? [] : check && check.issues),
+    element("div", { class: "row decide" }, cancel, Object.assign(button("page_save", save, "primary"), { disabled: !check || refused })),
   ]);
 }
 
 // ----------------------------------------------------------------- borders
 function choose(id) {
-  chosenBorder = id;
-  drawBorders();
   if (id) borderDialog(id);
 }
 
+// Why a border is not in force; "" if it is.
+function idle(border) {
+  const code = !border.enabled ? "page_reason_disabled" : border.reason && !border.acting ? `page_reason_${border.reason}` : "";
+  return code && say(words.has(code) ? code : border.reason);
+}
+
 function why(border) {
-  const idle = !border.enabled ? "page_reason_disabled" : border.reason && !border.acting ? `page_reason_${border.reason}` : "";
   const kind = border.zone === "slow" ? say("page_slow_at", { speed: words.number(border.max_speed, 2) }) : border.zone === "avoid" ? say("page_zone_avoid") : "";
-  const first = idle ? say(words.has(idle) ? idle : border.reason) : border.kind === "wall" ? say("page_wall") : `${words.number(border.area, 2)} m²`;
+  const first = idle(border) || (border.kind === "wall" ? say("page_kind_wall") : `${words.number(border.area, 2)} m²`);
   return [first, kind, border.schedule && scheduleText(border.schedule)].filter(Boolean).join(" · ");
 }
 
 function drawBorders() {
   if (!view.borders) return;
-  const { list, revision, unconfirmed } = view.borders;
-  map.setBorders(list, { id: chosenBorder, hidden: draft && draft.border });
+  const { list } = view.borders;
+  map.setBorders(list.map((border) => ({ ...border, note: border.reason === "off_schedule" ? scheduleText(border.schedule) : idle(border) })), draft && draft.border);
   fill($("borders"), !list.length ? [element("li", { class: "muted" }, say("page_no_borders"))] : list.map((border) => {
     const toggle = element("button", {
       type: "button", class: "switch operator", role: "switch", "aria-checked": String(border.enabled), "aria-label": say("page_switch", { border: border.name }), "data-key": `switch ${border.id}`,
-      onclick: () => ask("enable", { border: border.id, enabled: !border.enabled, revision: view.borders.revision }),
+      onclick: () => toggleBorder(border),
     });
     const open = element("button", { type: "button", class: "name", "data-key": `border ${border.id}`, onclick: () => choose(border.id) },
       element("span", {}, words.border(border.name) || say("page_no_name"), element("small", {}, why(border))));
@@ -251,19 +288,29 @@ function drawBorders() {
   }));
 }
 
+const toggleBorder = (border) => ask("enable", { border: border.id, enabled: !border.enabled, revision: view.borders.revision },
+  border.enabled ? "page_event_disabled" : "page_event_enabled", { border: border.name });
+
 function scheduleText(schedule) {
-  return schedule.replace(/\b(mon|tue|wed|thu|fri|sat|sun|daily)\b/g, (day) => say(`page_day_${day}`));
+  // a word joiner on both sides: the line does not break at the dash
+  return schedule.replace(/\b(mon|tue|wed|thu|fri|sat|sun|daily)\b/g, (day) => say(`page_day_${day}`)).replaceAll("-", "\u2060–\u2060");
 }
 
 function parseSchedule(text) {
   const match = /^(?:([a-z,-]+) )?(\d\d?:\d\d)-(\d\d?:\d\d)$/.exec(text);
-  if (!match) return { days: new Set(DAYS), from: "22:00", to: "06:00" };
+  if (!match) return { days: new Set(), from: "", to: "" };
   const days = new Set();
   for (const part of (match[1] || "mon-sun").replace("daily", "mon-sun").split(",")) {
     const [a, b] = part.split("-"), first = DAYS.indexOf(a), last = DAYS.indexOf(b || a);
     for (let i = first; i !== (last + 1) % 7 || days.size === 0; i = (i + 1) % 7) { days.add(DAYS[i]); if (i === last) break; }
   }
   return { days, from: match[2].padStart(5, "0"), to: match[3].padStart(5, "0") };
+}
+
+// "06:00" of "6", "6:00" and "0600"; "" if it is no time of day.
+function parseTime(text) {
+  const [, hours, minutes = "00"] = /^([01]?\d|2[0-4]):?([0-5]\d)?$/.exec(text.trim()) || [];
+  return !hours || (hours === "24" && minutes !== "00") ? "" : `${hours.padStart(2, "0")}:${minutes}`;
 }
 
 function formatSchedule({ days, from, to }) {
@@ -296,37 +343,47 @@ function borderDialog(id) {
   const heading = words.border(border.name) || say("page_no_name");
   if (!operator()) return show(heading, element("p", { class: "muted" }, why(border)), closeButton());
   const target = { border: id, revision: view.borders.revision };
-  const name = element("input", { maxlength: 60, value: words.border(border.name), autocomplete: "off" });
+  const name = nameField(words.border(border.name));
+  name.addEventListener("focus", () => name.select());
   const form = element("form", {}, element("label", {}, element("span", {}, say("page_name")), name), button("page_rename", () => form.requestSubmit()));
-  form.addEventListener("submit", async (event) => { event.preventDefault(); if (name.value.trim() && (await ask("rename", { ...target, name: name.value }, "page_renamed")).ok) $("dialog").close(); });
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    if (!name.value.trim()) toast(say("page_name_empty"), true);
+    else if (name.value === words.border(border.name) || (await ask("rename", { ...target, name: name.value }, "page_renamed")).ok) $("dialog").close();
+  });
   show(heading, element("p", { class: "muted" }, why(border)),
     element("div", { class: "row" }, button("page_edit", () => { $("dialog").close(); edit(border); }, "primary"), button("page_schedule", () => scheduleDialog(border))),
     form,
-    element("div", { class: "row" }, button("page_remove", async () => {
-      if ((await ask("remove", target, "page_removed")).ok) { chosenBorder = null; $("dialog").close(); }
-    }, "danger"), closeButton()));
+    element("div", { class: "row" }, button(border.enabled ? "page_switch_off" : "page_switch_on", async () => { if ((await toggleBorder(border)).ok) $("dialog").close(); }),
+      button("page_remove", async () => { if ((await ask("remove", target, "page_removed", { border: border.name })).ok) $("dialog").close(); }, "danger")),
+    closeButton());
 }
 
 function scheduleDialog(border) {
   const schedule = parseSchedule(border.schedule);
-  const days = element("div", { class: "days", role: "group", "aria-label": say("page_days") }, ...DAYS.map((day) => {
-    const toggle = element("button", { type: "button", "aria-pressed": String(schedule.days.has(day)), onclick: () => {
-      schedule.days[schedule.days.has(day) ? "delete" : "add"](day);
-      toggle.setAttribute("aria-pressed", String(schedule.days.has(day)));
-    } }, say(`page_day_${day}`));
-    return toggle;
-  }));
-  const times = [["from", "page_from"], ["to", "page_to"]].map(([key, code]) => { const made = element("input", { type: "time", value: schedule[key] }); made.addEventListener("change", () => { if (made.value) schedule[key] = made.value; }); return element("label", {}, element("span", {}, say(code)), made); });
+  const toggles = DAYS.map((day) => element("button", { type: "button", onclick: () => press(schedule.days.has(day) ? DAYS.filter((one) => one !== day && schedule.days.has(one)) : [...schedule.days, day]) }, say(`page_day_${day}`)));
+  const press = (days) => { schedule.days = new Set(days); toggles.forEach((one, i) => one.setAttribute("aria-pressed", String(schedule.days.has(DAYS[i])))); };
+  press(schedule.days);
+  // not type=time, which has the browser's clock of 12 or 24 hours instead of the page's
+  const times = [["from", "page_from"], ["to", "page_to"]].map(([key, code]) => {
+    const made = element("input", { value: schedule[key], inputmode: "numeric", maxlength: 5, placeholder: "00:00", autocomplete: "off", "data-key": key });
+    made.addEventListener("input", () => { schedule[key] = parseTime(made.value); });
+    made.addEventListener("change", () => { made.value = schedule[key] || made.value; });
+    return element("label", {}, element("span", {}, say(code)), made);
+  });
   const put = async (text) => {
     edit(border);
     draft.schedule = text;
     const fields = draftFields();
     fields.points = pairs(border.points);
     setMode("look");
-    if ((await ask("update", { draft: fields, border: border.id, revision: view.borders.revision }, "page_saved")).ok) $("dialog").close();
+    if ((await ask("update", { draft: fields, border: border.id, revision: view.borders.revision }, text ? "page_scheduled" : "page_saved", { times: scheduleText(text) })).ok) $("dialog").close();
   };
-  show(say("page_schedule"), element("p", { class: "muted" }, say("page_schedule_help")), days, element("div", { class: "row" }, ...times),
-    element("div", { class: "row" }, button("page_always", () => put("")), button("page_save", () => put(formatSchedule(schedule)), "primary")), closeButton());
+  const save = () => schedule.days.size && schedule.from && schedule.to ? put(formatSchedule(schedule)) : toast(say("page_schedule_incomplete"), true);
+  show(say("page_schedule_of", { border: border.name }), element("p", { class: "muted" }, say("page_schedule_help")),
+    element("div", { class: "row" }, button("page_weekdays", () => press(DAYS.slice(0, 5))), button("page_day_daily", () => press(DAYS))),
+    element("div", { class: "days", role: "group", "aria-label": say("page_days") }, ...toggles), element("div", { class: "row" }, ...times),
+    element("div", { class: "row" }, button("page_always", () => put("")), button("page_save", save, "primary")), closeButton());
 }
 
 // ----------------------------------------------------------------- laser pointer: state and commands
@@ -341,7 +398,7 @@ function confirmSave() {
     await ask("command", { command: "save" });
     $("dialog").close();
   }, "primary");
-  show(say("page_title_review"), preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)),
+  show(say("page_title_review", what("polygon")), preview.ok ? figures(preview.area) : element("p", { class: "issue error" }, words.tell(preview)),
     ...issues(preview.issues), element("div", { class: "row" }, closeButton("page_back"), go));
 }
 
@@ -349,13 +406,9 @@ function drawState() {
   const state = view.state, there = online && view.health && view.health.manager;
   const name = !online ? "offline" : !state || !there ? "absent" : state.name;
   document.body.dataset.state = name;
-  $("state-name").textContent = say(`page_state_${name}`);
-  $("elapsed").textContent = there && state && state.name !== "default" ? clock(state.elapsed) : "";
-  const stopped = Boolean(state && state.stopped);
-  $("stop").classList.toggle("resume", stopped);
-  $("stop-word").textContent = say(stopped ? "page_resume" : "page_stop");
-  words.label($("stop"), stopped ? "page_resume" : "page_stop_all");
-  $("stop").dataset.command = stopped ? "resume" : "stop";
+  const stopped = Boolean(online && state && state.stopped);
+  document.body.classList.toggle("stopped", stopped);
+  $("state-name").textContent = say(`page_state_${stopped ? "stopped" : name}`);
   $("stop").disabled = !online;
   $("laser").hidden = !state && !there;
   const given = new Set(there && state ? state.commands : []);
@@ -363,54 +416,56 @@ function drawState() {
   // also of a command by voice or from another phone: this is why nothing happened
   const refused = there && state && state.name !== "default" && state.last.command && !state.last.ok ? words.tell(state.last) : "";
   if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
-  fill($("commands"), COMMANDS.filter((one) => given.has(one)).map((one) => element("button", {
-    type: "button", "data-key": one, "data-command": one, class: one === "save" || (one === "define_seed" && !given.has("save")) || (one === "define_border" && state.name !== "default") ? "primary" : "", onclick: () => command(one),
-  }, one === "save" && state.confirm ? say("page_save_again") : commandName(one))));
+  fill($("commands"), COMMANDS.map((one) => element("button", {
+    type: "button", "data-key": one, "data-command": one, disabled: !given.has(one), class: !given.has(one) ? "" : one === "save" || (one === "define_seed" && !given.has("save")) || (one === "define_border" && state.name !== "default") ? "primary" : "", onclick: () => command(one),
+  }, one === "save" && state && state.confirm ? say("page_save_again") : commandName(one))));
   const preview = there && state && state.name !== "default" && view.preview && view.preview.available ? view.preview : null;
-  fill($("preview"), preview ? [preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)), ...issues(preview.ok ? preview.issues : [])] : []);
+  fill($("preview"), preview ? [preview.ok ? figures(preview.area) : element("p", { class: "issue error" }, words.tell(preview)), ...issues(preview.ok ? preview.issues : [])] : []);
   if (mode === "look") map.picture("region", preview && preview.region ? preview.region : "");
   dropStanding();
 }
 
 function drawBanners() {
-  // a banner moves the map: not while a finger draws on it
-  if (map.pointers.size) return void setTimeout(drawBanners, 200);
   const state = view.state, list = [];
-  if (!online) list.push(["page_offline", {}, true]);
+  const put = (kind, sentence, ...buttons) => list.push(element("p", { class: kind }, element("span", {}, sentence), ...(operator() ? buttons : [])));
+  if (!online) put("bad", say("page_offline"));
   else {
-    if (state && state.stopped) list.push(["page_stopped", { who: sourceName(state.stopped_by) }, true]);
+    // apart from Stop, so that a second tap on that does not let robots drive; whoever draws is told by the state alone
+    if (state && state.stopped && mode === "look") put("bad", say("page_stopped", { who: sourceName(state.stopped_by) }), Object.assign(button("page_resume", () => ask("command", { command: "resume" })), { id: "resume" }));
     // a manager that hangs is there and says nothing: what is shown is as old as that
-    if (view.health && view.health.manager && view.health.silent) list.push(["page_state_old", { time: clock(view.health.silent) }, true]);
-    if (view.health && !view.health.integrator) list.push(["page_integrator_gone", {}, true]);
-    if (view.borders && view.borders.unconfirmed) list.push([view.borders.code, view.borders.values, "ask", view.borders.message]);
-    if (state && state.ends && state.name !== "default") list.push(["page_ends", { time: clock(state.ends) }, false]);
+    if (view.health && view.health.manager && view.health.silent) put("bad", say("page_state_old", { time: clock(view.health.silent) }));
+    if (view.health && !view.health.integrator) put("bad", say("page_integrator_gone"));
+    if (view.borders && view.borders.unconfirmed) put("", words.tell(view.borders), ...[["page_same_place", true], ["page_other_place", false]].map(([code, same]) => button(code, () => ask("confirm_map", { same }, "page_noted"))));
+    if (state && state.ends && state.name !== "default") put("", say("page_ends", { time: clock(state.ends) }));
   }
-  const made = list.map(([code, values, bad, message]) => [words.say(code, values, message), bad]);
-  const text = JSON.stringify(made);
-  if ($("banners").dataset.text === text) return;  // what is read out already is not read out again
-  $("banners").dataset.text = text;
-  $("banners").replaceChildren(...made.map(([sentence, bad]) => element("p", { class: bad === true ? "bad" : "" }, sentence,
-    bad === "ask" && operator() ? element("span", { class: "row" }, button("page_same_place", () => ask("confirm_map", { same: true }, "page_noted")), button("page_other_place", () => ask("confirm_map", { same: false }, "page_noted"))) : null)));
+  fill($("banners"), list);  // what is read out already is not read out again
 }
 
 // ----------------------------------------------------------------- the rest of the panel
-const sourceName = (source) => { const [kind, rest] = String(source || "").split(" "); return words.has(`page_source_${kind}`) ? say(`page_source_${kind}`) + (rest ? ` ${rest}` : "") : source; };
+const sourceName = (source) => { const [kind] = String(source || "").split(" "); return words.has(`page_source_${kind}`) ? say(`page_source_${kind}`) : source; };
+
+// The notices that no banner says.
+function standing() {
+  const state = view.state || {}, inBanner = { stopped: state.stopped, interaction_ends_soon: state.ends };
+  return (view.notices || []).filter((notice) => !inBanner[notice.code]);
+}
 
 function drawNotices() {
-  const state = view.state || {}, inBanner = { stopped: state.stopped, interaction_ends_soon: state.ends };
-  fill($("notices"), (view.notices || []).filter((notice) => !inBanner[notice.code]).map((notice) => element("li", { class: ["info", "warning", "error"][notice.severity] || "error" }, words.tell(notice))));
+  drawHint();
+  fill($("notices"), standing().map((notice) => element("li", { class: ["info", "warning", "error"][notice.severity] || "error" }, words.tell(notice))));
   dropStanding();
 }
 
 function drawHealth() {
-  const cameras = view.cameras || [], ill = view.diagnostics || [];
+  // what a notice says is said by that; somebody's stop is no problem
+  const told = (view.notices || []).map((notice) => notice.code), cameras = view.cameras || [], ill = (view.diagnostics || []).filter((one) => !told.includes(one.code));
   const bad = cameras.filter((one) => !one.there).length + ill.length;
   $("health-sum").textContent = bad ? say("page_problems", { count: bad }) : cameras.length ? say("page_all_well") : "";
   $("health-sum").className = bad ? "ill" : "good";
   fill($("cameras"), cameras.map((one) => element("li", {},
-    element("span", {}, one.name, element("small", { class: "muted" }, one.there ? say("page_camera_rate", { hz: words.number(one.hz, 0), ms: words.number(one.ms, 0) }) : say("page_camera_gone"))),
-    operator() ? element("button", { type: "button", "data-key": `see ${one.name}`, "aria-pressed": String(watched === one.name), "aria-label": say("page_see_camera", { camera: one.name }), onclick: () => watch(watched === one.name ? "" : one.name) }, say("page_see")) : null)));
-  fill($("diagnostics"), ill.map((one) => element("li", {}, element("span", { class: "ill" }, `${one.name}: ${one.message}`))));
+    element("span", {}, say("page_camera", { camera: one.name }), element("small", { class: "muted" }, one.there ? say("page_camera_rate", { hz: words.number(one.hz, 0), ms: words.number(one.ms, 0) }) : say("page_camera_gone"))),
+    operator() ? element("button", { type: "button", "data-key": `see ${one.name}`, "aria-pressed": String(watched === one.name), "aria-label": say("page_see_camera", { camera: one.name }), onclick: () => watch(watched === one.name ? "" : one.name) }, say(watched === one.name ? "page_close" : "page_see")) : null)));
+  fill($("diagnostics"), ill.map((one) => element("li", {}, element("span", { class: "ill" }, one.code ? words.tell(one) : `${one.name}: ${one.message}`))));
 }
 
 function watch(camera) {
@@ -426,13 +481,14 @@ function watch(camera) {
 }
 
 function drawEvents() {
-  const format = new Intl.DateTimeFormat(words.language, { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false });
+  const time = { hour: "2-digit", minute: "2-digit", hourCycle: "h23" }, today = new Date().toDateString();
+  const [clockTime, dated] = [time, { ...time, day: "numeric", month: "short" }].map((parts) => new Intl.DateTimeFormat(words.language, parts));
   $("events").replaceChildren(...(view.events || []).slice().reverse().map((event) => {
     const values = { ...event.values };
     if (values.command) values.command = commandName(values.command);
     if (values.code) values.reason = say(values.code, values);
     const at = new Date(event.at * 1000);
-    return element("li", {}, element("time", { datetime: at.toISOString() }, format.format(at)), element("span", {}, say(event.code, values), event.source ? element("small", { class: "muted" }, sourceName(event.source)) : null));
+    return element("li", {}, element("time", { datetime: at.toISOString() }, (at.toDateString() === today ? clockTime : dated).format(at)), element("span", {}, say(event.code, values), event.source ? element("small", { class: "muted" }, sourceName(event.source)) : null));
   }));
 }
 
@@ -454,7 +510,7 @@ function setFloor(on) {
   map.picture("floor", on ? `floor.webp?${Date.now()}` : "");
 }
 
-function drawAll() { drawState(); drawBanners(); drawBorders(); drawReview(); drawNotices(); drawHealth(); drawEvents(); drawStudy(); }
+function drawAll() { drawHint(); drawState(); drawBanners(); drawBorders(); drawReview(); drawNotices(); drawHealth(); drawEvents(); drawStudy(); }
 
 const DRAW = {
   map(section) {
@@ -462,10 +518,10 @@ const DRAW = {
     $("floor-button").hidden = !section.floor;
     if (section.floor && operator() && !floorOn && !view.floorTried) { view.floorTried = true; setFloor(true); }
   },
-  borders() { drawBorders(); drawBanners(); }, state() { drawState(); drawBanners(); drawNotices(); }, health() { drawState(); drawBanners(); },
+  borders() { drawBorders(); drawBanners(); drawChanges(); }, state() { drawState(); drawBanners(); drawNotices(); }, health() { drawState(); drawBanners(); },
   progress(section) { map.setProgress(section); }, preview: drawState, robots(section) { map.setRobots(section); }, spots(section) { map.setSpots(section); },
   level(section) { $("level").hidden = section === null; $("level").querySelector("meter").value = section === null ? -60 : section; },
-  notices: drawNotices, cameras() { drawHealth(); refreshFloor(); }, diagnostics: drawHealth, events: drawEvents, study: drawStudy,
+  notices() { drawNotices(); drawHealth(); }, cameras() { drawHealth(); refreshFloor(); }, diagnostics: drawHealth, events: drawEvents, study: drawStudy,
 };
 
 // ----------------------------------------------------------------- beginning
@@ -522,16 +578,11 @@ const link = new Link(
   });
 
 $("login").querySelector("form").addEventListener("submit", (event) => { event.preventDefault(); logIn(event.target.elements.code.value); });
-$("stop").addEventListener("click", () => ask("command", { command: $("stop").dataset.command || "stop" }));
+$("stop").addEventListener("click", () => ask("command", { command: "stop" }));
 $("settings-button").addEventListener("click", settings);
 $("draw").addEventListener("click", () => setMode("draw"));
 $("wall").addEventListener("click", () => setMode("wall"));
-for (const change of ["undo", "redo"]) $(change).addEventListener("click", async () => {
-  // whoever taps twice wants two steps, and is not told that the first is still under way
-  $("undo").disabled = $("redo").disabled = true;
-  await ask("command", { command: change });
-  $("undo").disabled = $("redo").disabled = false;
-});
+for (const command of ["undo", "redo"]) $(command).addEventListener("click", () => change(command));
 $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());
