@@ -40,7 +40,7 @@ def test_what_cannot_be_redone_says_why_by_a_code(monkeypatch, code, expected):
     said = str(CodedError(code, what="the disk", reason="full"))
     monkeypatch.setattr(services, "call", lambda *_arguments, **_more: TriggerResponse(False, said))
     with pytest.raises(CodedError) as caught:
-        border_services.BorderServices(1.0, 1.0, 1.0, lambda: []).change("redo")
+        border_services.BorderServices(1.0, 1.0, 1.0, list).change("redo")
     assert caught.value.code == expected
 
 

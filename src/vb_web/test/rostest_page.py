@@ -274,6 +274,10 @@ class PageTest(unittest.TestCase):
             self.browser.run(f"window.virtualBorders.map.{swipe}")
             self.assertTrue(self.browser.run(inside), swipe)
         self.browser.click("#zoom-fit")
+        view = "return JSON.stringify(window.virtualBorders.map.view)"
+        before = self.browser.run(view)
+        self.browser.stroke([[4.0, 2.5], [3.0, 2.5], [1.0, 2.5]])  # one finger scrolls the page, if anything
+        self.assertEqual(self.browser.run(view), before)
         # what is drawn beyond the map's edge ends at it; what is drawn beside the map is refused in words
         edge = self.browser.run("return window.virtualBorders.map.onMap([-50, -50])")
         self.assertEqual(self.browser.run("return window.virtualBorders.map.onMap(arguments[0])", edge), edge)
