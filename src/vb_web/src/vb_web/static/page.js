@@ -157,7 +157,7 @@ function drawHint() {
   const [first] = mode === "look" ? standing() : [];
   const which = mode === "look" && !operator() ? "watch" : mode === "review" && draft.kind === "wall" ? "ends" : taps.length && (mode === "draw" || mode === "wall") ? `${mode}_next` : mode;
   const text = first ? words.tell(first) : say(`page_hint_${which}`);
-  if ($("hint").textContent !== text) $("hint").textContent = text;
+  if ($("hint").textContent !== text) $("hint").firstChild.textContent = text;
   $("hint").classList.toggle("warning", Boolean(first && first.severity));
 }
 
