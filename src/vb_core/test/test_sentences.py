@@ -47,7 +47,7 @@ def test_a_value_may_be_a_word_of_the_readers_language():
 def test_a_border_that_nobody_named_is_numbered_in_the_readers_language():
     assert sentences.border_name("border 3") == "Border 3" and sentences.border_name("border 3", "de") == "Grenze 3"
     assert sentences.border_name("Rug", "de") == "Rug" and sentences.border_name("", "de") == ""
-    assert sentences.say("border_back", {"borders": "border 3, Rug"}, "de") == "Wieder in der Karte: Grenze 3, Rug."
+    assert sentences.say("border_back", {"borders": "border 3, wall 4, Rug"}, "de") == "Wieder in der Karte: Grenze 3, Wand 4, Rug."
     assert sentences.say("robot_touches_border", {"who": "ada", "border": "'border 3'"}, "de").endswith(" 'Grenze 3'.")
 
 

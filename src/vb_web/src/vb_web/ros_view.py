@@ -45,11 +45,9 @@ def issues_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
 
 def state_section(message: InteractionState) -> Dict[str, Any]:
     """Converts the state of the interaction; times become seconds."""
-    elapsed = message.guide_s + message.border_s + message.seed_s
     ends = (message.ends - message.header.stamp).to_sec() if not message.ends.is_zero() else 0.0
     return {
         "name": message.name,
-        "elapsed": 0 if message.name == "default" else int(number(elapsed) or 0),
         "commands": list(message.commands),
         "stopped": bool(message.stopped),
         "stopped_by": message.stopped_by,
