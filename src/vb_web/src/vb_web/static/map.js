@@ -222,7 +222,7 @@ export class MapView {
     this.update();
   }
 
-  seed(layer, at) { this.place(layer, "seed", at, [["path", { d: "M-8-8 8 8M-8 8 8-8" }]]); }
+  seed(layer, at) { this.place(layer, "seed", at, [["path", { d: "M-9 0A9 9 0 1 0 9 0A9 9 0 1 0-9 0M-4.5 0H4.5" }]]); }
 
   setRobots(robots) {
     this.robots = this.robots || {};

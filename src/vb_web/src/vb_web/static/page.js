@@ -210,7 +210,7 @@ async function save() {
 function issues(list) {
   return (list || []).map((one) => element("p", { class: `issue ${one.severity ? "error" : ""}` }, words.tell(one)));
 }
-const figures = (area) => element("div", { class: "figures" }, element("div", {}, element("b", {}, `${words.number(area, 2)} m²`), say("page_area")));
+const figures = (area) => element("p", { class: "figures" }, element("b", {}, `${words.number(area, 2)} m²`), ` ${say("page_area")}`);
 const what = (kind) => ({ what: kind === "wall" ? "$page_what_wall" : "$page_what_border" });
 
 function nameField(value, placeholder = "") {
@@ -250,9 +250,11 @@ function drawReview() {
     draft.zone === "slow" ? element("label", {}, element("span", {}, say("page_speed")), speed) : null,
     element("div", { class: "row" }, wall ? null : button("page_other_side", () => setMode("side")),
       wall && draft.points.length === 2 ? null : Object.assign(button("page_remove_corner", removeCorner), { disabled: !corner })),
-    check === null ? element("p", { class: "muted" }, say("page_checking")) : refused ? element("p", { class: "issue error" }, words.tell(check)) : wall ? null : figures(check.area),
-    ...issues(refused ? [] : check && check.issues),
-    element("div", { class: "row decide" }, cancel, Object.assign(button("page_save", save, "primary"), { disabled: !check || refused })),
+    // what is wrong stands where one saves, and grows away from the button
+    element("div", { class: "decide" },
+      ...[check === null ? element("p", { class: "muted" }, say("page_checking")) : refused ? element("p", { class: "issue error" }, words.tell(check)) : wall ? null : figures(check.area),
+        ...issues(refused ? [] : check && check.issues)].filter(Boolean),
+      element("div", { class: "row" }, cancel, Object.assign(button("page_save", save, "primary"), { disabled: !check || refused }))),
   ]);
 }
 
@@ -456,9 +458,12 @@ function drawNotices() {
   dropStanding();
 }
 
+const noticed = new Set();
+
 function drawHealth() {
-  // what a notice says is said by that; somebody's stop is no problem
-  const told = (view.notices || []).map((notice) => notice.code), cameras = view.cameras || [], ill = (view.diagnostics || []).filter((one) => !told.includes(one.code));
+  // what comes as a notice is shown as one, and goes with it: the diagnostics repeat it seconds later
+  for (const notice of view.notices || []) noticed.add(notice.code);
+  const cameras = view.cameras || [], ill = (view.diagnostics || []).filter((one) => !noticed.has(one.code));
   const bad = cameras.filter((one) => !one.there).length + ill.length;
   $("health-sum").textContent = bad ? say("page_problems", { count: bad }) : cameras.length ? say("page_all_well") : "";
   $("health-sum").className = bad ? "ill" : "good";
