@@ -173,7 +173,7 @@ class PageTest(unittest.TestCase):
         self.browser.wait_text("#borders", "Switched off")
         # the history says it all
         for part in ("Küche 厨房 was added", "Rug has a new name", "Rug was switched off"):
-            self.assertIn(part, self.browser.run("return document.getElementById('events').textContent"))
+            self.browser.wait("document.getElementById('events').textContent.includes(arguments[0])", part, what=f"'{part}' in the history")
         self.remove_all()
         self.assertEqual(self.browser.faults(), [])
 
