@@ -47,16 +47,16 @@ class LabMonitorParams(Parameters):
 
 
 class LabMonitorNode:
-    """Watches the detectors' status; runs `check_lab`; logs what is new in its result, cures too, and in the nodes' notices.
+    """Watches the detectors' status; runs `check_lab`; logs what is new in its result, with the cure, and new notices of the nodes.
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
         /virtual_borders/spots (vb_msgs/LaserSpot): to compare where overlapping cameras see the laser
-        /tf_static (tf2_msgs/TFMessage): what a camera saw before it got another pose counts no more
-        /virtual_borders/notices (vb_msgs/NoticeArray): what any node tells people to be wrong is logged here
+        /tf_static (tf2_msgs/TFMessage): spots seen before a camera's pose changed are ignored
+        /virtual_borders/notices (vb_msgs/NoticeArray): problems that any node reports to people are logged here
     Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): camera_silent, camera_no_pose, camera_no_lens, detector_missing,
-            cameras_disagree, and the errors of `check_lab` that no other node tells
+            cameras_disagree, and the errors of `check_lab` that no other node reports
         /diagnostics (diagnostic_msgs/DiagnosticArray): each line of `check_lab`, and each warning and error among the notices
     Parameters:
         ~* LabMonitorParams

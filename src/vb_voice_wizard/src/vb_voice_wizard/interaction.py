@@ -434,12 +434,12 @@ class Interaction:
             values = {str(name): str(value) for name, value in answer.values.items()}
             self.last_answer = Answer(bool(answer.success), str(answer.code), values, str(answer.said))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise CodedError("bad_state_file", f"this is no memory of an interaction: {error!r}") from None
+            raise CodedError("bad_state_file", f"this is not the saved state of an interaction: {error!r}") from None
         numbers = [*(getattr(self, name) for name in _TIMES), *self._durations.values()]
         if not all(map(math.isfinite, numbers)) or min(self._durations.values()) < 0:
-            raise CodedError("bad_state_file", "this is no memory of an interaction: times must be finite")
+            raise CodedError("bad_state_file", "this is not the saved state of an interaction: times must be finite")
         if (self.state == State.DEFAULT) != (self.interaction_id == ""):
-            raise CodedError("bad_state_file", "this is no memory of an interaction: state and id do not fit")
+            raise CodedError("bad_state_file", "this is not the saved state of an interaction: state and id do not fit")
         return self
 
     # ------------------------------------------------------------------ inside

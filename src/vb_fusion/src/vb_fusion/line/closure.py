@@ -3,9 +3,9 @@
 People close a line to enclose floor. So the opening between the ends is compared with the mean width of the floor
 that would be enclosed, which is twice its area over the line's length. The opening of a U is always wider than that,
 however deep the U is: parallel ends that are farther apart lie side by side on purpose. The less the line would have
-to turn from its end to its start, the more is it a side that was not finished, and the wider may the opening be, as
-long as the end came back by more than half of the figure's size. A wave encloses next to nothing however near its ends
-are. Ends that cross or run past each other are cut there; what is cut off counts half as opening.
+to turn from its end to its start, the more likely it is that a side was left unfinished, and the wider the opening may
+be, as long as the end came back by more than half of the figure's size. A wave encloses next to nothing however near
+its ends are. Ends that cross or run past each other are cut there; what is cut off counts half as opening.
 """
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ def describe(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
     lines = [
         f"position     {T[0, 3]:.3f} {T[1, 3]:.3f} {T[2, 3]:.3f} m, "
         f"+- {sigma_cm[0]:.1f} {sigma_cm[1]:.1f} {sigma_cm[2]:.1f} cm",
-        f"orientation  {tilt:.2f} deg off looking straight down, the image's right is {right:.1f} deg in the map, "
+        f"orientation  {tilt:.2f} deg off looking straight down, the image's x axis points to {right:.1f} deg in the map,  "
         f"+- {sigma_deg[0]:.2f} {sigma_deg[1]:.2f} {sigma_deg[2]:.2f} deg about the camera's x, y, z",
         f"quaternion   {qx:.6f} {qy:.6f} {qz:.6f} {qw:.6f}",
         f"points       {int(used.sum())} of {len(used)} used",

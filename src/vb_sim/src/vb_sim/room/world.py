@@ -325,7 +325,7 @@ def _document(file: Path, depth: int = 0) -> Any:
     if not isinstance(document, Mapping) or "like" not in document:
         return document
     if depth > 8 or not isinstance(document["like"], str):
-        raise ParameterError("like", f"'{file}': expected the name of another world file, which is not like this one")
+        raise ParameterError("like", f"'{file}': expected the name of another world file that does not refer back to this one")
     base = _document(file.parent / document["like"], depth + 1)
     if not isinstance(base, Mapping):
         return base

@@ -69,7 +69,7 @@ class StateFile:
         except (OSError, ValueError) as error:
             raise CodedError("bad_state_file", f"cannot read {self._path}: {error}") from None
         if not isinstance(memory, dict):
-            raise CodedError("bad_state_file", f"{self._path} holds no memory of an interaction")
+            raise CodedError("bad_state_file", f"{self._path} does not hold the saved state of an interaction")
         return memory
 
 
