@@ -1,5 +1,7 @@
 """Rules that hold across all packages (docs/explanation/architecture.md)."""
 import ast
+import importlib.machinery
+import importlib.util
 import re
 import subprocess
 import sys
@@ -188,6 +190,19 @@ def test_reference_is_that_of_the_code():
     done = subprocess.run([sys.executable, str(TOP / "scripts" / "reference"), "--check"],
                           stdout=subprocess.PIPE, universal_newlines=True)
     assert done.returncode == 0, done.stdout
+
+
+def test_a_parameter_that_is_not_set_is_listed_in_its_section(tmp_path):
+    """A copied name of the table must be accepted: a commented parameter belongs where it would stand if it were set."""
+    source = importlib.machinery.SourceFileLoader("reference", str(TOP / "scripts" / "reference"))
+    reference = importlib.util.module_from_spec(importlib.util.spec_from_loader(source.name, source))
+    source.exec_module(reference)
+    path = tmp_path / "node.yaml"
+    path.write_text("# image: raw   # topic\nempty: {}\n  # low: 1   # in empty\nfull:\n  high: 2   # in full\n  # higher: 3   # in full\n"
+                    "  deep:\n    # lowest: 4   # in deep\n  # middle: 5   # in full\n# frame: map   # of the node\n")
+    assert [row[:2] for row in reference.read_comments(path)] == [
+        ("", "image"), ("", "empty"), ("empty", "low"), ("full", "high"), ("full", "higher"), ("full.deep", "lowest"), ("full", "middle"),
+        ("", "frame")]
 
 
 def test_reference_names_every_fixed_topic_and_service():

@@ -23,7 +23,7 @@ class SpotDetectorNodeParams(Parameters):
 
 @dataclass(frozen=True)
 class DetectorParams(Parameters):
-    """The defaults are those of a stationary camera; config/*.yaml holds only what differs, with reasons."""
+    """The defaults are those of a stationary camera; config/stationary.yaml lists them, config/mobile.yaml what differs."""
 
     moving_camera: bool = param(False, doc="the camera may move: its motion is told from the images")
     confirm_frames: int = param(4, "frames", low=1, high=50, doc="a spot must be seen in so many; 1: each image by itself")
