@@ -21,6 +21,14 @@ def python_files():
     return sorted(set(files))
 
 
+def load_script(name):
+    """Imports a file of scripts/, whatever its ending."""
+    loader = importlib.machinery.SourceFileLoader(name.split(".")[0], str(TOP / "scripts" / name))
+    module = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
+    loader.exec_module(module)
+    return module
+
+
 def imported(path):
     """Names of the top-level packages that a file imports."""
     names = set()
@@ -194,9 +202,7 @@ def test_reference_is_that_of_the_code():
 
 def test_a_parameter_that_is_not_set_is_listed_in_its_section(tmp_path):
     """A copied name of the table must be accepted: a commented parameter belongs where it would stand if it were set."""
-    source = importlib.machinery.SourceFileLoader("reference", str(TOP / "scripts" / "reference"))
-    reference = importlib.util.module_from_spec(importlib.util.spec_from_loader(source.name, source))
-    source.exec_module(reference)
+    reference = load_script("reference")
     path = tmp_path / "node.yaml"
     path.write_text("# image: raw   # topic\nempty: {}\n  # low: 1   # in empty\nfull:\n  high: 2   # in full\n  # higher: 3   # in full\n"
                     "  deep:\n    # lowest: 4   # in deep\n  # middle: 5   # in full\n# frame: map   # of the node\n")
@@ -249,6 +255,23 @@ def test_links_lead_somewhere():
             if not (TOP / page).is_file():
                 broken.append(f"{path.relative_to(TOP)}: {page}")
     assert not broken, broken
+
+
+def test_the_site_has_no_link_out_of_its_folder():
+    site = load_script("site_links.py")
+    named = 0
+    for path in sorted((TOP / "docs").glob("**/*.md")):
+        page = path.relative_to(TOP / "docs").as_posix()
+        before = path.read_text(encoding="utf-8")
+        after = site.name_outside_files(before, page)
+        named += before != after
+        for target in re.findall(r"\]\(([^)#\s]+)", after):
+            outside = (TOP / "docs") not in (path.parent / target).resolve().parents
+            assert re.match(r"[a-z]+:", target) or not outside, f"{page}: {target}"
+    assert named > 5
+    links = "[a](../../src/a.py#b), [`c.py`](../../src/c.py), [here](../glossary.md#path), ![image](../images/x.png)"
+    assert site.name_outside_files(links, "how-to/page.md") == (
+        "a (`src/a.py`), `src/c.py`, [here](../glossary.md#path), ![image](../images/x.png)")
 
 
 def test_the_table_of_places_names_what_is_there():
