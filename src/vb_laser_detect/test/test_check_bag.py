@@ -79,7 +79,7 @@ def check(monkeypatch, capsys):
 
 def test_cameras_that_agree(tmp_path, check):
     status, offsets, medians, text = check(record(tmp_path / "good.bag", {}))
-    assert status == 0 and "cameras agree to 2 cm" in text
+    assert status == 0 and "cameras agree to within 2 cm" in text
     assert set(offsets) == {("blue", "green"), ("blue", "red"), ("green", "red")}, "the robot's camera does not count"
     assert max(medians.values()) <= 0.2
 
