@@ -50,8 +50,8 @@ class Rig:
     def step(self):
         self.now += DT
         self.driver.set_state(self.state, "a" if self.state else "", 0.0, self.now)
-        self.driver.set_pose(self.pose, self.now)
-        self.driver.set_scan(Scan(self.ranges, -math.pi, math.pi / 180, 0.1, 8.0, np.eye(4), RADIUS), self.now)
+        self.driver.gate.set_pose(self.pose, self.now)
+        self.driver.gate.set_scan(Scan(self.ranges, -math.pi, math.pi / 180, 0.1, 8.0, np.eye(4), RADIUS), self.now)
         command = self.driver.step(self.now)
         assert abs(command.v) <= 0.2 + 1e-9 and abs(command.w) <= 0.8 + 1e-9
         middle = self.pose[2] + 0.5 * command.w * DT

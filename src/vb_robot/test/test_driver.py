@@ -71,11 +71,11 @@ class Rig:
                 self.correction = self.now + 0.3  # dated ahead, as AMCL does
             x, y, yaw = self.pose
             believed = x - self.off * math.cos(yaw), y - self.off * math.sin(yaw), yaw
-            self.driver.set_pose(believed, self.now, self.correction)
+            self.driver.gate.set_pose(believed, self.now, self.correction)
         if "scan" not in self.silent:
             step = math.radians(1.0)
             scan = Scan(self.ranges, -0.5 * step * (self.fov - 1), step, 0.12, 8.0, np.eye(4), 0.18)
-            self.driver.set_scan(scan, self.now)
+            self.driver.gate.set_scan(scan, self.now)
         if self.spot is not None and VIEW.sees(to_base(np.array([self.spot]), self.pose))[0]:
             self.see(self.spot, self.camera, True, self.confidence)
         for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
@@ -85,7 +85,7 @@ class Rig:
             self._stood += DT  # its clock stands, and the world goes on
         else:
             self._stood = 0.0
-        self.driver.clock_age = self._stood
+        self.driver.gate.clock_age = self._stood
         command = self.driver.step(self.now)
         self.cancelled += command.cancel
         self.commands.append(command)
@@ -143,9 +143,9 @@ def test_somebody_who_commands_past_the_driver_stops_it_and_is_named():
     rig = Rig()
     rig.navigation = (0.3, 0.0)
     rig.step(0.5)
-    rig.driver.note_other_publisher("/move_base", rig.now)
+    rig.driver.gate.note_other_publisher("/move_base", rig.now)
     assert rig.step().code == "other_cmd_vel_publisher" and rig.commands[-1].v == 0.0
-    assert rig.driver.other_publishers == "/move_base"
+    assert rig.driver.gate.other_publishers == "/move_base"
     assert rig.step(1.2).v == 0.3
 
 
@@ -248,7 +248,7 @@ def test_what_is_dated_ahead_grows_old_all_the_same():
     rig.navigation = (0.5, 0.0)
     rig.step(1.0)
     rig.silent.add("pose")
-    rig.driver.set_pose(rig.pose, rig.now + 0.3)
+    rig.driver.gate.set_pose(rig.pose, rig.now + 0.3)
     assert rig.step(STOP_WITHIN).v == 0.0
 
 
@@ -282,7 +282,7 @@ def test_within_a_border_a_person_may_drive_it_and_navigation_may_not():
 def test_contact_lets_it_only_back_up():
     rig = Rig()
     rig.navigation = (0.3, 0.0)
-    rig.driver.contacts["bumper"] = True
+    rig.driver.gate.contacts["bumper"] = True
     assert rig.step(0.2).code == "contact" and rig.commands[-1].v == 0.0
     rig.navigation = (-0.2, 0.0)
     assert rig.step().v == -0.2
@@ -291,7 +291,7 @@ def test_contact_lets_it_only_back_up():
 def test_speed_limits_hold_for_navigation():
     rig = Rig()
     rig.navigation = (0.5, 0.5)
-    rig.driver.speed_limits = SpeedLimits(empty().with_data(np.full(empty().shape, 20, np.int8)))
+    rig.driver.gate.speed_limits = SpeedLimits(empty().with_data(np.full(empty().shape, 20, np.int8)))
     command = rig.step(0.2)
     assert command.code == "speed_zone" and command.v == pytest.approx(0.2) and command.w == pytest.approx(0.2)
 

@@ -158,7 +158,7 @@ class RobotDriverNode:
     def _on_command(self, message: Any) -> None:
         name = message._connection_header.get("callerid", "somebody")
         if name != rospy.get_name():
-            self._driver.note_other_publisher(name, rospy.get_time())
+            self._driver.gate.note_other_publisher(name, rospy.get_time())
 
     def _on_state(self, message: InteractionState) -> None:
         self._driver.set_state(message.state, message.interaction_id, message.entered.to_sec(),
@@ -194,10 +194,10 @@ class RobotDriverNode:
             self._mounts[frame] = T
         scan = Scan(np.asarray(message.ranges), message.angle_min, message.angle_increment, message.range_min,
                     message.range_max, self._mounts[frame], self._profile.radius, self._profile.scanner.zero_is_nothing)
-        self._driver.set_scan(scan, message.header.stamp.to_sec())
+        self._driver.gate.set_scan(scan, message.header.stamp.to_sec())
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
-        self._driver.contacts[contact.topic] = int(getattr(message, contact.field)) == contact.alarm
+        self._driver.gate.contacts[contact.topic] = int(getattr(message, contact.field)) == contact.alarm
 
     def _on_status(self, message: GoalStatusArray) -> None:
         self._driver.goal_runs = any(entry.status in RUNNING for entry in message.status_list)
@@ -218,7 +218,7 @@ class RobotDriverNode:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
             return
         if which == "speed":
-            self._driver.speed_limits = SpeedLimits(grid)
+            self._driver.gate.speed_limits = SpeedLimits(grid)
             return
         with self._lock:
             self._maps[which] = grid
@@ -245,11 +245,11 @@ class RobotDriverNode:
             for border in message.borders
             if border.enabled and len(border.points) and (not border.robots or self._params.robot in border.robots)
         ]
-        if self._driver.workspace is not None:
-            self._driver.workspace.known = self._borders
+        if self._driver.gate.workspace is not None:
+            self._driver.gate.workspace.known = self._borders
 
     def _on_goal(self, message: MoveBaseActionGoal) -> None:
-        target, workspace = message.goal.target_pose, self._driver.workspace
+        target, workspace = message.goal.target_pose, self._driver.gate.workspace
         if target.header.frame_id.lstrip("/") != names.MAP_FRAME or workspace is None:
             return
         x, y, _ = pose_to_2d(target.pose)
@@ -267,7 +267,7 @@ class RobotDriverNode:
             try:
                 if now != last:
                     last, moved = now, time.monotonic()
-                self._driver.clock_age = time.monotonic() - moved
+                self._driver.gate.clock_age = time.monotonic() - moved
                 self._locate()
                 self._obey(self._driver.step(now.to_sec()), now)
             except rospy.ROSException:
@@ -282,8 +282,8 @@ class RobotDriverNode:
         # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
         T = self._lookup(names.MAP_FRAME, self._base, stamp)
-        self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec(),
-                              self._transforms.newest(names.MAP_FRAME, self._odom).to_sec())
+        self._driver.gate.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec(),
+                                   self._transforms.newest(names.MAP_FRAME, self._odom).to_sec())
 
     def _obey(self, command: Command, now: rospy.Time) -> None:
         if command.publish:
@@ -319,7 +319,7 @@ class RobotDriverNode:
 
     def _said(self, command: Command, now: float) -> List[Notice]:
         found = []
-        contact, name, lethal = self._driver.border_contact(now)
+        contact, name, lethal = self._driver.gate.border_contact(now)
         if contact is not BorderContact.FREE:
             inside = contact is BorderContact.INSIDE
             code = "robot_inside_border" if inside else "robot_touches_border"
@@ -340,7 +340,7 @@ class RobotDriverNode:
         if command.code in HOLDS and (held or command.driver == STOP):
             severity = Severity.INFO if command.code in ("obstacle", "border") else Severity.WARNING
             code = "robot_inside_border_held" if command.code == "inside_border" else f"robot_{command.code}"
-            found.append(self._notice(code, severity, others=self._driver.other_publishers))
+            found.append(self._notice(code, severity, others=self._driver.gate.other_publishers))
         if self._bad_goal is not None and now < self._bad_goal_until:
             found.append(self._bad_goal)
         return found

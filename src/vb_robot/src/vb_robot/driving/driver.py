@@ -9,6 +9,7 @@ Who drives, in order of priority: stop (it holds until resume), teleoperation, f
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from typing import Dict, Iterable, Optional, Tuple
 
@@ -44,7 +45,7 @@ class Command:
     cancel: bool = False
 
 
-class Driver(Gate):
+class Driver:
     """Drives one robot through its gate. Several threads may feed it; one calls `step`.
 
     Args:
@@ -53,6 +54,7 @@ class Driver(Gate):
         stopped: whether it was stopped when this program ended last; holds until released, as a stop of the topic.
 
     Attributes:
+        gate: what every command passes; it takes the inputs that decide how fast the robot may drive.
         follower, exit: the behaviours that are the driver's own.
         goal_runs: whether navigation has a goal.
     """
@@ -61,7 +63,8 @@ class Driver(Gate):
         self, profile: RobotProfile, camera: str = "robot", mobile_cameras: Iterable[str] = (), leaves: bool = True,
         stopped: bool = False,
     ) -> None:
-        super().__init__(profile)
+        self.gate = Gate(profile)
+        self._lock = threading.Lock()
         self._camera = camera
         self.follower, self.exit = SpotFollower(), BorderExit(profile.radius, leaves)
         self._turn_finisher = TurnFinisher()
@@ -72,6 +75,7 @@ class Driver(Gate):
         self._cancelled_at = -math.inf
         self._commands: Dict[str, VelocityRequest] = {}
         self._last = Command()
+        self._stepped_at: Optional[float] = None
 
     # ------------------------------------------------------------- inputs
     def set_state(self, state: int, interaction: str, entered: float, stamp: float, stopped: bool = False) -> None:
@@ -80,8 +84,8 @@ class Driver(Gate):
             if self._spots.set_state(state, interaction, entered):
                 # what was seen in another state guides no robot
                 self.follower.spot = None
-                self._stamps.pop("spot", None)
-            self._note("state", stamp)
+                self.gate.stamps.pop("spot", None)
+            self.gate.note("state", stamp)
             # `resume` releases both, but not a stop that is newer than it: the two topics have no common order
             if self._stopped["state"] and not stopped and stamp >= self._stopped_at:
                 self._stopped["topic"] = False
@@ -108,7 +112,7 @@ class Driver(Gate):
         with self._lock:
             self._spots.add(sighting)
             if sighting.mobile and sighting.camera == self._camera and self._spots.newest() is sighting:
-                self.follower.spot, self._stamps["spot"] = sighting.position, sighting.stamp
+                self.follower.spot, self.gate.stamps["spot"] = sighting.position, sighting.stamp
 
     def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:
         """Learns which cameras contributed to an interaction, for instance before this program started."""
@@ -118,12 +122,12 @@ class Driver(Gate):
     def set_maps(self, workspace: Workspace) -> None:
         """Takes new maps."""
         with self._lock:
-            self.workspace = workspace
+            self.gate.workspace = workspace
             self.exit.set_maps(workspace)
 
     def request(self, driver: str, v: float, w: float, now: float) -> None:
         """Takes a command of navigation or teleoperation [m/s, rad/s]."""
-        self._commands[driver], self._stamps[driver] = VelocityRequest(v, w), now
+        self._commands[driver], self.gate.stamps[driver] = VelocityRequest(v, w), now
 
     # ------------------------------------------------------------- who drives
     def halt(self, code: str) -> Command:
@@ -142,7 +146,7 @@ class Driver(Gate):
                 self.exit.pause()
             if driver != FOLLOW:
                 self.follower.stop()
-            v, w, code = self._gate(now, driver, request)
+            v, w, code = self.gate.limit(now, driver, request)
             cancel = self.goal_runs and driver == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
             if cancel:
                 self._cancelled_at = now
@@ -160,20 +164,20 @@ class Driver(Gate):
             return TELEOP, teleop
         # a robot that a person guides stays theirs when the state is lost: the gate then stops it
         if self._spots.follows(self._camera, now):
-            return FOLLOW, self._ramped(dt, self.follower.compute_request(self.pose(now)))
+            return FOLLOW, self._ramped(dt, self.follower.compute_request(self.gate.pose(now)))
         request = self._leave(now)
         if request is not None:
             return LEAVE, self._ramped(dt, request)
         navigation = self._command(NAVIGATION, now)
         if navigation is not None:
-            return NAVIGATION, self._turn_finisher.finish(now, navigation, self.pose(now))
+            return NAVIGATION, self._turn_finisher.finish(now, navigation, self.gate.pose(now))
         return NOBODY, VelocityRequest(0.0, 0.0, "idle")
 
     def _command(self, driver: str, now: float) -> Optional[VelocityRequest]:
-        return self._commands[driver] if -0.1 <= now - self._stamps.get(driver, -math.inf) <= STOP_WITHIN else None
+        return self._commands[driver] if -0.1 <= now - self.gate.stamps.get(driver, -math.inf) <= STOP_WITHIN else None
 
     def _leave(self, now: float) -> Optional[VelocityRequest]:
-        pose = self.pose(now)
+        pose = self.gate.pose(now)
         if pose is None:
             return None
         last = self._command(NAVIGATION, now)
@@ -185,7 +189,7 @@ class Driver(Gate):
 
     def _ramped(self, dt: float, request: VelocityRequest) -> VelocityRequest:
         """Bounds the accelerations of a request; slowing down is bounded by the brake only."""
-        brake = self.profile.limits.brake
+        brake = self.gate.profile.limits.brake
         speed = ACCELERATION if abs(request.v) > abs(self._last.v) and request.v * self._last.v >= 0 else brake
         v = _towards(self._last.v, request.v, speed * dt)
         turn = TURN_ACCELERATION if abs(request.w) > abs(self._last.w) else 4.0 * TURN_ACCELERATION

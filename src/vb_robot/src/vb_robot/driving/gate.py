@@ -41,6 +41,7 @@ class Gate:
         workspace: the maps; None before there are any. speed_limits: where there are slow zones.
         contacts: by bumper or cliff sensor whether it is touched.
         clock_age: [s] of real time for which the clock has stood still: messages age without it.
+        stamps: [s] of the newest scan, state, pose and spot, and of each driver's newest command, by name.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -49,21 +50,21 @@ class Gate:
         self.speed_limits: Optional[SpeedLimits] = None
         self.contacts: Dict[str, bool] = {}
         self.clock_age = 0.0
-        self._lock = threading.RLock()
-        self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state, pose, spot and command
+        self.stamps: Dict[str, float] = {}
+        self._lock = threading.Lock()
         self._scan: Optional[Scan] = None
         self._pose: Optional[Tuple[float, Pose]] = None
         self._correction = 0.0, -math.inf  # its date, and when that was new [s]
         self._jump_hold_until = -math.inf
         self._other_publishers: Dict[str, float] = {}  # who else commanded this robot, and when
-        self._stepped_at: Optional[float] = None
+        self._limited_at: Optional[float] = None  # [s] the time of the last command
 
     # ------------------------------------------------------------- inputs
     def set_scan(self, scan: Scan, stamp: float) -> None:
         """Takes a scan of a time [s]."""
         with self._lock:
             self._scan = scan
-            self._note("scan", stamp)
+            self.note("scan", stamp)
 
     def set_pose(self, pose: Optional[Pose], stamp: float, correction: float = 0.0) -> None:
         """Takes where the robot was (x, y, yaw), map frame, at a time [s]; None: it is not known.
@@ -79,15 +80,20 @@ class Gate:
             before = self._pose
             self._pose = (stamp, pose) if pose is not None else None
             if pose is None:
-                self._stamps.pop("pose", None)
+                self.stamps.pop("pose", None)
             elif before is None or stamp != before[0]:
-                self._note("pose", stamp)  # the same one again is as old as before
+                self.note("pose", stamp)  # the same one again is as old as before
             if pose is None or before is None:
                 return
             seconds = stamp - before[0]
             # after a pause a robot may be anywhere
             if 0.0 <= seconds < 1.0 and pose_jump(before[1], pose, seconds) > MAX_POSE_JUMP:
                 self._jump_hold_until = stamp + POSE_JUMP_HOLD
+
+    def note(self, what: str, stamp: float) -> None:
+        """Notes that something has come that is dated so [s]; a date a little ahead makes it no younger than it is."""
+        ahead = self._limited_at is not None and self._limited_at < stamp < self._limited_at + MAX_FUTURE_STAMP
+        self.stamps[what] = self._limited_at if ahead and self._limited_at is not None else stamp
 
     def note_other_publisher(self, name: str, now: float) -> None:
         """Notes that another node has commanded this robot's base."""
@@ -115,26 +121,28 @@ class Gate:
         return workspace.contact_at(pose), workspace.name_at(pose[:2]), workspace.is_lethal(pose[:2])
 
     # ------------------------------------------------------------- what it lets through
-    def _gate(self, now: float, driver: str, request: VelocityRequest) -> Tuple[float, float, str]:
-        """Returns what of a request is safe: (v, w, code)."""
-        if driver in (NOBODY, STOP):
-            return 0.0, 0.0, request.code
-        if not (math.isfinite(request.v) and math.isfinite(request.w)):
-            return 0.0, 0.0, "bad_command"
-        limits = self.profile.limits
-        v, w, code = request.v, min(max(request.w, -limits.max_turn), limits.max_turn), request.code
-        allowed, reason = self._allowed(now, driver, v, w) if v != 0.0 else (math.inf, "")
-        if abs(v) > allowed:
-            # the same arc, more slowly: it is the one that was checked; turning enters no new floor: the robot is round
-            share = allowed / abs(v)
-            v, w, code = (share * v, share * w, reason) if allowed >= 0.02 else (0.0, w, reason)
-        share, missing = self._slowed_by_age(now, driver, v, w)
-        return (0.0, 0.0, missing) if missing else (share * v, share * w, code)
+    def limit(self, now: float, driver: str, request: VelocityRequest) -> Tuple[float, float, str]:
+        """Limits a driver's request at a time [s] to what is safe; returns (v [m/s], w [rad/s], code)."""
+        with self._lock:
+            self._limited_at = now
+            if driver in (NOBODY, STOP):
+                return 0.0, 0.0, request.code
+            if not (math.isfinite(request.v) and math.isfinite(request.w)):
+                return 0.0, 0.0, "bad_command"
+            limits = self.profile.limits
+            v, w, code = request.v, min(max(request.w, -limits.max_turn), limits.max_turn), request.code
+            allowed, reason = self._speed_limit(now, driver, v, w) if v != 0.0 else (math.inf, "")
+            if abs(v) > allowed:
+                # the same arc, more slowly: it is the one that was checked; turning enters no new floor: the robot is round
+                share = allowed / abs(v)
+                v, w, code = (share * v, share * w, reason) if allowed >= 0.02 else (0.0, w, reason)
+            share, missing = self._age_factor(now, driver, v, w)
+            return (0.0, 0.0, missing) if missing else (share * v, share * w, code)
 
-    def _slowed_by_age(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
-        """Which part of a command the brakes can end before the oldest of its inputs is too old.
+    def _age_factor(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
+        """Returns which part of a command the brakes can end before the oldest of its inputs is too old.
 
-        Returns what is missing, as a code, if that is nothing; else "".
+        If that is nothing, it returns what is missing as a code; else "".
         """
         self._other_publishers = {name: at for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_LIMIT}
         # a person with a joystick beside the robot may have come because all else is lost
@@ -144,9 +152,9 @@ class Gate:
         ages = {code: math.inf for code, holds in missing.items() if holds}
         needs = {"scan": self.profile.scanner.present, "state": alone, "pose": alone}
         ages.update({f"{what}_lost": self._age(now, what) for what, needed in needs.items() if needed})
-        if driver == FOLLOW and "spot" in self._stamps:
+        if driver == FOLLOW and "spot" in self.stamps:
             ages["spot_gone"] = self._age(now, "spot")
-        ages["drives"] = self._age(now, driver) if driver in self._stamps else 0.0
+        ages["drives"] = self._age(now, driver) if driver in self.stamps else 0.0
         ages["clock_stopped"] = self.clock_age
         oldest = max(ages, key=lambda what: ages[what])
         # the command of this step holds until the next one, and the base takes a moment
@@ -156,8 +164,8 @@ class Gate:
         limits = self.profile.limits
         return min(1.0, left / max(abs(v) / limits.brake, abs(w) / limits.turn_acceleration, 1e-9)), ""
 
-    def _allowed(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
-        """The highest speed [m/s] on the arc of (v, w), and what limits it."""
+    def _speed_limit(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
+        """Returns the highest speed [m/s] on the arc of (v, w), and what limits it."""
         limits, clearance, radius = self.profile.limits, CLEARANCES[driver], self.profile.radius
         found = [(MAX_SPEED if driver in (FOLLOW, LEAVE) else limits.max_speed, "speed_limit")]
         if v > 0 and any(self.contacts.values()):
@@ -181,12 +189,7 @@ class Gate:
             found.append((self.speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))
         return min(found, key=lambda entry: entry[0])
 
-    def _note(self, what: str, stamp: float) -> None:
-        """Notes that something has come that is dated so [s]; a date a little ahead makes it no younger than it is."""
-        ahead = self._stepped_at is not None and self._stepped_at < stamp < self._stepped_at + MAX_FUTURE_STAMP
-        self._stamps[what] = self._stepped_at if ahead and self._stepped_at is not None else stamp
-
     def _age(self, now: float, what: str) -> float:
         """Returns how old [s] the newest of something is; inf if it never came, or comes from another clock."""
-        age = now - self._stamps.get(what, -math.inf)
+        age = now - self.stamps.get(what, -math.inf)
         return age if age >= -MAX_FUTURE_STAMP else math.inf
