@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from vb_core import sentences
+
 TOP = Path(__file__).resolve().parents[1]
 FEATURES = ("vb_laser_detect", "vb_fusion", "vb_map_integration", "vb_voice_wizard", "vb_robot", "vb_feedback", "vb_web")
 PACKAGES = sorted(path.parent.name for path in TOP.glob("src/*/package.xml"))
@@ -220,6 +222,23 @@ def test_reference_names_every_fixed_topic_and_service():
 
 
 # ------------------------------------------------------------ words
+def own_sentences(tree):
+    """Lists the codes of the catalogue that a file raises, or reports, with a sentence of its own."""
+    calls = [(getattr(node.func, "attr", getattr(node.func, "id", "")), node.args) for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    raised = [given for name, given in calls if name.endswith("Error") and len(given) > 1]
+    reported = [given[1:] for name, given in calls if name == "Issue" and len(given) > 2]
+    return [code.value for code, *_ in raised + reported if isinstance(code, ast.Constant) and code.value in sentences.catalogue()]
+
+
+def test_a_code_has_one_sentence():
+    files = [path for pattern in ("src/*/src/**/*.py", "bench/*.py", "scripts/*.py") for path in TOP.glob(pattern)]
+    found = [f"{path.relative_to(TOP)}: {code}" for path in files
+             for code in own_sentences(ast.parse(path.read_text(encoding="utf-8")))]
+    assert not found, "\n".join(["the sentence for a code stands in vb_core/languages; pass its values", *found])
+    assert own_sentences(ast.parse("raise CodedError('no_map', f'no map in {folder}')")) == ["no_map"]
+    assert own_sentences(ast.parse("Issue(WARNING, 'no_effect', 'it has none')")) == ["no_effect"]
+
+
 def read_glossary():
     """Reads the words that docs/glossary.md replaces."""
     table = (TOP / "docs" / "glossary.md").read_text(encoding="utf-8").split("| not | but |")[1]

@@ -32,7 +32,7 @@ def test_trinary_files_hold_what_map_saver_would_write(tmp_path):
 def test_names_cannot_leave_the_folder(tmp_path, name):
     with pytest.raises(CodedError) as caught:
         safe_path(tmp_path, name)
-    assert caught.value.code == "bad_name"
+    assert caught.value.code == "bad_file_name"
 
 
 @pytest.mark.parametrize("extra, expected", [

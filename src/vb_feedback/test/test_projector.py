@@ -53,10 +53,10 @@ GOOD = [(0.0, 2.0), (3.0, 2.0), (3.0, 0.0), (0.0, 0.0)]
 
 
 @pytest.mark.parametrize("floor, words", [
-    (GOOD[:3], "four points"),
+    (GOOD[:3], "four clicks"),
     ([GOOD[0], GOOD[1], GOOD[2], (np.nan, 0.0)], "finite"),
-    ([GOOD[0], GOOD[1], GOOD[1], GOOD[3]], "2 and 3 are the same place"),
-    ([(0, 0), (1, 0), (2, 0), (0, 2)], "1, 2, 3 lie on one line"),
+    ([GOOD[0], GOOD[1], GOOD[1], GOOD[3]], "2, 3 are at the same place"),
+    ([(0, 0), (1, 0), (2, 0), (0, 2)], "1, 2, 3 are on one line"),
     ([GOOD[0], GOOD[2], GOOD[1], GOOD[3]], "order"),
     ([(0.0, 2.0), (3.0, 2.0), (1.0, 1.2), (0.0, 0.0)], "order"),
     ([(0.0, 2.0), (3.0, 2.0), (1.7, 0.0), (1.3, 0.0)], "horizon"),
@@ -72,7 +72,7 @@ def test_any_four_clicks_give_a_calibration_that_fits_or_a_reason(floor):
     try:
         found = calibrate(*SIZE, floor)
     except CodedError as error:
-        assert error.code in ("bad_points", "bad_calibration")
+        assert error.code in ("bad_click", "bad_calibration")
         return
     np.testing.assert_allclose(found.to_pixels(floor), markers(*SIZE), atol=0.5)
 

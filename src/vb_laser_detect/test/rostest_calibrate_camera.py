@@ -207,7 +207,7 @@ class CalibrateCameraTest(unittest.TestCase):
         command.wait_for("Hold the spot")
         places = [(80.3, 60.6), (570.2, 70.4), (560.8, 300.1), (70.5, 290.9), (320.4, 60.2), (330.7, 300.8)]
         command.type("done")
-        command.wait_for("too_few_points")
+        command.wait_for("too_few_calibration_points")
         # a click that is not in the map's frame, as long as it takes to connect with the command
         while self.clicks.get_num_connections() == 0:
             rospy.rostime.wallsleep(0.02)

@@ -106,23 +106,23 @@ def test_one_wrong_coordinate_of_five_is_found():
 
 # ------------------------------------------------------------------ what determines no pose
 def test_three_points_are_too_few():
-    assert rejection(observe(np.random.default_rng(0), 3)) == "too_few_points"
-    assert rejection(Correspondences.single(np.zeros((0, 2)), np.zeros((0, 2)))) == "too_few_points"
+    assert rejection(observe(np.random.default_rng(0), 3)) == "too_few_calibration_points"
+    assert rejection(Correspondences.single(np.zeros((0, 2)), np.zeros((0, 2)))) == "too_few_calibration_points"
 
 
 def test_one_place_taken_again_and_again_does_not_count():
     for seed in range(5):
         rng = np.random.default_rng(seed)
         three, again = observe(rng, 3), [0, 1, 2, 0, 1, 2, 0, 1]
-        assert rejection(three.select(again)) == rejection(three.select(again[:4])) == "too_few_points"
+        assert rejection(three.select(again)) == rejection(three.select(again[:4])) == "too_few_calibration_points"
         # seen and clicked a little beside, as it would be
         pixels, points = (getattr(three, name)[again] for name in ("pixels", "points"))
         near = Correspondences.single(pixels + rng.normal(0, 1.5, (8, 2)), points + rng.normal(0, 0.001, (8, 2)))
-        assert rejection(near) == "too_few_points"
+        assert rejection(near) == "too_few_calibration_points"
         # the click stayed where it was while the spot moved on
         points = observe(rng, 4).points
         points[3] = points[2]
-        assert rejection(Correspondences.single(SPREAD[:4], points)) == "too_few_points"
+        assert rejection(Correspondences.single(SPREAD[:4], points)) == "too_few_calibration_points"
 
 
 def test_one_click_that_stayed_behind_is_left_out():
@@ -135,7 +135,7 @@ def test_one_click_that_stayed_behind_is_left_out():
 def test_points_on_a_line_are_refused():
     pixels = np.column_stack([np.linspace(100, 1800, 8), np.linspace(200, 900, 8)])
     assert rejection(Correspondences.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "collinear"
-    assert rejection(Correspondences.single(np.full((5, 2), 500.0), np.full((5, 2), 2.0))) == "too_few_points"
+    assert rejection(Correspondences.single(np.full((5, 2), 500.0), np.full((5, 2), 2.0))) == "too_few_calibration_points"
 
 
 def test_points_close_together_are_refused():

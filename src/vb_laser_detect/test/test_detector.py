@@ -322,11 +322,11 @@ def test_sizes_count_in_millimetres_where_the_pose_is_known():
 
 def test_a_place_can_be_rejected_and_the_reason_is_kept():
     scene, detector = Scene(), at_once()
-    detector.set_camera_pose(None, lambda u, v: "outside_map" if u < 320 else "")
+    detector.set_camera_pose(None, lambda u, v: "spot_outside_map" if u < 320 else "")
     feed(detector, [scene.render() for _ in range(6)])
     spots = detector.detect(scene.render([(100, 100), (500, 200)]), 0.3)
     assert [round(spot.u) for spot in spots] == [500]
-    assert "outside_map" in [candidate.rejection for candidate in detector.candidates]
+    assert "spot_outside_map" in [candidate.rejection for candidate in detector.candidates]
 
 
 def test_metres_per_pixel():

@@ -66,7 +66,7 @@ def test_points_outside_the_map_and_in_ignored_regions():
     projector = FloorProjection(floor=floor, ignored=[square])
     inside = pixels_of(CEILING, down(), np.array([[4.5, 3.0, 0], [4.0, 2.5, 0], [5.2, 2.5, 0]]))
     assert projector.on_plane(CEILING, down(), *inside[0]).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
-    for pixel, code in ((inside[1], "ignored_region"), (inside[2], "outside_map")):
+    for pixel, code in ((inside[1], "ignored_region"), (inside[2], "spot_outside_map")):
         with pytest.raises(CodedError) as raised:
             projector.on_plane(CEILING, down(), *pixel)
         assert raised.value.code == code

@@ -143,7 +143,7 @@ class MapIntegratorTest(unittest.TestCase):
             answer = self.call("update_border", border, frame, "test")
             self.assertIn((answer.success, answer.code), [(False, code), (False, "unknown_border")])
         for name in ("../x", "/tmp/x", "a/b"):
-            self.assertEqual(self.call("save_map", name, False).code, "bad_name")
+            self.assertEqual(self.call("save_map", name, False).code, "bad_file_name")
         self.assertFalse(self.call("redo").success)
         self.assertEqual(self.maps.count, count)
         self.assertEqual(self.call("list_borders").borders.revision, revision)

@@ -69,7 +69,7 @@ def test_clicks_can_be_taken_back():
     assert code_of(lambda: clicks.end(closed=True)) == "too_few_points"
     clicks.end(closed=False)
     clicks.cancel()
-    assert code_of(clicks.remove_last) == "nothing_to_undo"
+    assert code_of(clicks.remove_last) == "no_point_to_remove"
 
 
 @pytest.mark.parametrize("point", [(np.nan, 0), (0, np.inf), (1e9, 0), (0, 0, 0), "ab"])
@@ -170,7 +170,7 @@ def test_a_polygon_without_a_seed_restricts_its_inside():
     [
         ("bad_border_file", line([[0, "a"], [1, 1]], seed=[1, 0])),
         ("bad_speed", line([[0, 0], [1, 1]], seed=[1, 0], zone="slow")),
-        ("bad_seed", line([[0, 0], [1, 1]])),
+        ("bad_border_file", line([[0, 0], [1, 1]])),
         ("bad_points", line([[0, 0], [1e400, 1]], seed=[1, 0])),
         ("too_many_points", line([[k, 0] for k in range(9999)], seed=[1, 0])),
         ("bad_border_file", "no JSON"),

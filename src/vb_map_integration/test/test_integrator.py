@@ -70,7 +70,7 @@ def test_refusals_change_nothing(tmp_path):
         ("unknown_border", lambda: keeper.remove("b7")),
         ("already_expired", lambda: keeper.add(square(10, 10, expires=1.5), 2.0)),
         ("nothing_to_redo", keeper.redo),
-        ("bad_name", lambda: keeper.save(tmp_path, "../out", False)),
+        ("bad_file_name", lambda: keeper.save(tmp_path, "../out", False)),
     ):
         with pytest.raises(CodedError) as caught:
             action()

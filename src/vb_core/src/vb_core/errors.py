@@ -11,8 +11,8 @@ class CodedError(Exception):
 
     Args:
         code: lower-case words joined by underscores, stable across releases.
-        message: one English sentence that says what is wrong and what to do; by default the one for
-            this code in vb_core/languages/en.
+        message: one English sentence that says what is wrong and what to do, for a code that has none in
+            vb_core/languages; by default the one there.
         values: the values in the sentence, also for other languages.
     """
 

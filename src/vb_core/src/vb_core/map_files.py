@@ -30,12 +30,10 @@ def safe_path(folder: Path, name: str) -> Path:
     """Returns the path, without extension, for a file name from a request; it is never outside the folder.
 
     Raises:
-        CodedError: "bad_name".
+        CodedError: "bad_file_name".
     """
     if not isinstance(name, str) or not _NAME.fullmatch(name) or ".." in name:
-        raise CodedError(
-            "bad_name", f"a file name has letters, digits, '_', '-', '.' and no path, got {name!r}: choose another one"
-        )
+        raise CodedError("bad_file_name", name=repr(name))
     return folder / name
 
 
@@ -142,7 +140,7 @@ def read_map(path: Path) -> GridMap:
 
 
 def _bad(path: Path, why: Optional[str]) -> CodedError:
-    return CodedError("bad_map_file", f"cannot read the map {path}: {why}")
+    return CodedError("bad_map_file", file=str(path), reason=why)
 
 
 def _grey(image: np.ndarray, colours_only: bool) -> np.ndarray:

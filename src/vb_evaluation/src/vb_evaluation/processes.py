@@ -82,7 +82,7 @@ def start_screen(log: Path, width: int, height: int) -> "tuple[Child, str]":
     """Starts a virtual screen; returns the process and its DISPLAY.
 
     Raises:
-        CodedError: "no_screen" if Xvfb does not come up.
+        CodedError: "no_virtual_screen" if Xvfb does not come up.
     """
     chosen = log.with_suffix(".display")
     screen = Child(
@@ -93,7 +93,7 @@ def start_screen(log: Path, width: int, height: int) -> "tuple[Child, str]":
     while not chosen.exists() or not chosen.read_text().endswith("\n"):
         if not screen.running or time.monotonic() > deadline:
             screen.stop(1.0)
-            raise CodedError("no_screen", f"the virtual screen did not start: {screen.tail(3)}")
+            raise CodedError("no_virtual_screen", reason=screen.tail(3))
         time.sleep(0.05)
     return screen, f":{chosen.read_text().strip()}"
 

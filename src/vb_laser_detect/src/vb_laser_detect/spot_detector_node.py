@@ -124,7 +124,8 @@ class SpotDetectorNode:
         except cv2.error as error:
             self._report.fault(CodedError("bad_image", f"cannot search the image: {error}"))
         except Exception:  # an image that reveals a bug must not silence the camera for good
-            self._report.fault(CodedError("internal_error", traceback.format_exc()), severe=True)
+            rospy.logerr_throttle(60.0, f"{rospy.get_name()}: {traceback.format_exc()}")
+            self._report.fault(CodedError("internal_error"), severe=True)
 
     def _search_image(self, message: Any) -> None:
         stamp = message.header.stamp

@@ -71,11 +71,9 @@ class VirtualBorder:
     schedule: str = ""
 
     def __post_init__(self) -> None:
-        points = _coordinates(self.points, "bad_points", "the border's points")
+        points = _coordinates(self.points, "bad_points")
         if len(points) > MAX_POINTS:
-            raise IntegrationError(
-                "too_many_points", f"a border may have {MAX_POINTS} points, this one has {len(points)}: thin it out"
-            )
+            raise IntegrationError("too_many_points", most=MAX_POINTS)
         if len(points) > 1:
             points = points[np.concatenate([[True], (np.diff(points, axis=0) != 0.0).any(axis=1)])]
         closed = False if self.wall else self.closed
@@ -85,31 +83,30 @@ class VirtualBorder:
             points = points[:-1]
         least = 3 if closed else 2
         if len(points) < least:
-            kind = "polygon" if closed else "virtual wall" if self.wall else "separating curve"
-            raise IntegrationError("too_few_points", f"a {kind} needs {least} different points, got {len(points)}")
-        seed = _coordinates(points[0] if self.wall else self.seed, "bad_seed", "the seed point")
+            raise IntegrationError("too_few_points", least=least, count=len(points))
+        seed = _coordinates(points[0] if self.wall else self.seed, "bad_seed")
         if len(seed) != 1:
-            raise IntegrationError("bad_seed", f"the seed is one point, got {len(seed)}")
-        occupancy = _number(self.occupancy, "bad_occupancy", "the occupancy")
+            raise IntegrationError("bad_seed")
+        occupancy = _number(self.occupancy, "bad_occupancy")
         if not 0.0 <= occupancy <= 1.0:
-            raise IntegrationError("bad_occupancy", f"the occupancy must lie between 0 and 1, got {occupancy}")
+            raise IntegrationError("bad_occupancy")
         if self.zone not in ZONES:
-            raise IntegrationError("bad_zone", values={"zone": self.zone})
+            raise IntegrationError("bad_zone", zone=self.zone)
         if self.zone == AVOID and occupancy >= 1.0:
-            raise IntegrationError("bad_occupancy", "a zone to avoid needs an occupancy below 1, or nobody may enter")
-        speed = _number(self.max_speed, "bad_speed", "the highest speed")
+            raise IntegrationError("bad_occupancy")
+        speed = _number(self.max_speed, "bad_speed", speed=self.max_speed)
         if speed < 0.0 or (self.zone == SLOW) != (speed > 0.0) or (self.zone == SLOW and self.wall):
-            raise IntegrationError("bad_speed", values={"speed": speed})
+            raise IntegrationError("bad_speed", speed=speed)
         parse_schedule(self.schedule)
         for key in ("created", "modified", "expires"):
-            value = _number(getattr(self, key), "bad_time", f"the time '{key}'")
+            value = _number(getattr(self, key), "bad_time", key=key)
             if value < 0.0:
-                raise IntegrationError("bad_time", f"the time '{key}' must not be negative, got {value}")
+                raise IntegrationError("bad_time", key=key)
             object.__setattr__(self, key, value)
         for key in ("id", "name"):
             text = getattr(self, key)
             if not isinstance(text, str) or len(text) > 200 or not (text.isprintable() or not text):
-                raise IntegrationError("bad_name", f"the {key} must be at most 200 printable characters, got {text!r}")
+                raise IntegrationError("bad_name", key=key)
         points.setflags(write=False)
         seed = seed[0]
         seed.setflags(write=False)
@@ -161,32 +158,29 @@ class VirtualBorder:
     __hash__ = None  # type: ignore[assignment]
 
 
-def _coordinates(values: object, code: str, what: str) -> np.ndarray:
-    """Copies coordinates to (N, 2) float64, all finite."""
+def _coordinates(values: object, code: str) -> np.ndarray:
+    """Copies coordinates to (N, 2) float64, all finite; raises IntegrationError with a code if that cannot be."""
     try:
         points = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise IntegrationError(code, f"{what} must be numbers: {error}") from None
+    except (TypeError, ValueError):
+        raise IntegrationError(code) from None
     if points.size == 0:
         points = points.reshape(0, 2)
     elif points.ndim == 1:
         points = points.reshape(1, -1)
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise IntegrationError(code, f"{what} must have x and y, got the shape {points.shape}")
-    if not np.isfinite(points).all():
-        raise IntegrationError(code, f"{what} must be finite numbers")
-    if np.abs(points).max(initial=0.0) > MAX_COORDINATE_M:
-        raise IntegrationError(code, f"{what} must lie within {MAX_COORDINATE_M:.0f} m of the map frame's origin")
+    # nan compares as false
+    if points.ndim != 2 or points.shape[1] != 2 or not (np.abs(points) <= MAX_COORDINATE_M).all():
+        raise IntegrationError(code)
     return points
 
 
-def _number(value: object, code: str, what: str) -> float:
+def _number(value: object, code: str, **values: object) -> float:
     try:
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
-        raise IntegrationError(code, f"{what} must be a number, got {value!r}") from None
+        number = math.nan
     if not math.isfinite(number):
-        raise IntegrationError(code, f"{what} must be a finite number, got {number}")
+        raise IntegrationError(code, **values)
     return number
 
 

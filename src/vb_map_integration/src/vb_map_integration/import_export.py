@@ -32,7 +32,7 @@ def read_borders(path: Path) -> List[VirtualBorder]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise CodedError("cannot_read", f"cannot read {path}: {error}") from None
+        raise CodedError("cannot_read", file=str(path), reason=error) from None
     return borders_from_geojson(text) if path.suffix.lower() in _GEOJSON else borders_from_yaml(text)[0]
 
 

@@ -24,7 +24,7 @@ from vb_core.grid_map import OCCUPIED_FROM, GridMap
 from vb_core.parameters import Parameters, param
 from vb_map_integration.grid import curve, raster
 from vb_map_integration.border import SLOW, VirtualBorder
-from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError
+from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError, make_issue
 
 __all__ = [
     "ERROR", "WARNING", "Area", "Issue", "Integration", "IntegrationError", "IntegrationParams", "integrate",
@@ -175,18 +175,18 @@ def restricted_area(
             window, mask, line = _curve(prior, points, seed, cells, params, issues)
         restricted = cv2.countNonZero(mask)
         if restricted == 0:
-            raise IntegrationError("empty_region", "there is no free cell in the area: draw it larger or elsewhere")
+            raise IntegrationError("empty_region")
         if restricted > params.max_area_share * _count_free(cells, params.occupied_threshold):
-            text = "the area covers nearly all of the free space: is the seed on the right side?"
-            _warn(issues, "covers_nearly_all", text)
+            issues.append(make_issue(WARNING, "covers_nearly_all"))
         if border.value == 0 and border.zone != SLOW:
-            _warn(issues, "no_effect", "an occupancy of 0 restricts nothing")
+            issues.append(make_issue(WARNING, "no_effect"))
         for name, place in (places or {}).items():
             row, column = prior.world_to_cell(place)[0] - (window[0].start, window[1].start)
             if 0 <= row < mask.shape[0] and 0 <= column < mask.shape[1] and mask[row, column]:
-                _warn(issues, f"{name}_inside", f"the {name} stands in the area: it may find no way out")
+                issues.append(make_issue(WARNING, f"{name}_inside"))
     except IntegrationError as error:
-        raise IntegrationError(error.code, error.message, issues) from None
+        error.issues = (*issues, *error.issues)
+        raise
     return Area(
         window=window,
         mask=mask,
@@ -211,24 +211,18 @@ def _framed(cells: np.ndarray, occupied_threshold: int) -> np.ndarray:
     return framed
 
 
-def _warn(issues: List[Issue], code: str, message: str) -> None:
-    issues.append(Issue(WARNING, code, message))
-
-
 def _check_shape(
     prior: GridMap, border: VirtualBorder, points: np.ndarray, seed: np.ndarray, issues: List[Issue]
 ) -> None:
     rows, columns = prior.shape
     limit = np.array([columns, rows]) - 0.5
-    outside = int(((points < -0.5) | (points >= limit)).any(axis=1).sum())
-    if outside:
-        text = f"{outside} of {len(points)} points lie outside the map: the border was clipped to it"
-        _warn(issues, "outside_map", text)
+    if ((points < -0.5) | (points >= limit)).any():
+        issues.append(make_issue(WARNING, "outside_map"))
     if not border.wall and ((seed < -0.5) | (seed >= limit)).any():
-        raise IntegrationError("seed_outside_map", "the seed point lies outside the map")
+        raise IntegrationError("seed_outside_map")
     chain = np.concatenate([border.points, border.points[:1]]) if border.closed else border.points
     if not border.wall and not shapely.linestrings(chain).is_simple:
-        _warn(issues, "self_crossing", "the border crosses itself: everything that it encloses counts as inside")
+        issues.append(make_issue(WARNING, "self_crossing"))
 
 
 def _polygon(
@@ -242,7 +236,7 @@ def _polygon(
     """The area on the seed's side of a polygon: a window, and a (h, w) uint8 mask of it."""
     window, inner = raster.polygon_mask(points, prior.shape)
     if not inner.any():
-        raise IntegrationError("empty_region", "the polygon holds no cell of the map: draw it larger or elsewhere")
+        raise IntegrationError("empty_region")
     row, column = (int(value) for value in np.floor(seed[::-1] + 0.5))
     rows, columns = window
     is_inner = rows.start <= row < rows.stop and columns.start <= column < columns.stop and (
@@ -258,7 +252,7 @@ def _polygon(
             _free_cell(barred, seed, prior, params, issues)
         return window, mask
     # the outer area is all that is connected with the seed, also behind the polygon
-    _warn(issues, "restricts_outside", "the seed is outside the line: everything outside of it is closed to robots")
+    issues.append(make_issue(WARNING, "restricts_outside"))
     start = row, column
     blocked = masks.threshold_mask(cells, params.occupied_threshold - 1, cv2.CMP_GT)
     if blocked[start]:
@@ -279,7 +273,7 @@ def _wall(
     inside = (trace.rows >= 0) & (trace.columns >= 0) & (trace.rows < prior.shape[0]) & (trace.columns < prior.shape[1])
     rows, columns = trace.rows[inside], trace.columns[inside]
     if len(rows) == 0:
-        raise IntegrationError("outside_map", "the wall lies outside the map")
+        raise IntegrationError("outside_map")
     reach = int(WALL_WIDTH_M / 2.0 / prior.resolution + 1e-6)
     top, left = max(0, int(rows.min()) - reach), max(0, int(columns.min()) - reach)
     window = slice(top, int(rows.max()) + reach + 1), slice(left, int(columns.max()) + reach + 1)
@@ -307,20 +301,15 @@ def _curve(
     framed = _framed(cells, params.occupied_threshold)
     cut = curve.separate(framed, points, fit, tolerance, seed, find_seed)
     if cut is None:
-        raise IntegrationError("outside_map", "the curve lies outside the map")
+        raise IntegrationError("outside_map")
     if cut.left >= curve.TOUCHES and cut.right >= curve.TOUCHES:
-        raise IntegrationError(
-            "seed_on_both_sides", "the curve does not part the area: from the seed one gets to both of its sides"
-        )
+        raise IntegrationError("seed_on_both_sides")
     if not cut.separates:
-        raise IntegrationError(
-            "no_separation", "the curve parts no area round the seed from the rest: draw it across free floor"
-        )
+        raise IntegrationError("no_separation")
     for row, column in cut.stops:
         on_map = 0 <= row < prior.shape[0] and 0 <= column < prior.shape[1]
         if not on_map or cells[row, column] > 127:
-            where = "in unknown space" if on_map else "at the map's edge"
-            _warn(issues, "no_wall_found", f"the curve's extension found no wall, it ended {where}")
+            issues.append(make_issue(WARNING, "no_wall_found"))
     return cut.window, cut.region, prior.grid_to_world(cut.line)
 
 
@@ -350,11 +339,10 @@ def _free_cell(
     if away is not None:
         distance[offset @ away <= 0.0] = np.inf
     if len(distance) == 0 or distance.min() > radius:
-        text = f"there is no free floor within {params.seed_radius_m} m of the seed point: show it elsewhere"
-        raise IntegrationError("seed_on_obstacle", text)
+        raise IntegrationError("seed_on_obstacle", radius=params.seed_radius_m)
     best = int(np.argmin(distance))
     moved = distance[best] * prior.resolution
-    _warn(issues, "seed_moved", f"the seed point was not on free floor and was moved by {moved:.2f} m")
+    issues.append(make_issue(WARNING, "seed_moved", distance=f"{moved:.2f}"))
     return int(rows[best] + top), int(columns[best] + left)
 
 

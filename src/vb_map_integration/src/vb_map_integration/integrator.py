@@ -23,7 +23,7 @@ from vb_map_integration.border import SLOW, VirtualBorder
 from vb_map_integration.borders.border_files import borders_to_yaml
 from vb_map_integration.grid.layered_map import LayeredMap, Region
 from vb_map_integration.storage.database import BorderChange, Change, Database, KnownMap, fingerprint
-from vb_map_integration.borders.issues import WARNING, Issue, IntegrationError
+from vb_map_integration.borders.issues import WARNING, Issue, IntegrationError, make_issue
 from vb_map_integration.integration import Area, IntegrationParams, restricted_area
 from vb_map_integration.storage.legacy_folders import read_folders
 from vb_map_integration.places.map_overlay import draw_map_overlay
@@ -280,7 +280,7 @@ class MapIntegrator:
 
     def _ready(self) -> LayeredMap:
         if self._layered_map is None:
-            raise CodedError("no_map", "there is no physical map yet: is the map server running?")
+            raise CodedError("no_map")
         return self._layered_map
 
     # ------------------------------------------------------------- the physical map
@@ -471,19 +471,16 @@ class MapIntegrator:
                 self._parts = check_reachability(before.posterior, **options).free_parts
             found = check_reachability(after.posterior, () if goals is None else goals, **options)
             if found.free_parts > self._parts:
-                text = f"the free space would fall into {found.free_parts} parts, not {self._parts}"
-                issues.append(Issue(WARNING, "splits_free_space", text))
+                issues.append(make_issue(WARNING, "splits_free_space"))
             if found.free_parts == 0 and self._parts > 0:
-                issues.append(Issue(WARNING, "no_free_space_left", "no free space would be left for the robot"))
+                issues.append(make_issue(WARNING, "no_free_space_left"))
         return CheckResult(area, tuple(issues), found, after)
 
     def _check_robots(self, border: VirtualBorder) -> None:
         known = self.params.robots
         unknown = [robot for robot in border.robots if known and robot not in known]
         if unknown:
-            raise IntegrationError(
-                "unknown_robot", values={"robot": ", ".join(unknown), "known": ", ".join(map(str, known))}
-            )
+            raise IntegrationError("unknown_robot", robot=", ".join(unknown), known=", ".join(map(str, known)))
 
     # ------------------------------------------------------------- changes
     # `expected` is the revision that the caller has seen; 0: any
@@ -569,7 +566,7 @@ class MapIntegrator:
         """Removes all borders of the current map; raises CodedError "nothing_to_clear"."""
         stored = self._database.borders(self._recognition.place)
         if not stored:
-            raise CodedError("nothing_to_clear", "there are no borders")
+            raise CodedError("nothing_to_clear")
         return self._make_change(tuple(BorderChange(border.id, border, None) for border in stored), "new", "removed", now)
 
     def undo(self, now: float = 0.0) -> ChangeResult:
@@ -615,8 +612,7 @@ class MapIntegrator:
     @staticmethod
     def _check_time(border: VirtualBorder, now: float) -> None:
         if 0.0 < border.expires <= now:
-            text = f"the border's time is over: it expires at {border.expires:.1f} s, now is {now:.1f} s"
-            raise CodedError("already_expired", text)
+            raise CodedError("already_expired")
 
     def _to_place_frame(self, border: VirtualBorder) -> VirtualBorder:
         """A border of the current map in the frame of its place."""
@@ -655,14 +651,14 @@ class MapIntegrator:
             self._parts = check.reachability.free_parts
         found = [self._moved[border.id] for border in stored if border.id in self._reasons]
         values = [{"border": border.name, "why": self._reasons[border.id]} for border in found]
-        return tuple(Issue(WARNING, "inactive_on_this_map", sentences.say("inactive_on_this_map", one), one) for one in values)
+        return tuple(make_issue(WARNING, "inactive_on_this_map", **one) for one in values)
 
     # ------------------------------------------------------------- files
     def save(self, folder: Path, name: str, raw: bool) -> List[Path]:
         """Writes the posterior as map_server files, and the borders as YAML beside it.
 
         Raises:
-            CodedError: "bad_name", "no_map", "cannot_write".
+            CodedError: "bad_file_name", "no_map", "cannot_write".
         """
         stem = map_files.safe_path(folder, name)
         files = map_files.write_map(stem, self.posterior, raw)

@@ -43,7 +43,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message, issue_messages, message_from_border
 from vb_map_integration.grid.costmap_settings import check_soft_value
-from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError
+from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError, make_issue
 from vb_map_integration.integrator import ChangeResult, IntegratorParams, MapIntegrator
 from vb_map_integration.places.registration import Transform
 
@@ -158,9 +158,9 @@ class MapIntegratorNode:
         waited = 0.0
         while not self._closing.wait(_MAP_PATIENCE_S) and not self._integrator.has_map:
             waited += _MAP_PATIENCE_S
-            missing = f"no map has come on {names.PHYSICAL_MAP}: start map_server, or remap {names.PHYSICAL_MAP}"
+            missing = CodedError("no_map")
             if self._params.map_timeout_s and waited >= self._params.map_timeout_s:
-                node.fail(CodedError("no_map", missing))
+                node.fail(missing)
                 return
             rospy.logwarn("%s: %s", rospy.get_name(), missing)
 
@@ -168,8 +168,7 @@ class MapIntegratorNode:
     def _take_map(self, message: Any) -> None:
         frame = message.header.frame_id.lstrip("/")
         if frame and frame != self._params.frame_id:
-            text = f"the map on {names.PHYSICAL_MAP} is in the frame '{frame}', expected '{self._params.frame_id}'"
-            raise CodedError("unknown_frame", f"{text}: it is ignored")
+            raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=self._params.frame_id)
         grid = messages.grid_from_message(message)
         with self._lock:
             first = not self._integrator.has_map
@@ -253,8 +252,7 @@ class MapIntegratorNode:
     def _requested(self, request: Any) -> VirtualBorder:
         frame = request.frame_id.lstrip("/")
         if frame and frame != self._params.frame_id:
-            text = f"borders must be given in the frame '{self._params.frame_id}', got '{frame}'"
-            raise IntegrationError("unknown_frame", text)
+            raise IntegrationError("unknown_frame", frame=frame, expected=self._params.frame_id)
         return border_from_message(request.border)
 
     def _places(self) -> Dict[str, Tuple[float, float]]:
@@ -290,8 +288,7 @@ class MapIntegratorNode:
         if hasattr(response, "revision"):
             response.revision = self._integrator.revision
         if hasattr(response, "issues"):
-            values = {key: str(value) for key, value in error.values.items()}
-            plain = (Issue(ERROR, error.code, error.message, values),)
+            plain = (make_issue(ERROR, error.code, **error.values),)
             response.issues = issue_messages(error.issues if isinstance(error, IntegrationError) else plain)
         return response
 
@@ -372,7 +369,7 @@ class MapIntegratorNode:
 
         try:
             if given is not None and not np.isfinite(given).all():
-                raise CodedError("bad_transform", "the transform must be finite numbers")
+                raise CodedError("bad_transform")
             with self._lock:
                 proposal = self._integrator.propose(request.map, given)
         except CodedError as error:
@@ -394,7 +391,7 @@ class MapIntegratorNode:
             border = self._requested(request)
             goals = messages.array_from_points(request.goals)
             if not np.isfinite(goals).all():
-                raise IntegrationError("bad_points", "the goals must be finite numbers")
+                raise IntegrationError("bad_points")
             with self._lock:
                 check = self._integrator.check(border, self._places(), goals.tolist())
         except CodedError as error:
@@ -418,16 +415,14 @@ class MapIntegratorNode:
             return ListBordersResponse(self._array(self._now()))
 
     def _trigger(self, command: str) -> TriggerResponse:
-        response = TriggerResponse()
         try:
             with self._lock:
                 outcome = getattr(self._integrator, command)(self._now().to_sec())
                 self._publish()
         except CodedError as error:
             return TriggerResponse(False, str(error))
-        response = TriggerResponse(True, outcome.message)
         rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
-        return response
+        return TriggerResponse(True, outcome.message)
 
     def _save(self, request: Any) -> SaveMapResponse:
         response = SaveMapResponse()

@@ -100,8 +100,8 @@ def matrix_from_transform(message: Transform) -> np.ndarray:
     q, t = message.rotation, message.translation
     try:
         rotation = geometry.rotation_from_quaternion((q.x, q.y, q.z, q.w))
-    except ValueError as error:
-        raise CodedError("bad_transform", str(error)) from None
+    except ValueError:
+        raise CodedError("bad_transform") from None
     return geometry.transform(rotation, (t.x, t.y, t.z))
 
 

@@ -241,7 +241,7 @@ def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread
             sound = True
         finally:
             if not sound:
-                fail(CodedError("internal_error", "this is a program error: please report it with the traceback"))
+                fail(CodedError("internal_error"))
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()

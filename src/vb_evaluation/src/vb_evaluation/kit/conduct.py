@@ -66,7 +66,7 @@ def write_template(folder: Path) -> None:
     except FileExistsError:
         return
     except OSError as error:
-        raise CodedError("cannot_write", f"cannot write {folder / SETTINGS}: {error.strerror}") from None
+        raise CodedError("cannot_write", what=str(folder / SETTINGS), reason=error.strerror) from None
 
 
 def next_run(path: Path, participant: str, again: bool = False, **asked: Optional[str]) -> Planned:

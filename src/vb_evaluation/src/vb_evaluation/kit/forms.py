@@ -26,7 +26,7 @@ def write(folder: Path) -> List[Path]:
     """Writes all forms, and demographics.csv and questionnaire.csv with nothing but their columns.
 
     Raises:
-        CodedError: "cannot_write", also if one exists: entries must not be lost.
+        CodedError: "cannot_write_into", also if one exists: entries must not be lost.
     """
     pages = jinja2.Environment(loader=jinja2.FileSystemLoader(str(TEMPLATES)), autoescape=True, trim_blocks=True)
     asked = {"demographics": DEMOGRAPHICS, "methods": [METHOD_TITLES[method] for method in questionnaire.METHODS],
@@ -43,5 +43,5 @@ def write(folder: Path) -> List[Path]:
             with open(str(folder / name), "x", encoding="utf-8") as stream:
                 stream.write(text)
     except OSError as error:
-        raise CodedError("cannot_write", f"cannot write into {folder}: {error.strerror}") from None
+        raise CodedError("cannot_write_into", folder=str(folder), reason=error.strerror) from None
     return [folder / name for name in contents]

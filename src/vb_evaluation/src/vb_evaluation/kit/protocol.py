@@ -56,7 +56,7 @@ def write(path: Path, rows: Sequence[Dict[str, str]]) -> None:
             writer.writeheader()
             writer.writerows(rows)
     except OSError as error:
-        raise CodedError("cannot_write", f"cannot write {path}: {error.strerror}") from None
+        raise CodedError("cannot_write", what=str(path), reason=error.strerror) from None
 
 
 def read(path: Path) -> List[Entry]:

@@ -79,7 +79,7 @@ class NavigationCheck:
             raise CodedError("no_planner", f"nobody offers {service}: start move_base, or name it with --move-base") from None
         observer, transforms = Observer(), TransformLookup()
         if not wait_until(lambda: observer.posterior is not None, 10.0):
-            raise CodedError("no_map", f"nothing on {names.MAP_WITH_BORDERS}: does map_integrator run, and is there a /map?")
+            raise CodedError("no_map_with_borders", topic=names.MAP_WITH_BORDERS)
 
         def pose(frame: str) -> np.ndarray:
             return transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), timeout_s=5.0)

@@ -35,7 +35,7 @@ def write_report(folder: Path) -> Path:
         The page.
 
     Raises:
-        CodedError: "bad_study" naming the file, and the line or column; "cannot_write".
+        CodedError: "bad_study" naming the file, and the line or column; "cannot_write_into".
     """
     study, here = read_study(folder), Path(__file__).parent
     sections = [section for section in (make(study) for make in SECTIONS) if section.blocks]
@@ -52,7 +52,7 @@ def write_report(folder: Path) -> Path:
             if rows:
                 write_table(study.folder / TABLES / f"{grid.name}.csv", max((list(row) for row in rows), key=len), rows)
     except OSError as error:
-        raise CodedError("cannot_write", f"cannot write the report into {study.folder}: {error.strerror}") from None
+        raise CodedError("cannot_write_into", folder=str(study.folder), reason=error.strerror) from None
     return study.folder / PAGE
 
 

@@ -91,22 +91,22 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
         floor: (4, 2) [m] where each marker was seen, in the markers' order.
 
     Raises:
-        CodedError: "bad_points" if they cannot be the markers' places.
+        CodedError: "bad_click" if they cannot be the markers' places.
     """
     points = np.asarray(floor, dtype=float).reshape(-1, 2)
     if len(points) != 4 or not np.isfinite(points).all():
-        raise CodedError("bad_points", f"four points with finite coordinates are needed, got {len(points)}")
+        raise CodedError("bad_click", reason="$clicks_incomplete")
     for one, other in combinations(range(4), 2):
         if np.linalg.norm(points[one] - points[other]) < _MIN_DISTANCE_M:
-            raise CodedError("bad_points", f"points {one + 1} and {other + 1} are the same place: click each marker once")
+            raise CodedError("bad_click", reason="$clicks_at_same_place", points=f"{one + 1}, {other + 1}")
     for triple in combinations(range(4), 3):
         a, b, c = points[list(triple)]
         longest = max(np.linalg.norm(a - b), np.linalg.norm(b - c), np.linalg.norm(c - a))
         if abs(_turn(a, b, c)) / longest < _MIN_DISTANCE_M:
-            raise CodedError("bad_points", f"points {', '.join(str(n + 1) for n in triple)} lie on one line")
+            raise CodedError("bad_click", reason="$clicks_on_one_line", points=", ".join(str(n + 1) for n in triple))
     turns = [_turn(*points[[number, (number + 1) % 4, (number + 2) % 4]]) for number in range(4)]
     if min(turns) < 0 < max(turns):
-        raise CodedError("bad_points", "the points do not go round as the markers do: click them in the order they light up")
+        raise CodedError("bad_click", reason="$clicks_out_of_order")
     # large coordinates would cost digits: the homography is found about the points' middle
     middle = points.mean(axis=0)
     matrix = cv2.getPerspectiveTransform((points - middle).astype(np.float32), markers(width, height).astype(np.float32))

@@ -127,7 +127,7 @@ def estimate_pose(
     """Finds the pose from where the camera sees the points.
 
     Raises:
-        CodedError: "bad_points", "outside_image", "too_few_points", "collinear", "clustered" for points that cannot
+        CodedError: "bad_points", "outside_image", "too_few_calibration_points", "collinear", "clustered" for points that cannot
             determine a pose; "no_agreement" where no pose explains enough of them; "below_floor" if the camera would be
             under it; "ambiguous" if two poses explain them; "uncertain" if the pose is known too poorly.
     """
@@ -169,7 +169,7 @@ def check_points(camera: CameraModel, observed: Correspondences) -> None:
     """Refuses points that cannot determine any pose.
 
     Raises:
-        CodedError: "bad_points", "outside_image", "too_few_points", "collinear", "clustered".
+        CodedError: "bad_points", "outside_image", "too_few_calibration_points", "collinear", "clustered".
     """
     if not (np.isfinite(observed.pixels).all() and np.isfinite(observed.points).all()):
         raise CodedError("bad_points")
@@ -178,8 +178,7 @@ def check_points(camera: CameraModel, observed: Correspondences) -> None:
     near_px = _SAME_PLACE * math.hypot(camera.width, camera.height)
     different = min(_different(observed.points, _SAME_PLACE_M), _different(observed.pixels, near_px))
     if different < MIN_POINTS:
-        found = f"{different} different points of {len(observed)}"
-        raise CodedError("too_few_points", f"{found}; at least {MIN_POINTS} are needed, 6 are good")
+        raise CodedError("too_few_calibration_points", different=different, points=len(observed), least=MIN_POINTS)
     for values in (observed.points, observed.pixels):
         along, across = np.linalg.svd(values - values.mean(axis=0), compute_uv=False)
         if across < 0.1 * along:

@@ -115,11 +115,11 @@ class FloorProjection:
         """Projects a pixel [px] to the floor plane.
 
         Raises:
-            CodedError: "outside_image", "no_floor_intersection", "grazing_view", "too_far", "ignored_region", "outside_map".
+            CodedError: "outside_image", "no_floor_intersection", "grazing_view", "too_far", "ignored_region", "spot_outside_map".
         """
         p = self.params
         if not (math.isfinite(u) and math.isfinite(v)) or not camera.contains(np.array([[u, v]]))[0]:
-            raise CodedError("outside_image", f"the pixel ({u:.1f}, {v:.1f}) is not in the image")
+            raise CodedError("outside_image", size=f"{camera.width} x {camera.height}")
         point = floor_points(camera, T_map_camera, np.array([[u, v]]), p.floor_height)[0]
         origin = T_map_camera[:3, 3]
         if origin[2] <= p.floor_height or not np.isfinite(point).all():
@@ -180,7 +180,7 @@ class FloorProjection:
             return
         cells = self.floor.world_to_cell(point[None, :2])
         if not self.floor.contains_cells(cells)[0]:
-            raise CodedError("outside_map", f"({point[0]:.2f}, {point[1]:.2f}) lies outside the map")
+            raise CodedError("spot_outside_map", f"({point[0]:.2f}, {point[1]:.2f}) lies outside the map")
 
 
 def _polygon(corners: Sequence[Sequence[float]]) -> np.ndarray:

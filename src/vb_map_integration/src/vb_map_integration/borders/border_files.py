@@ -39,20 +39,18 @@ def border_from_mapping(values: Any) -> VirtualBorder:
         CodedError: what `VirtualBorder` raises, or "bad_border_file" for missing or unknown keys.
     """
     if not isinstance(values, dict):
-        raise CodedError("bad_border_file", f"a border has keys and values, got {values!r}")
+        raise CodedError("bad_border_file", reason=f"a border has keys and values, got {values!r}")
     values = dict(values)
     kind = values.pop("kind", None)
     if kind not in (None, "polygon", "separating_curve", "virtual_wall"):
-        raise CodedError(
-            "bad_border_file", f"kind: must be polygon, separating_curve or virtual_wall, got {kind!r}"
-        )
+        raise CodedError("bad_border_file", reason=f"kind: must be polygon, separating_curve or virtual_wall, got {kind!r}")
     try:
         if kind == "virtual_wall":
             values.setdefault("seed", (0.0, 0.0))
             return VirtualBorder(wall=True, **values)
         return VirtualBorder(closed=None if kind is None else kind == "polygon", **values)
     except TypeError as error:
-        raise CodedError("bad_border_file", f"a border's keys do not fit: {error}") from None
+        raise CodedError("bad_border_file", reason=f"a border's keys do not fit: {error}") from None
 
 
 def borders_to_yaml(borders: Sequence[VirtualBorder]) -> str:
@@ -80,8 +78,8 @@ def borders_from_yaml(text: str) -> Tuple[List[VirtualBorder], Dict[str, Any]]:
         if document is None:
             document = yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
-        raise CodedError("bad_border_file", f"this is no YAML: {error}") from None
+        raise CodedError("bad_border_file", reason=f"not valid YAML: {error}") from None
     if not isinstance(document, dict) or not isinstance(document.get("borders"), list):
-        raise CodedError("bad_border_file", "the key 'borders' with a list is missing")
+        raise CodedError("bad_border_file", reason="the key 'borders' with a list is missing")
     borders = [border_from_mapping(values) for values in document.pop("borders")]
     return borders, document

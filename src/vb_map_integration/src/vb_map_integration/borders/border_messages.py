@@ -27,9 +27,9 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
         IntegrationError: if it is invalid.
     """
     if message.kind not in KINDS:
-        raise IntegrationError("bad_kind", f"the kind must be one of {sorted(KINDS)}, got {message.kind}")
+        raise IntegrationError("bad_kind", kind=message.kind, known=", ".join(map(str, sorted(KINDS))))
     if message.zone not in ZONES:
-        raise IntegrationError("bad_zone", values={"zone": message.zone})
+        raise IntegrationError("bad_zone", zone=message.zone)
     return VirtualBorder(
         points=messages.array_from_points(message.points),
         seed=[message.seed.x, message.seed.y],

@@ -45,7 +45,7 @@ class Clicks:
         """
         place = np.array(point, dtype=float)
         if place.shape != (2,) or not np.isfinite(place).all() or np.abs(place).max() > MAX_COORDINATE_M:
-            raise CodedError("bad_points", f"a click has x and y on the floor, got {point}")
+            raise CodedError("bad_points")
         if self.closed is not None:
             return VirtualBorder(np.array(self.points), place, self._params.occupancy, self.closed)
         count = len(self.points)
@@ -58,7 +58,7 @@ class Clicks:
             if count >= 2:
                 self.end(closed=False)
         elif count >= MAX_POINTS:
-            raise CodedError("too_many_points", f"a border may have {MAX_POINTS} points: end it")
+            raise CodedError("too_many_points", most=MAX_POINTS)
         else:
             self.points.append(place)
         return None
@@ -77,14 +77,14 @@ class Clicks:
         """Undoes the chain's end, or else its last point.
 
         Raises:
-            CodedError: "nothing_to_undo".
+            CodedError: "no_point_to_remove".
         """
         if self.closed is not None:
             self.closed = None
         elif self.points:
             self.points.pop()
         else:
-            raise CodedError("nothing_to_undo", "there is no point")
+            raise CodedError("no_point_to_remove")
 
     def cancel(self) -> None:
         """Forgets everything."""

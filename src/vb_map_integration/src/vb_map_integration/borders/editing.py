@@ -39,7 +39,7 @@ def remove_vertex(border: VirtualBorder, index: int) -> VirtualBorder:
     """
     least = 3 if border.closed else 2
     if len(border.points) <= least:
-        raise CodedError("too_few_points", f"it needs {least} vertices: delete the border instead")
+        raise CodedError("too_few_points", least=least, count=len(border.points) - 1)
     return border.replace(points=np.delete(border.points, index, axis=0))
 
 

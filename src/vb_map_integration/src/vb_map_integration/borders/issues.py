@@ -2,8 +2,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterable, Mapping, Optional, Tuple
+from typing import Any, Mapping, Tuple
 
+from vb_core import sentences
 from vb_core.errors import CodedError
 
 WARNING = 0
@@ -27,16 +28,22 @@ class Issue:
     values: Mapping[str, str] = field(default_factory=dict)
 
 
+def make_issue(severity: int, code: str, **values: Any) -> Issue:
+    """Makes an issue with the English sentence for its code."""
+    words = {key: str(value) for key, value in values.items()}
+    return Issue(severity, code, sentences.say(code, words), words)
+
+
 class IntegrationError(CodedError):
     """A border that is refused. Nothing was changed.
+
+    Args:
+        code, values: as of `CodedError`; its sentence is the one for this code.
 
     Attributes:
         issues: all that was found up to the refusal; the last one is the refusal itself.
     """
 
-    def __init__(
-        self, code: str, message: str = "", issues: Iterable[Issue] = (), values: Optional[Dict[str, Any]] = None
-    ) -> None:
-        super().__init__(code, message, **(values or {}))
-        text = {key: str(value) for key, value in self.values.items()}
-        self.issues: Tuple[Issue, ...] = tuple(issues) + (Issue(ERROR, code, self.message, text),)
+    def __init__(self, code: str, **values: Any) -> None:
+        super().__init__(code, **values)
+        self.issues: Tuple[Issue, ...] = (make_issue(ERROR, code, **values),)

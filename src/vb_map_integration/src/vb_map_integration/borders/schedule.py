@@ -32,15 +32,15 @@ def parse_schedule(text: str) -> Tuple[Span, ...]:
     """
     spans: List[Span] = []
     if not isinstance(text, str) or len(text) > 500:
-        raise IntegrationError("bad_schedule", values={"text": str(text)[:50]})
+        raise IntegrationError("bad_schedule", text=str(text)[:50])
     for part in filter(None, (part.strip().lower() for part in text.split(";"))):
         found = _PART.fullmatch(" ".join(part.replace(", ", ",").split()))
         if found is None:
-            raise IntegrationError("bad_schedule", values={"text": part})
+            raise IntegrationError("bad_schedule", text=part)
         hour, minute, end_hour, end_minute = (int(value) for value in found.groups()[1:])
         start, end = 60 * hour + minute, 60 * end_hour + end_minute
         if start >= _DAY or end > _DAY or minute > 59 or end_minute > 59:
-            raise IntegrationError("bad_schedule", values={"text": part})
+            raise IntegrationError("bad_schedule", text=part)
         for day in _days(found.group(1) or "daily", part):
             spans.append(Span(day * _DAY + start, day * _DAY + end + (_DAY if end <= start else 0)))
     return tuple(spans)
@@ -53,7 +53,7 @@ def _days(text: str, part: str) -> List[int]:
     for piece in text.split(","):
         first, _, last = piece.partition("-")
         if first not in DAYS or (last and last not in DAYS):
-            raise IntegrationError("bad_schedule", values={"text": part})
+            raise IntegrationError("bad_schedule", text=part)
         start = DAYS.index(first)
         days += [(start + k) % 7 for k in range((DAYS.index(last or first) - start) % 7 + 1)]
     return days

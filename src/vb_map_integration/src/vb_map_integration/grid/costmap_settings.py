@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from typing import Any, List, Mapping, Optional, Tuple
 
-from vb_map_integration.borders.issues import WARNING, Issue
+from vb_map_integration.borders.issues import WARNING, Issue, make_issue
 
 
 def check_soft_value(value: int, costmaps: Mapping[str, Any]) -> Optional[Issue]:
@@ -18,9 +18,7 @@ def check_soft_value(value: int, costmaps: Mapping[str, Any]) -> Optional[Issue]
     blind = [name for name, settings in costmaps.items() if isinstance(settings, Mapping) and _is_trinary(settings)]
     if not blind:
         return None
-    what = f"move_base takes an occupancy of {value} for free space"
-    remedy = f"set trinary_costmap to false in the static layer of its {' and '.join(blind)}"
-    return Issue(WARNING, "soft_border_ignored", f"{what}: {remedy}")
+    return make_issue(WARNING, "soft_border_ignored", costmaps=", ".join(blind))
 
 
 def _is_trinary(settings: Mapping[str, Any]) -> bool:

@@ -64,7 +64,7 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, 
     if total == 0:
         return window, mask
     if total > MAX_CROSSINGS:
-        raise IntegrationError("too_complex", "the border goes up and down too often: draw a simpler one")
+        raise IntegrationError("too_complex")
     edge = np.repeat(np.arange(len(start)), counts)
     row = np.arange(total) - (np.cumsum(counts) - counts - low)[edge]
     slope = np.divide(end[:, 0] - start[:, 0], y1 - y0, out=np.zeros(len(start)), where=counts > 0)
@@ -118,7 +118,7 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     counts = np.where(t1 >= t0, np.ceil(2.0 * part * length).astype(np.int64) + 1, 0)
     total = int(counts.sum())
     if total > MAX_CROSSINGS:
-        raise IntegrationError("too_complex", "the border is too long for this map: draw a simpler one")
+        raise IntegrationError("too_complex")
     segment = np.repeat(np.arange(len(step)), counts)
     index = np.arange(total) - (np.cumsum(counts) - counts)[segment]
     t = t0[segment] + (part / np.maximum(counts - 1, 1))[segment] * index

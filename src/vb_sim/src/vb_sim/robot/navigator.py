@@ -99,7 +99,7 @@ class Navigator:
         """Returns the planner on the map alone, and a number that grows with every map; raises CodedError "no_map"."""
         with self._lock:
             if self._planner is None:
-                raise CodedError("no_map", "no map has come yet")
+                raise CodedError("no_map")
             return self._planner, self._revision
 
     def with_obstacles(self, static: Planner, pose: Pose, seen: np.ndarray) -> Planner:
