@@ -40,7 +40,7 @@ from vb_web import requests
 
 TOP = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(TOP / "src" / "vb_map_integration" / "test"))
-from keepers import integrator, square  # noqa: E402
+from integrators import integrator, square  # noqa: E402
 
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 

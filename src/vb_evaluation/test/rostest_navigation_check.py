@@ -48,7 +48,7 @@ class NavigationCheckTest(unittest.TestCase):
         self.assertIn("a soft border is gone round where that is possible", bad)
         self.assertEqual(self.borders(), [])
 
-    def test_a_goal_that_is_too_near_is_said(self):
+    def test_a_goal_that_is_too_near_is_reported(self):
         with self.assertRaises(CodedError) as caught:
             NavigationCheck((7.3, 0.6)).run()
         self.assertEqual(caught.exception.code, "short_way")

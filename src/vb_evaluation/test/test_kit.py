@@ -98,7 +98,7 @@ def test_the_map_itself_is_no_ground_truth(tmp_path):
     assert caught.value.code == "bad_ground_truth" and "a.png" in str(caught.value) and "marked" in str(caught.value)
 
 
-def test_wrong_pictures_are_told(tmp_path):
+def test_wrong_images_are_reported(tmp_path):
     grid = room()
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((35, 45, 3), np.uint8))
     (tmp_path / "text.png").write_text("no picture")

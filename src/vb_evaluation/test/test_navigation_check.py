@@ -67,7 +67,7 @@ def test_a_navigation_that_knows_no_borders_is_found_out(monkeypatch):
     assert not planner.borders
 
 
-def test_a_goal_that_is_too_near_is_said(monkeypatch):
+def test_a_goal_that_is_too_near_is_reported(monkeypatch):
     Planner(monkeypatch)
     with pytest.raises(CodedError) as caught:
         NavigationCheck((0.6, 0.0)).run()

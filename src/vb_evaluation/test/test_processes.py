@@ -19,7 +19,7 @@ def test_a_child_and_all_it_started_end(tmp_path):
     assert not child.running
 
 
-def test_what_a_child_wrote_can_be_told(tmp_path):
+def test_what_a_child_wrote_can_be_reported(tmp_path):
     child = Child([sys.executable, "-c", "print('one'); print('two')"], tmp_path / "child.txt")
     child._process.wait(30)
     assert child.tail(1) == "two" and not child.running

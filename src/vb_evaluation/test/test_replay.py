@@ -178,7 +178,7 @@ def test_what_cannot_be_replayed_says_why(tmp_path):
     assert found.code not in ("ok", "not_recorded") and found.message and found.spots <= 26
 
 
-def test_another_definition_of_a_message_is_told(tmp_path):
+def test_another_definition_of_a_message_is_reported(tmp_path):
     rows = stroke(per_side=10)
     make_recording(tmp_path, rows)
     write_bag(tmp_path, rows, images=False)

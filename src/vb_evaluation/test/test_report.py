@@ -138,7 +138,7 @@ def test_maps_are_those_nearest_to_the_median(full):
         assert abs(row["jaccard"] - np.median(done)) == min(abs(value - np.median(done)) for value in done)
 
 
-def test_a_map_that_does_not_fit_its_line_is_told(tmp_path, no_pictures):
+def test_a_map_that_does_not_fit_its_line_is_reported(tmp_path, no_pictures):
     folder = study_rows.make_study(tmp_path / "study", 1, sweeps=False)
     rows = rows_of(folder / "runs.csv")
     for row in rows:

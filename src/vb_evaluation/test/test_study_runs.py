@@ -152,6 +152,6 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, capsys, monkeypa
     assert main(given) == 1 and "differs: spots" in capsys.readouterr().out
 
 
-def test_a_row_that_no_study_has_is_told():
+def test_a_row_that_no_study_has_is_reported():
     with pytest.raises(CodedError):
         plan.find(plan.curve_jobs(STUDY, "robots"), participant=1, scenario="room", method="nrs", value=9.0)

@@ -69,7 +69,7 @@ def said(shapes):
     return {name: " ".join(parts) for name, parts in found.items()}
 
 
-def test_state_and_commands_are_said():
+def test_state_and_commands_are_shown():
     layout = fit_view(LAB, 16 / 9)
     found = said(words(layout, PanelContent("seed", 65.0, ("save", "cancel"), True, "Yes.", ("red",), NOTICES[:1])))
     assert found == {

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 sys.path.insert(0, str(Path(__file__).parent))
-import literal  # noqa: E402
+import paper_transcription as transcription  # noqa: E402
 
 from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
 from vb_fusion.paper import dbscan, find_cluster, generate_polygon, thin_points  # noqa: E402
@@ -25,12 +25,12 @@ SETTINGS = settings(max_examples=60, deadline=None)
 @given(clouds, st.sampled_from([0.125, 0.25, 0.5]), st.integers(1, 6))
 def test_dbscan_equals_the_definition(points, eps, min_pts):
     found = {frozenset(c.tolist()) for c in dbscan(np.array(points), eps, min_pts)}
-    expected = literal.dbscan(points, eps, min_pts)
+    expected = transcription.dbscan(points, eps, min_pts)
     if min_pts == 1:
         assert found == {frozenset(c) for c in expected}
         return
     # two core points may be equally near to a border point: compare what is not left open
-    cores = [i for i in range(len(points)) if sum(literal.near(points[i], p, eps) for p in points) >= min_pts]
+    cores = [i for i in range(len(points)) if sum(transcription.near(points[i], p, eps) for p in points) >= min_pts]
     assert {c & frozenset(cores) for c in found} == {frozenset(c) & frozenset(cores) for c in expected}
     assert set().union(*found) == set(sum(expected, []))
 
@@ -39,13 +39,13 @@ def test_dbscan_equals_the_definition(points, eps, min_pts):
 @given(clouds, st.integers(1, 12))
 def test_clustering_equals_the_transcription(points, min_size):
     found = find_cluster(np.array(points), 0.25, 1, 0.3, np.inf, min_size)
-    assert found.tolist() == sorted(literal.clustering(points, 0.25, 1, 0.3, np.inf, min_size))
+    assert found.tolist() == sorted(transcription.clustering(points, 0.25, 1, 0.3, np.inf, min_size))
 
 
 @SETTINGS
 @given(dense_clouds)
 def test_thinning_equals_the_transcription(points):
-    found, expected = thin_points(np.array(points), 0.1), np.array(literal.thinning(points, 0.1))
+    found, expected = thin_points(np.array(points), 0.1), np.array(transcription.thinning(points, 0.1))
     assert found.shape == expected.shape
     assert np.allclose(found, expected, atol=1e-12)
 
@@ -53,7 +53,7 @@ def test_thinning_equals_the_transcription(points):
 @SETTINGS
 @given(clouds)
 def test_polygon_generation_equals_the_transcription(points):
-    assert generate_polygon(np.array(points), 0.5).tolist() == literal.generate_poly(points, 0.5)
+    assert generate_polygon(np.array(points), 0.5).tolist() == transcription.generate_poly(points, 0.5)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -63,9 +63,9 @@ def test_whole_paper_mode_equals_the_transcription(seed):
     points = np.column_stack([np.interp(s, range(5), [0, 1, 1, 0, 0]), np.interp(s, range(5), [0, 0, 1, 1, 0])])
     points = np.vstack([points + rng.normal(0, 0.02, points.shape), rng.uniform(-4, 4, (15, 2))])
     everything = [tuple(p) for p in points]
-    cluster = [everything[i] for i in sorted(literal.clustering(everything, 0.5, 1, 0.3, np.inf, 10))]
-    thinned = literal.thinning(cluster, 0.1)
-    expected = np.array([thinned[i] for i in literal.generate_poly(thinned, 0.5)])
+    cluster = [everything[i] for i in sorted(transcription.clustering(everything, 0.5, 1, 0.3, np.inf, 10))]
+    thinned = transcription.thinning(cluster, 0.1)
+    expected = np.array([thinned[i] for i in transcription.generate_poly(thinned, 0.5)])
     chain = extract_border(points, ExtractionParams.paper()).points
     assert chain.shape == expected.shape
     assert np.allclose(chain, expected, atol=1e-9)

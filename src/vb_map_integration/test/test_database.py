@@ -22,7 +22,7 @@ from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_map_integration.storage.repair import repair_borders
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from keepers import GRID, integrator, square  # noqa: E402
+from integrators import GRID, integrator, square  # noqa: E402
 
 
 def codes(keeper):
@@ -116,7 +116,7 @@ def test_a_change_that_could_not_be_written_is_refused_and_nothing_is_kept(tmp_p
 import resource, signal, sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 from pathlib import Path
-from keepers import integrator, square
+from integrators import integrator, square
 from vb_core.errors import CodedError
 keeper = integrator(Path({str(tmp_path)!r}))
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -143,7 +143,7 @@ def test_with_a_full_disk_at_start_borders_act_and_no_change_is_taken(tmp_path):
 import resource, signal, sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 from pathlib import Path
-from keepers import integrator, square
+from integrators import integrator, square
 from vb_core.errors import CodedError
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))

@@ -12,7 +12,7 @@ from vb_map_integration.borders.border_files import borders_from_yaml, borders_t
 from vb_map_integration.storage.recording import MapRecording
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from keepers import GRID, at, integrator, square  # noqa: E402
+from integrators import GRID, at, integrator, square  # noqa: E402
 
 
 def test_yaml_round_trip():

@@ -16,7 +16,7 @@ from vb_map_integration.grid.costmap_settings import check_soft_value
 from vb_map_integration.borders.geojson import borders_from_geojson, borders_to_geojson
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from keepers import square  # noqa: E402
+from integrators import square  # noqa: E402
 
 SQUARE = VirtualBorder([(0, 0), (1, 0), (1, 1), (0, 1)], (0.5, 0.5), closed=True)
 LINE = VirtualBorder([(0, 0), (0, 1), (0, 2)], (1, 1), closed=False)

@@ -14,7 +14,7 @@ from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_map_integration.grid.reachability import check_reachability
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from keepers import GRID, at, expected, integrator, square  # noqa: E402
+from integrators import GRID, at, expected, integrator, square  # noqa: E402
 
 COMMANDS = st.lists(
     st.tuples(st.sampled_from(["add", "add", "add", "soft", "remove", "disable", "update", "undo", "redo", "clear"]),

@@ -13,7 +13,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from keepers import GRID, at, integrator, square  # noqa: E402
+from integrators import GRID, at, integrator, square  # noqa: E402
 from oracle import ROOMS, world  # noqa: E402
 
 PACKAGE = Path(__file__).resolve().parents[1]

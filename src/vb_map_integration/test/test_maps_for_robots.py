@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from keepers import GRID, integrator, square  # noqa: E402
+from integrators import GRID, integrator, square  # noqa: E402
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():

@@ -12,7 +12,7 @@ from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_map_integration.places.registration import IDENTITY, Transform, register
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from keepers import GRID, integrator, square  # noqa: E402
+from integrators import GRID, integrator, square  # noqa: E402
 
 
 def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):

@@ -132,14 +132,14 @@ class VoiceCommandsTest(unittest.TestCase):
         rospy.rostime.wallsleep(1.0)
         return any(message.command == text and message.accepted for message in self.heard.all)
 
-    def test_silence_is_said_and_the_level_shown(self):
+    def test_silence_is_reported_and_the_level_shown(self):
         levels, notices = Newest("/virtual_borders/voice/level", Float32), Newest("/virtual_borders/notices", NoticeArray)
         notices.wait(lambda message: [n.code for n in message.notices] == ["microphone_silent"], "silence that is noticed")
         self.speak("define border")
         notices.wait(lambda message: not message.notices, "the end of the silence")
         wait_until(lambda: any(-60.0 < level.data < 0.0 for level in levels.all), "the level of a voice")
 
-    def test_a_missing_microphone_is_said(self):
+    def test_a_missing_microphone_is_reported(self):
         notices = Newest("/virtual_borders/notices", NoticeArray)
         node = Process("voice_commands", "__name:=deaf", "_source:=microphone", "_device:=none_such")
         self.addCleanup(node.stop)

@@ -112,7 +112,7 @@ class WizardConsoleTest(unittest.TestCase):
         self.assertNotIn("Traceback", terminal.text)
         self.assertEqual(terminal.leave(), (0, True))
 
-    def test_a_neighbour_that_comes_back_is_said(self):
+    def test_a_node_that_responds_again_is_reported(self):
         self.stub.withdraw()
         self.terminal.shows("The border fusion is not responding")
         self.stub.offer()

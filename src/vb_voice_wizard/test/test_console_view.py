@@ -86,7 +86,7 @@ def test_an_earlier_drawing_is_not_shown_in_a_new_interaction():
     assert "120 border" not in screen(view) and "0 border, 0 seed, 0 ignored" in screen(view)
 
 
-def test_what_is_away_is_said():
+def test_what_does_not_respond_is_reported():
     assert "waiting for the ROS master at http://here" in screen(ConsoleContent("http://here"))
     assert "waiting for the interaction manager" in screen(ConsoleContent("http://here", True))
     view = drawing()

@@ -108,7 +108,7 @@ def test_a_recording_program_is_read_and_started_again():
     assert "ended with status 0" in troubles[0]
 
 
-def test_a_missing_recording_program_is_told():
+def test_a_missing_recording_program_is_reported():
     told = threading.Event()
     sentences = []
     microphone = Microphone(["no_such_program"], lambda _: None, lambda text: (sentences.append(text), told.set()), start=start_thread)
@@ -117,7 +117,7 @@ def test_a_missing_recording_program_is_told():
     assert "cannot start no_such_program" in sentences[0]
 
 
-def test_a_program_that_talks_is_drained_and_its_last_word_told():
+def test_a_program_that_talks_is_drained_and_its_last_word_reported():
     """What it writes to its standard error is more than a pipe holds."""
     told, sentences_, heard = threading.Event(), [], []
     script = "for i in $(seq 4000); do echo 'overrun of at least some milliseconds' >&2; done; head -c 2000 /dev/zero; echo end >&2"
