@@ -7,7 +7,7 @@ WORLD    ?=
 SEED     ?= 1
 NAVIGATION ?= standin
 QUICK    ?=
-SIZE     ?= usual
+SIZE     ?= default
 FRESH    ?=
 CONFIG   ?=
 OUT      ?= out/study
@@ -44,7 +44,7 @@ rostest: setup ## only the tests of nodes
 screenshots: setup ## pictures of the smart display in every state, into docs/images/display
 	@. scripts/env.sh && python3 scripts/screenshots
 
-study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 SIZE=usual|full FRESH=1 CONFIG=file OUT=folder PROCESSES=number SCHEDULER=address
+study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 SIZE=default|full FRESH=1 CONFIG=file OUT=folder PROCESSES=number SCHEDULER=address
 	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" --size $(if $(QUICK),quick,$(SIZE)) $(if $(FRESH),--fresh) \
 	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) $(if $(SCHEDULER),--scheduler "$(SCHEDULER)") \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \

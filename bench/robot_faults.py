@@ -109,7 +109,7 @@ def run(world, grid, posterior, profile, guided, fault, seed):
             # time stands still for the driver, and it knows only for how long
             run.frozen = True
             if run.drive.due(run.now):
-                run.robot.driver.clock_age = run.now - at
+                run.robot.driver.gate.clock_age = run.now - at
                 run.robot.drive(at)
                 run.body.command(run.robot.command.v, run.robot.command.w, run.now)
         run.step()
@@ -118,7 +118,7 @@ def run(world, grid, posterior, profile, guided, fault, seed):
             stopped = run.now - at
         depth = max(depth, profile.radius - float(np.linalg.norm(cells - run.body.pose[:2], axis=1).min()))
     run.robot.lost.clear()
-    run.robot.driver.clock_age = 0.0
+    run.robot.driver.gate.clock_age = 0.0
     run.frozen = False
     end = run.now + 4.0
     going = 0.0
@@ -174,7 +174,7 @@ def write(done, times, cell) -> None:
             found = [done.get(f"{fault} {guided} {seed}") for seed in range(times)]
             found = [entry for entry in found if entry is not None]
             seconds = [entry[0] for entry in found if entry[0] is not None]
-            said = sorted({code for entry in found for code in entry[4]} - {"drives", "idle"})
+            said = sorted({code for entry in found for code in entry[4]} - {"driving", "idle"})
             lines.append(
                 f"| {TITLES[fault]} | {'spot' if guided else 'navigation'} | {len(found)} | {len(seconds)} | "
                 + (f"{np.median(seconds):.2f} s | {max(seconds):.2f} s" if seconds else "- | -")

@@ -119,8 +119,8 @@ class DrivenRobot:
         hit = np.isfinite(ranges)
         self._obstacles = ranges[hit, None] * np.column_stack([np.cos(angles[hit]), np.sin(angles[hit])])
         model = self._lab.scan_model
-        self.driver.set_scan(Scan(ranges, angles[0], angles[1] - angles[0], self._lab.range_min(self._index),
-                                  model.range_max, np.eye(4), self._profile.radius), now)
+        self.driver.gate.set_scan(Scan(ranges, angles[0], angles[1] - angles[0], self._lab.range_min(self._index),
+                                       model.range_max, np.eye(4), self._profile.radius), now)
 
     # ------------------------------------------------------------- goals
     @property
@@ -173,8 +173,8 @@ class DrivenRobot:
             self._said_at = now
             self.driver.set_state(state, interaction_id, entered, now)
         if "pose" not in self.lost:
-            self.driver.set_pose(self._body.estimate(), now)
-        self.driver.goal_runs = self.driving
+            self.driver.gate.set_pose(self._body.estimate(), now)
+        self.driver.goal_active = self.driving
         self.command = command = self.driver.step(now)
         if command.cancel:
             self.cancel()

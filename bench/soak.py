@@ -239,7 +239,7 @@ class Soak:
                 continue  # the second computer reports by itself
             self.received[camera] += 25 if self.plugged[camera] else 0
             status = DetectorStatus(camera=camera, received=self.received[camera], rate_hz=25.0 * self.plugged[camera],
-                                    refusals=["no_transform"], refusal_counts=[self.lost_pose[camera]])
+                                    rejections=["no_transform"], rejection_counts=[self.lost_pose[camera]])
             status.header.stamp = stamp
             self.statuses.publish(status)
         if self.localised:

@@ -130,7 +130,7 @@ class CheckLab(unittest.TestCase):
                          Notice("strokes_left_out", Severity.WARNING, values={"spots": "4711"})])
             status, text = self.check("--json")
             self.assertEqual(status, 1)
-            found = {line["code"]: (line["state"], line["standing"]) for line in json.loads(text)}
+            found = {line["code"]: (line["state"], line["from_notice"]) for line in json.loads(text)}
             self.assertEqual(found["strokes_left_out"], ("warning", True))
             self.assertEqual(found["page_full_of_rain"], ("error", True))
             self.assertEqual(found["lab_camera_no_detector"], ("error", False))

@@ -49,7 +49,7 @@ def test_a_good_camera_is_one_line():
     (dict(file_error="there is no '/lab/north.yaml'.", file_missing=True, has_pose=False), "lab_camera_no_calibration"),
     (dict(file_error="there is no '/lab/north.yaml'.", file_missing=True), "lab_camera_file_broken"),
     (dict(file_error="it is no YAML", has_pose=False), "lab_camera_file_broken"),
-    (dict(file_error="of another", file_camera="south"), "lab_camera_file_of_other"),
+    (dict(file_error="of another", file_camera="south"), "lab_camera_wrong_file"),
     (dict(file_frame="head_camera"), "lab_camera_frame_differs"),
     (dict(file_focal=1.04 * GOOD.info.focal), "lab_camera_other_lens"),
     (dict(file="", file_frame="", has_pose=False), "lab_camera_no_pose"),
@@ -102,7 +102,7 @@ def test_each_mistake_with_a_robot_is_named(seen, code):
     (dict(publishers=["/a", "/b"]), "lab_map_many_publishers"),
     (dict(with_borders=False), "lab_map_without_borders"),
     (dict(needs_confirmation=True), "lab_borders_need_confirmation"),
-    (dict(borders=3, acting=2), "lab_borders_not_acting"),
+    (dict(borders=3, in_force=2), "lab_borders_not_in_force"),
 ])
 def test_each_mistake_with_the_map_is_named(changes, code):
     good = MapObservation((100, 200), 0.05, ["/map_server"], True, 2, 2)

@@ -51,7 +51,7 @@ class NavigationCheckTest(unittest.TestCase):
     def test_a_goal_that_is_too_near_is_reported(self):
         with self.assertRaises(CodedError) as caught:
             NavigationCheck((7.3, 0.6)).run()
-        self.assertEqual(caught.exception.code, "short_way")
+        self.assertEqual(caught.exception.code, "path_too_short")
 
 
 if __name__ == "__main__":

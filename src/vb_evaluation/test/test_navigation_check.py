@@ -71,4 +71,4 @@ def test_a_goal_that_is_too_near_is_reported(monkeypatch):
     Planner(monkeypatch)
     with pytest.raises(CodedError) as caught:
         NavigationCheck((0.6, 0.0)).run()
-    assert caught.value.code == "short_way"
+    assert caught.value.code == "path_too_short"

@@ -155,7 +155,7 @@ def test_few_participants_and_nothing_but_runs(tmp_path, participants, no_pictur
     assert "Beside the paper" in page and "Plausible worlds" not in page and "nan" not in words_of(page)
 
 
-@pytest.mark.parametrize("size", ["quick", "usual"])
+@pytest.mark.parametrize("size", ["quick", "default"])
 def test_no_word_of_a_section_that_is_absent(tmp_path, no_pictures, size):
     folder = study_rows.make_study(tmp_path / "study", 2, sweeps=False, maps=False)
     meta = {**json.loads((folder / "study.json").read_text()), "size": size, "caveats": campaign.CAVEATS}

@@ -219,9 +219,9 @@ def test_the_examples_of_the_documentation_work(tmp_path):
 
 def test_each_size_is_part_of_the_next():
     jobs = {size: plan.jobs(STUDY, size) for size in plan.SIZES}
-    quick, usual, full = ({(job.file, *map(str, job.columns(1).values())) for job in of_size} for of_size in jobs.values())
-    assert quick < usual < full
-    assert {row[0] for row in usual} == {"runs.csv", "ungated.csv", "worlds.csv"}
+    quick, default, full = ({(job.file, *map(str, job.columns(1).values())) for job in of_size} for of_size in jobs.values())
+    assert quick < default < full
+    assert {row[0] for row in default} == {"runs.csv", "ungated.csv", "worlds.csv"}
     # a row's world is the same in each size
-    worlds = [{job.conditions["draw"]: job.changes for job in jobs[size] if job.file == "worlds.csv"} for size in ("usual", "full")]
+    worlds = [{job.conditions["draw"]: job.changes for job in jobs[size] if job.file == "worlds.csv"} for size in ("default", "full")]
     assert len(worlds[0]) == 20 and len(worlds[1]) == 200 and all(worlds[1][draw] == changes for draw, changes in worlds[0].items())

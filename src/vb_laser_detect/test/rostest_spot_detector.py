@@ -140,7 +140,7 @@ class SpotDetectorTest(unittest.TestCase):
     def test_nothing_on_a_robot_is_a_spot(self):
         def refused(code):
             red = self.status.get("red")
-            return dict(zip(red.refusals, red.refusal_counts)).get(code, 0) if red is not None else 0
+            return dict(zip(red.rejections, red.rejection_counts)).get(code, 0) if red is not None else 0
         self.wait(lambda: refused("on_robot") and refused("robot_without_pose"), "light on a robot")
         # from now on the robot's place is known; the spot comes round to it again
         known, before = self.status["red"].header.stamp, refused("on_robot")
@@ -153,7 +153,7 @@ class SpotDetectorTest(unittest.TestCase):
     def test_status_counts_and_bad_images_do_no_harm(self):
         def counted():
             red = self.status.get("red")
-            return red is not None and "bad_image" in red.refusals and red.processed > 20 and red.detected > 10
+            return red is not None and "bad_image" in red.rejections and red.processed > 20 and red.detected > 10
         self.wait(counted, "the status of red with a bad image")
         red = self.status["red"]
         self.assertGreaterEqual(red.received, red.processed)

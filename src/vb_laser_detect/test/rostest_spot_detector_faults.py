@@ -57,7 +57,7 @@ class Observer:
 
     def refused(self, camera, code):
         status = self.status.get(camera)
-        return dict(zip(status.refusals, status.refusal_counts)).get(code, 0) if status is not None else 0
+        return dict(zip(status.rejections, status.rejection_counts)).get(code, 0) if status is not None else 0
 
     def warnings(self, camera, code):
         """What the camera's own detector warned of: the other one may have the same trouble."""

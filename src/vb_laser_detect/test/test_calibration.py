@@ -245,7 +245,7 @@ def test_file_round_trip(tmp_path):
         ("{camera: red, parent: map, frame: f, translation: [0, 0], rotation: [0, 0, 0, 1]}", "bad_calibration"),
         ("{camera: red, parent: map, frame: f, translation: [0, 0, .nan], rotation: [0, 0, 0, 1]}", "bad_calibration"),
         ("{camera: red, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 0]}", "bad_calibration"),
-        ("{camera: green, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "calibration_of_another"),
+        ("{camera: green, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "calibration_of_other_camera"),
         ("{camera: red, parent: '', frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "bad_calibration"),
     ],
 )

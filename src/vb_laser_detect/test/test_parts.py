@@ -139,7 +139,7 @@ def test_statistics():
     assert (summary.processed, summary.detected, summary.spots) == (50, 25, 25)
     assert summary.rate_hz == pytest.approx(25, rel=0.02)
     assert summary.latency_ms == pytest.approx(20) and summary.search_ms == pytest.approx(2)
-    assert (summary.refusals, summary.refusal_counts) == (["no_transform"], [1])
+    assert (summary.rejections, summary.rejection_counts) == (["no_transform"], [1])
     assert statistics.summary(100.0)["rate_hz"] == 0.0
     assert statistics.summary(1.0)["processed"] == 50
     statistics.count_image(12.0, 11.98, 0.002, 3, backfilled=2)

@@ -165,7 +165,7 @@ def test_counts_are_the_status_s_fields():
     counts = DetectorCounts()
     counts.count_image(10.0, 9.98, 0.002, 1)
     status = DetectorStatus(camera="red", **counts.summary(10.5))
-    assert (status.processed, status.spots, status.refusals) == (1, 1, []) and status.rate_hz > 0.0
+    assert (status.processed, status.spots, status.rejections) == (1, 1, []) and status.rate_hz > 0.0
 
 
 def test_a_clock_that_was_right_says_nothing_once_its_computer_is_silent():

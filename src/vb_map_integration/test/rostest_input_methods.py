@@ -258,13 +258,13 @@ class InputMethodsTest(unittest.TestCase):
             self.assertEqual(status, 0, output)
             wait_until(lambda: self.borders.message.borders[0].name == "carpet", "the edited border")
             border = self.stored(1)[0]
-            self.assertEqual((border.name, border.acting, border.reason), ("carpet", False, "disabled"))
+            self.assertEqual((border.name, border.in_force, border.reason), ("carpet", False, "disabled"))
             # one of another home is added, and stays switched off
             copy.write_text(copy.read_text().replace('"created": 1', '"created": '))
             count = self.maps.count
             status, output = self.run_command("import_borders", copy)
             self.assertEqual(status, 0, output)
-            self.assertEqual([(one.name, one.acting) for one in self.stored(2)], [("carpet", False)] * 2)
+            self.assertEqual([(one.name, one.in_force) for one in self.stored(2)], [("carpet", False)] * 2)
             wait_until(lambda: self.maps.count > count, "the map with it")
             self.assertEqual(self.restricted(), 0)
             copy.write_text("borders: 3")

@@ -192,7 +192,7 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual((late.success, late.code), (False, "changed_meanwhile"))
         self.assertEqual(self.call("set_border_enabled", first.id, False, "test", late.revision).code, "ok")
         wait_until(lambda: self.borders.message.borders[0].reason == "disabled", "the border that sleeps")
-        self.assertEqual((self.borders.message.borders[0].name, self.borders.message.borders[0].acting), ("rug", False))
+        self.assertEqual((self.borders.message.borders[0].name, self.borders.message.borders[0].in_force), ("rug", False))
         robots = self.call("add_border", polygon(robots=["nobody"]), "", "test")
         self.assertEqual((robots.code, robots.values[0].value), ("unknown_robot", "nobody"))
 
@@ -207,7 +207,7 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual(self.call("add_border", wall, "", "test").code, "ok")
         wait_until(lambda: 40 <= self.restricted() <= 130, "a thin band")
         wait_until(lambda: [b.kind for b in self.borders.message.borders][1:] == [wall.kind], "the wall")
-        self.assertTrue(all(border.acting for border in self.borders.message.borders))
+        self.assertTrue(all(border.in_force for border in self.borders.message.borders))
 
     def test_a_map_that_may_be_another_place(self):
         notices = Latest("/virtual_borders/notices", NoticeArray)
@@ -223,7 +223,7 @@ class MapIntegratorTest(unittest.TestCase):
             wait_until(lambda: "borders_unconfirmed" in [n.code for n in notices.message.notices], "the notice")
             self.assertEqual(self.call("add_border", polygon(x=2.0), "", "test").code, "confirm_map_first")
             proposal = self.call("adopt_borders", "", True)
-            self.assertTrue(proposal.success and bytes(proposal.picture[:4]) == b"\x89PNG", proposal.message)
+            self.assertTrue(proposal.success and bytes(proposal.image[:4]) == b"\x89PNG", proposal.message)
             self.assertEqual(self.call("confirm_map", ConfirmMapRequest.OTHER_PLACE, "upstairs", "test").code, "ok")
             wait_until(lambda: not self.borders.message.needs_confirmation, "no doubt")
             self.assertEqual((self.borders.message.borders, self.borders.message.map_name), ([], "upstairs"))

@@ -194,7 +194,7 @@ def test_borders_are_adopted_with_a_transform(tmp_path):
     keeper.add(keep_out(), 1.0)
     keeper.set_map(flat(truth, seed=5, known=(0.0, 4.0)))
     proposal = keeper.propose("")
-    assert proposal.registration is not None and proposal.picture[:4] == b"\x89PNG"
+    assert proposal.registration is not None and proposal.image[:4] == b"\x89PNG"
     keeper.adopt(keeper.propose("", truth), 2.0)
     assert not keeper.needs_confirmation and closed_off(keeper, truth)
     with pytest.raises(CodedError) as caught:

@@ -87,7 +87,7 @@ class DriverTest(unittest.TestCase):
 
     def is_released(self):
         self.stop.publish(Bool(False))  # again: a driver that has just started may not have heard the first one
-        return self.drivers.get("") == ("nobody", "idle")
+        return self.drivers.get("") == ("none", "idle")
 
     def put(self, body, pose):
         with body.lock:

@@ -136,11 +136,11 @@ def test_gives_up_where_something_is_in_the_way_and_tries_again():
 def test_waits_while_somebody_draws_and_keeps_navigations_goal_for_afterwards():
     rig = swallowed()
     rig.state = 1
-    assert all(rig.step().driver == "nobody" for _ in range(40))
+    assert all(rig.step().driver == "none" for _ in range(40))
     rig.state = 0
-    rig.driver.goal_runs = True
+    rig.driver.goal_active = True
     driven = []
-    while not driven or driven[-1].driver == "leave":
+    while not driven or driven[-1].driver == "exit_border":
         rig.driver.request("navigation", 0.0, 0.5, rig.now + DT)  # its recovery turns the robot, in vain
         driven.append(rig.step())
         assert rig.now < 130.0
@@ -150,20 +150,20 @@ def test_waits_while_somebody_draws_and_keeps_navigations_goal_for_afterwards():
 
 def test_a_robot_that_is_not_to_leave_borders_stays_in_one_also_with_a_goal():
     rig = swallowed(leaves=False)
-    rig.driver.goal_runs = True
-    assert all(rig.step().driver == "nobody" for _ in range(60))
+    rig.driver.goal_active = True
+    assert all(rig.step().driver == "none" for _ in range(60))
 
 
 def test_without_a_new_map_nobody_is_driven_out_of_free_floor():
     rig = swallowed(pose=(2.0, 4.0, 0.0))
-    assert all(rig.step().driver == "nobody" for _ in range(40))
+    assert all(rig.step().driver == "none" for _ in range(40))
 
 
 def test_a_robot_that_was_brought_near_a_border_is_left_to_the_one_that_brought_it():
     rig = swallowed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS + 0.01, 1.5, 0.0)
-    rig.driver.goal_runs = True
+    rig.driver.goal_active = True
     for _ in range(40):
         rig.driver.request("navigation", -0.1, 0.0, rig.now + DT)
         assert rig.step().driver == "navigation"
@@ -174,9 +174,9 @@ def test_a_robot_too_near_for_navigation_to_plan_is_helped_away_and_keeps_its_go
     rig = swallowed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS - gap, 1.5, 0.3)
-    rig.driver.goal_runs = True
+    rig.driver.goal_active = True
     commands = [rig.step() for _ in range(160)]
-    assert {command.driver for command in commands} == {"nobody", "leave"} and not any(c.cancel for c in commands)
+    assert {command.driver for command in commands} == {"none", "exit_border"} and not any(c.cancel for c in commands)
     assert rig.pose[0] < 4.0 - RADIUS - MARGIN + 0.05, "to a cell"
     rig.driver.request("navigation", 0.1, 0.0, rig.now + DT)
     assert rig.step().driver == "navigation"
@@ -186,9 +186,9 @@ def test_navigation_that_wants_to_go_on_into_a_border_is_helped_away_too():
     rig = swallowed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS - 0.01, 1.5, 0.0)
-    rig.driver.goal_runs = True
+    rig.driver.goal_active = True
     drivers = set()
     for _ in range(100):
         rig.driver.request("navigation", 0.2, 0.1, rig.now + DT)
         drivers.add(rig.step().driver)
-    assert "leave" in drivers and max(pose[0] for pose in rig.poses) < 4.0 - RADIUS + 0.03
+    assert "exit_border" in drivers and max(pose[0] for pose in rig.poses) < 4.0 - RADIUS + 0.03

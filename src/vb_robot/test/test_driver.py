@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.driver import Driver
-from vb_robot.driving.gate import NAVIGATION, STOP_WITHIN, TELEOP
+from vb_robot.driving.gate import NAVIGATION, INPUT_TIMEOUT, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.spot_follower import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
@@ -105,7 +105,7 @@ class Rig:
 # ------------------------------------------------------------ who drives
 def test_the_first_that_wants_to_drives():
     rig = Rig()
-    assert rig.step().driver == "nobody" and not rig.commands[-1].publish
+    assert rig.step().driver == "none" and not rig.commands[-1].publish
     rig.navigation = (0.3, 0.1)
     command = rig.step()
     assert (command.driver, command.v, command.w) == ("navigation", 0.3, 0.1)
@@ -123,14 +123,14 @@ def test_navigation_that_falls_silent_is_told_to_stop_once():
     rig.step(0.5)
     rig.navigation = None
     rig.step(0.6)
-    last = [command for command in rig.commands if command.driver == "nobody" and command.publish]
+    last = [command for command in rig.commands if command.driver == "none" and command.publish]
     assert len(last) == 1 and last[0].v == 0.0
 
 
 def test_two_never_drive_at_once_also_if_the_task_sends_its_goal_again():
     rig = Rig().follows()
     rig.navigation = (0.5, 1.0)
-    rig.driver.goal_runs = True
+    rig.driver.goal_active = True
     before = rig.cancelled
     rig.spot = None
     rig.step(3.0)
@@ -223,7 +223,7 @@ def test_without_scan_pose_state_or_clock_it_rests_in_time_and_without_a_jerk(wh
         rig.step()
     stopped = [command for command in rig.commands if command.code == code]
     assert stopped and all(command.v == command.w == 0.0 for command in stopped)
-    assert len(stopped) >= (3.0 - STOP_WITHIN) / DT - 2, "in time, and for good"
+    assert len(stopped) >= (3.0 - INPUT_TIMEOUT) / DT - 2, "in time, and for good"
     speeds = np.array([command.v for command in rig.commands])
     assert -np.diff(speeds).min() <= 1.5 * PROFILE.limits.brake * DT, "its brakes can follow"
     rig.silent.clear()
@@ -237,7 +237,7 @@ def test_what_comes_a_little_late_slows_it_and_does_not_stop_it():
     assert rig.step(1.0).v > 0.45
     rig.silent.add("state")
     rig.step(0.2)
-    assert 0.05 < rig.commands[-1].v < 0.4 and rig.commands[-1].code == "drives"
+    assert 0.05 < rig.commands[-1].v < 0.4 and rig.commands[-1].code == "driving"
     rig.silent.clear()
     assert rig.step(0.2).v > 0.45
 
@@ -249,7 +249,7 @@ def test_what_is_dated_ahead_grows_old_all_the_same():
     rig.step(1.0)
     rig.silent.add("pose")
     rig.driver.gate.set_pose(rig.pose, rig.now + 0.3)
-    assert rig.step(STOP_WITHIN).v == 0.0
+    assert rig.step(INPUT_TIMEOUT).v == 0.0
 
 
 @pytest.mark.parametrize("fov, backs", [(58, False), (270, False), (360, True)])
@@ -357,7 +357,7 @@ def test_a_reflection_leads_nobody():
     rig.set_state(GUIDE)
     rig.spot, rig.confidence = (3.6, 2.5), 0.3
     rig.step(2.0)
-    assert all(command.driver == "nobody" for command in rig.commands)
+    assert all(command.driver == "none" for command in rig.commands)
 
 
 def test_one_weak_sighting_of_a_ceiling_camera_does_not_stop_it():
@@ -368,13 +368,13 @@ def test_one_weak_sighting_of_a_ceiling_camera_does_not_stop_it():
     rig.see((3.6, 2.5), "red", False, confidence=0.2)
     assert rig.step(0.3).driver == "follow"
     rig.see((3.6, 2.5), "red", False, confidence=0.9)
-    assert rig.step(0.3).driver == "nobody", "from here on robots are sent"
+    assert rig.step(0.3).driver == "none", "from here on robots are sent"
 
 
 def test_guide_leaves_robots_alone_that_do_not_see_the_spot():
     far = Rig(pose=(6.0, 2.5, 0.0), camera="robot2", cameras=("robot1", "robot2"))
     far.navigation = (0.3, 0.0)
-    far.driver.goal_runs = True
+    far.driver.goal_active = True
     far.set_state(GUIDE)
     for _ in range(100):
         far.see((2.0, 2.5), "robot1", True)
@@ -391,7 +391,7 @@ def test_the_robot_that_has_seen_the_spot_longest_follows_and_stays_so_while_nob
     rig.spot = None
     assert rig.step(5.0).driver == "follow"
     rig.see((3.0, 2.5), "other", True)
-    assert rig.step().driver == "nobody", "another robot sees it now"
+    assert rig.step().driver == "none", "another robot sees it now"
 
 
 # ------------------------------------------------------------ following
@@ -449,4 +449,4 @@ def test_small_strokes_leave_it_stopped():
 def test_it_stops_when_the_spot_is_gone():
     rig = Rig().follows()
     rig.spot = None
-    assert rig.step(STOP_WITHIN).v == 0.0 and rig.commands[-1].code == "spot_gone"
+    assert rig.step(INPUT_TIMEOUT).v == 0.0 and rig.commands[-1].code == "spot_lost"

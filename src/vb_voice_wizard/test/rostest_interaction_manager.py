@@ -425,7 +425,7 @@ class InteractionManagerTest(unittest.TestCase):
             self.state.wait(lambda message: not message.stopped, "robots that may drive")
             self.assertTrue(self.command("define_border").success)
             # they may be over when a slow machine looks: what was said counts
-            warned = wait_until(lambda: [message for message in self.state.all if not message.ends.is_zero()], "the warning")
+            warned = wait_until(lambda: [message for message in self.state.all if not message.ends_at.is_zero()], "the warning")
             self.assertEqual(warned[0].name, "border")
             wait_until(lambda: ["interaction_ends_soon"] in [[n.code for n in said.notices] for said in notices.all], "the notice")
             over = self.state.wait(lambda message: message.name == "default", "the end")

@@ -359,12 +359,12 @@ def test_cancel_after_an_unanswered_save_does_not_promise_an_unchanged_map():
 
 def test_an_abandoned_interaction_ends_after_a_warning():
     interaction = machine(idle_limit=100.0, idle_warning=20.0)
-    assert not interaction.end_if_idle(1e6) and interaction.ends == 0.0
+    assert not interaction.end_if_idle(1e6) and interaction.ends_at == 0.0
     interaction.command(DEFINE_BORDER, "a", 1000.0)
-    assert not interaction.end_if_idle(1079.0) and interaction.ends == 0.0
-    assert not interaction.end_if_idle(1080.0) and interaction.ends == 1100.0
+    assert not interaction.end_if_idle(1079.0) and interaction.ends_at == 0.0
+    assert not interaction.end_if_idle(1080.0) and interaction.ends_at == 1100.0
     interaction.count_spots(1, 0, 0, 1090.0)
-    assert not interaction.end_if_idle(1100.0) and interaction.ends == 0.0
+    assert not interaction.end_if_idle(1100.0) and interaction.ends_at == 0.0
     # over a restart of the node too: tomorrow's spots must not join today's border
     interaction = Interaction.from_mapping(interaction.to_mapping(), InteractionParams(idle_limit=100.0, idle_warning=20.0))
     assert interaction.end_if_idle(90000.0)

@@ -35,12 +35,12 @@ def print_table(lines: List[CheckLine], language: str, console: Console) -> None
 def to_json(lines: List[CheckLine], language: str) -> str:
     """Formats the lines for programs.
 
-    Each has subject, state, code, values, the sentence for people, and whether a node tells it by itself (`standing`).
+    Each has subject, state, code, values, the sentence for people, and whether a node tells it by itself (`from_notice`).
     """
     return json.dumps([
         {"subject": line.subject, "state": line.state.name.lower(), "code": line.code,
          "values": {key: str(value) for key, value in line.values.items()}, "message": line.sentence(language),
-         "standing": line.from_notice}
+         "from_notice": line.from_notice}
         for line in lines
     ], indent=1, ensure_ascii=False)
 

@@ -175,7 +175,7 @@ def _pose_faults(camera: CameraObservation, by_frame: Mapping[str, Sequence[str]
     elif camera.file_error and (camera.has_pose or not camera.file_missing):
         # the running lab still has the last good pose; calibrating again is not the first thing to do
         yield fault(
-            CheckState.ERROR, "lab_camera_file_of_other" if camera.file_camera else "lab_camera_file_broken", file=camera.file,
+            CheckState.ERROR, "lab_camera_wrong_file" if camera.file_camera else "lab_camera_file_broken", file=camera.file,
             error=camera.file_error, other=camera.file_camera, pose="$lab_pose_kept" if camera.has_pose else "$lab_pose_missing")
     elif camera.file_error:
         yield fault(CheckState.ERROR, "lab_camera_no_calibration", file=camera.file, error=camera.file_error)
@@ -234,7 +234,7 @@ class MapObservation:
     Attributes:
         shape: (rows, columns) of /map; None: no map arrived.
         publishers: nodes that publish /map; with_borders: whether /virtual_borders/map has the same geometry.
-        borders, acting: how many are switched on, and how many of these are in force; disabled: how many are switched off.
+        borders, in_force: how many are switched on, and how many of these are in force; disabled: how many are switched off.
         file: what the lab was given as its map; "" if nothing.
     """
 
@@ -243,7 +243,7 @@ class MapObservation:
     publishers: Sequence[str] = ()
     with_borders: bool = False
     borders: int = 0
-    acting: int = 0
+    in_force: int = 0
     disabled: int = 0
     needs_confirmation: bool = False
     file: str = ""
@@ -263,10 +263,10 @@ def check_map(seen: MapObservation) -> List[CheckLine]:
     rows, columns = seen.shape
     values = {
         "width": f"{columns * seen.resolution:.1f}", "height": f"{rows * seen.resolution:.1f}",
-        "borders": seen.borders, "acting": seen.acting, "disabled": seen.disabled,
+        "borders": seen.borders, "in_force": seen.in_force, "disabled": seen.disabled,
     }
-    if seen.acting < seen.borders and not lines:
-        lines.append(CheckLine("map", CheckState.WARNING, "lab_borders_not_acting", values))
+    if seen.in_force < seen.borders and not lines:
+        lines.append(CheckLine("map", CheckState.WARNING, "lab_borders_not_in_force", values))
     return lines or [CheckLine("map", CheckState.OK, "lab_map_ok", values)]
 
 

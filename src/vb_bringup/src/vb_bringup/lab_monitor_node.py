@@ -91,7 +91,7 @@ class LabMonitorNode:
         self._notices.close()
 
     def _on_status(self, message: DetectorStatus) -> None:
-        dropped = dict(zip(message.refusals, message.refusal_counts))
+        dropped = dict(zip(message.rejections, message.rejection_counts))
         with self._lock:
             self._frames[message.camera] = message.frame_id
             self._monitor.update(message.camera, message.received, dropped, rospy.get_time())
@@ -180,7 +180,7 @@ class LabMonitorNode:
         except ValueError:
             return None  # the ROS master has ended
         return [CheckLine(line["subject"], CheckState[line["state"].upper()], line["code"], line["values"])
-                for line in found if not line["standing"]]
+                for line in found if not line["from_notice"]]
 
     def _adopt(self, lines: List[CheckLine]) -> None:
         with self._lock:

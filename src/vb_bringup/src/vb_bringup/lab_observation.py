@@ -304,6 +304,6 @@ def _map(graph: NodeGraph, streams: Mapping[str, ObservedTopic]) -> MapObservati
         == (physical.info.width, physical.info.height),
         disabled=len([border for border in found if not border.enabled]),
         borders=len([border for border in found if border.enabled]),
-        acting=len([border for border in found if border.enabled and border.acting]),
+        in_force=len([border for border in found if border.enabled and border.in_force]),
         needs_confirmation=borders is not None and borders.needs_confirmation,
     )

@@ -41,7 +41,7 @@ class Feedback:
         with self._lock:
             sounds = self._tones.on_state(
                 message.name, message.last_success, message.last_outcome, answer, message.last_code, message.stopped,
-                not message.ends.is_zero(),
+                not message.ends_at.is_zero(),
             )
             self._play(sounds)
             if light != self._lit:

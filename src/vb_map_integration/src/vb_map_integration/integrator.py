@@ -93,13 +93,13 @@ class MapMatch:
         place: number of their place.
         transform: from the frame of that place to the current map's.
         registration: what it rests on; None if it was given, or nothing was found.
-        picture: PNG of both maps and the moved borders.
+        image: PNG of both maps and the moved borders.
     """
 
     place: int
     transform: Transform
     registration: Optional[Registration]
-    picture: bytes
+    image: bytes
 
 
 class MapIntegrator:
@@ -407,8 +407,8 @@ class MapIntegrator:
             found = register(source.grid, grid) if source.grid is not None else None
             transform = found.transform.after(source.transform) if found else Transform()
         moved = [border.moved(transform) for border in self._database.borders(source.place)]
-        picture = draw_map_overlay(source.grid, grid, transform.after(source.transform.inverse), moved)
-        return MapMatch(source.place, transform, found, picture)
+        image = draw_map_overlay(source.grid, grid, transform.after(source.transform.inverse), moved)
+        return MapMatch(source.place, transform, found, image)
 
     def adopt(self, proposal: MapMatch, now: float) -> ChangeResult:
         """Adopts the borders of another map in the current one; from now on both show the same place.

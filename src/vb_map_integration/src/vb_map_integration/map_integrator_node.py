@@ -217,9 +217,9 @@ class MapIntegratorNode:
             array.code, array.message = worst.code, worst.sentence()
             array.values = messages.values_from_mapping(worst.values)
         for border in self._integrator.borders:
-            acting, reason = self._integrator.status(border)
+            in_force, reason = self._integrator.status(border)
             area = self._integrator.area_m2(border.id)
-            array.borders.append(message_from_border(border, area, acting, reason))
+            array.borders.append(message_from_border(border, area, in_force, reason))
         return array
 
     def _expire(self, _event: Any) -> None:
@@ -375,9 +375,9 @@ class MapIntegratorNode:
         except CodedError as error:
             return self._refused(response, error)
         response.x, response.y, response.yaw = proposal.transform
-        response.picture = proposal.picture
+        response.image = proposal.image
         if proposal.registration is not None:
-            response.score, response.sure = proposal.registration.score, proposal.registration.is_unambiguous
+            response.score, response.unambiguous = proposal.registration.score, proposal.registration.is_unambiguous
         if not request.dry_run:
             return self._change(response, lambda now: self._integrator.adopt(proposal, now))
         message = sentences.say("borders_proposed", {"score": f"{response.score:.2f}"})

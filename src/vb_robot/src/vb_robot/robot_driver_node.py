@@ -33,7 +33,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBorder, VirtualBorderArray
 from vb_robot.driving.driver import Command, Driver
-from vb_robot.driving.gate import LEAVE, NAVIGATION, RATE, STOP, TELEOP
+from vb_robot.driving.gate import EXIT_BORDER, NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.workspace import BorderContact, PoseUncertainty, KnownBorder, Workspace
 from vb_robot.inputs import CameraView, SpotListener
@@ -43,7 +43,7 @@ HELD_FOR = 0.5  # [s] a shorter stop is not worth a notice
 GOAL_NOTICE = 5.0  # [s] for which a goal in a border is reported
 PLAN_SHOWN = rospy.Duration(5.0)  # a robot on its way plans once a second
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
-# what people are told, unlike the usual: "drives", "idle", "spot_in_view", "speed_limit" and so on
+# what people are told, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
 HOLDS = {"stopped", "state_lost", "scan_lost", "pose_lost", "pose_jumped", "no_map", "no_camera", "clock_stopped",
          "internal_error", "other_cmd_vel_publisher", "contact", "obstacle", "floor_not_scanned", "border", "inside_border", "bad_command"}
 
@@ -200,7 +200,7 @@ class RobotDriverNode:
         self._driver.gate.contacts[contact.topic] = int(getattr(message, contact.field)) == contact.alarm
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        self._driver.goal_runs = any(entry.status in RUNNING for entry in message.status_list)
+        self._driver.goal_active = any(entry.status in RUNNING for entry in message.status_list)
 
     def _on_plan(self, message: Path) -> None:
         marker = Marker(header=message.header, ns=self._params.robot, type=Marker.LINE_STRIP)
@@ -325,7 +325,7 @@ class RobotDriverNode:
             code = "robot_inside_border" if inside else "robot_touches_border"
             severity = Severity.ERROR if inside and lethal else Severity.WARNING
             found.append(self._notice(code, severity, border=_quoted(name)))
-            if command.driver == LEAVE:
+            if command.driver == EXIT_BORDER:
                 found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(name)))
             elif self._driver.exit.failed:
                 reason = f"$robot_{self._driver.exit.failed}"

@@ -387,7 +387,7 @@ class Interaction:
     def end_if_idle(self, now: float) -> bool:
         """Ends an interaction abandoned for too long; returns whether it did."""
         self.advance(now)
-        if not self.ends or now < self.ends:
+        if not self.ends_at or now < self.ends_at:
             return False
         idle = self._params.idle_limit
         self._end(UNANSWERED if self.unanswered_save else ABANDONED, "", now)

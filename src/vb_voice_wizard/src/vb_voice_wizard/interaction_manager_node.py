@@ -306,7 +306,7 @@ class InteractionManager:
         message.border_s = durations[State.BORDER]
         message.seed_s = durations[State.SEED]
         message.stopped, message.stopped_by = interaction.stopped, interaction.stopped_by
-        message.ends = rospy.Time.from_sec(interaction.ends)
+        message.ends_at = rospy.Time.from_sec(interaction.ends_at)
         message.confirm_save = interaction.confirm_save
         message.commands = interaction.suggested_commands()
         message.last_command = interaction.last_command
@@ -327,7 +327,7 @@ class InteractionManager:
         if self._interaction.stopped:
             code = "stop_memory_lost" if self._memory_lost else "stopped"
             said.append(Notice(code, Severity.WARNING, values={"by": self._interaction.stopped_by}))
-        if self._interaction.ends:
+        if self._interaction.ends_at:
             said.append(Notice("interaction_ends_soon", Severity.WARNING))
         if self._interaction.unseen:
             said.append(Notice("no_spot_seen", Severity.WARNING))

@@ -102,7 +102,7 @@ class WizardConsole:
             )
             view.level_db = view.level_db if now - self._level_at <= _SILENT_S else 0.0
             view.notices = tuple(self._told.current()) if self._told is not None else ()
-            ends = view.state.ends.to_sec() if view.state is not None else 0.0
+            ends = view.state.ends_at.to_sec() if view.state is not None else 0.0
             view.ends_in_s = max(0.0, ends - rospy.get_time()) if ends else 0.0
         self._changed.set()
 
@@ -130,7 +130,7 @@ class WizardConsole:
                 for who, _ in _WATCHED:
                     if (who in away) != (who in view.away):
                         gone = who in away
-                        self._tell("console_away" if gone else "console_there", BAD if gone else GOOD, who=f"${who}")
+                        self._tell("console_not_responding" if gone else "console_responding_again", BAD if gone else GOOD, who=f"${who}")
             view.connected, view.away = pid is not None, away if view.state is not None else ()
 
     def _look_at_robot(self) -> None:
@@ -145,7 +145,7 @@ class WizardConsole:
         text = ""
         if at is not None:
             drives = before is not None and max(abs(at[0] - before[0]), abs(at[1] - before[1])) > _DRIVES_M
-            code = "console_drives" if drives else "console_stands"
+            code = "console_driving" if drives else "console_stopped_at"
             text = self._view.words(code, x=f"{at[0]:.2f}", y=f"{at[1]:.2f}")
         self._view.robot = text
 

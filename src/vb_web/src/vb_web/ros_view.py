@@ -45,7 +45,7 @@ def issues_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
 
 def state_section(message: InteractionState) -> Dict[str, Any]:
     """Converts the state of the interaction; times become seconds."""
-    ends = (message.ends - message.header.stamp).to_sec() if not message.ends.is_zero() else 0.0
+    ends = (message.ends_at - message.header.stamp).to_sec() if not message.ends_at.is_zero() else 0.0
     return {
         "name": message.name,
         "commands": list(message.commands),
@@ -112,7 +112,7 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
         "kind": _KIND_NAMES.get(border.kind, "curve"),
         "seed": centimetres([border.seed]),
         "enabled": bool(border.enabled),
-        "acting": bool(border.acting),
+        "acting": bool(border.in_force),
         "reason": border.reason,
         "schedule": border.schedule,
         "zone": _ZONE_NAMES.get(border.zone, "keep_out"),

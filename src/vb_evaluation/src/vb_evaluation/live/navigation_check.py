@@ -68,7 +68,7 @@ class NavigationCheck:
         """Makes all checks, in order.
 
         Raises:
-            CodedError: "no_map", "no_transform", "no_planner", "no_way" or "short_way" if there is nothing to check
+            CodedError: "no_map", "no_transform", "no_planner", "no_path" or "path_too_short" if there is nothing to check
                 with; "refused" if the map integrator rejects the border.
         """
         service = f"{self._move_base}/make_plan"
@@ -87,12 +87,12 @@ class NavigationCheck:
         start, odom = geometry.transform_pose2d(pose(self._base_frame)), pose("odom")
         way = observer.plan(start, self._goal, service)
         if not len(way):
-            raise CodedError("no_way", "move_base finds no way to the goal: choose another with --goal")
+            raise CodedError("no_path", "move_base finds no path to the goal: choose another one with --goal")
         dense = geometry.resample_chain(way, 0.02)
         middle = dense[len(dense) // 2]
         # clear of the robot and of the goal
         if np.abs(np.array([start[:2], self._goal[:2]]) - middle).max(axis=1).min() < self._size:
-            raise CodedError("short_way", f"a border of {self._size:g} m does not fit on the way: choose a farther --goal")
+            raise CodedError("path_too_short", f"a border of {self._size:g} m does not fit on the path: choose a --goal farther away")
         # a cell inwards: a path may touch the border's edge
         reach = 0.5 * self._size - observer.posterior.resolution
 

@@ -24,7 +24,7 @@ SECTIONS = (
     background.order, background.experience, background.assumptions, background.runs)
 _SIZES = {
     "quick": "A quick run, to see that all works: one person, so that there are no intervals.",
-    "usual": "The usual size: `make study SIZE=full` also says which assumption decides, has curves, and takes some hours.",
+    "default": "The default size: `make study SIZE=full` also says which assumption decides, has curves, and takes some hours.",
 }
 
 

@@ -54,7 +54,7 @@ def _parser() -> argparse.ArgumentParser:
     out = repository_top() / "out" / "study"
     every = command("all", _all, "every run that has not been done yet")
     every.add_argument("--out", type=Path, default=out)
-    every.add_argument("--size", choices=plan.SIZES, default="usual", help="quick: one person; full: curves, and all worlds")
+    every.add_argument("--size", choices=plan.SIZES, default="default", help="quick: one person; full: curves, and all worlds")
     every.add_argument("--only", choices=[Path(file).stem for file in (RUNS, CURVES, WORLDS, UNGATED)], help="one part alone")
     every.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     every.add_argument("--scheduler", default="", help="address of a Dask scheduler, for instance tcp://10.0.0.1:8786")

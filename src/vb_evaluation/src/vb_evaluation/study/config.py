@@ -39,7 +39,7 @@ class Design(Parameters):
 
     seed: int = param(1, low=0, doc="of everything that is drawn")
     quick_participants: int = param(1, low=1, high=1000, doc="of the size quick")
-    participants: int = param(10, low=1, high=1000, doc="of the size usual")
+    participants: int = param(10, low=1, high=1000, doc="of the default size")
     full_participants: int = param(15, low=1, high=1000, doc="of the size full")
     scenarios: list = param(["room", "carpet", "corner"], doc="keys of the world's scenarios")
     methods: list = param(["nrs", "robot_only"])
@@ -47,7 +47,7 @@ class Design(Parameters):
         0.1, low=0.0, high=1.0, doc="of each scenario's runs with each method, done again with every picture searched"
     )
     worlds: int = param(200, low=0, high=100000, doc="draws of all assumptions together, in the size full")
-    usual_worlds: int = param(20, low=0, high=100000, doc="the first of these draws, in the size usual")
+    usual_worlds: int = param(20, low=0, high=100000, doc="the first of these draws, in the default size")
 
 
 @dataclass(frozen=True)

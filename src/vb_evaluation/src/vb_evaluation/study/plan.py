@@ -11,7 +11,7 @@ from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.result import RunTask
 
-SIZES = ("quick", "usual", "full")
+SIZES = ("quick", "default", "full")
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,12 @@ def jobs(study: Study, size: str, only: Optional[str] = None) -> List[Job]:
     """Lists all runs of a study; those of a size are among those of the next one.
 
     Args:
-        size: "quick" shows that all works; "usual" answers the paper's questions with intervals; "full" also says which
+        size: "quick" shows that all works; "default" answers the paper's questions with intervals; "full" also says which
             assumption decides, and has the curves.
         only: the name of one file.
     """
     design = study.design
-    participants, worlds = {"quick": (design.quick_participants, 0), "usual": (design.participants, design.usual_worlds),
+    participants, worlds = {"quick": (design.quick_participants, 0), "default": (design.participants, design.usual_worlds),
                             "full": (design.full_participants, design.worlds)}[size]
     main = main_jobs(study, participants)
     found = main + ungated_jobs(study, main) + world_jobs(study, worlds) + (curve_jobs(study) if size == "full" else [])

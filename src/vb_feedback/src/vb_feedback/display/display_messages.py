@@ -129,5 +129,5 @@ def preview_notices(preview: Optional[BorderPreview], language: str) -> List[Pan
         return [PanelNotice(sentences.say("preview_refused", {"why": why}, language), warning=True)]
     said = [PanelNotice(sentences.say("preview_restricts", {"area": f"{preview.area_m2:.2f}"}, language))]
     if warnings:
-        said.append(PanelNotice(sentences.say("preview_mind", {"what": say(warnings[0])}, language), warning=True))
+        said.append(PanelNotice(sentences.say("preview_note", {"what": say(warnings[0])}, language), warning=True))
     return said

@@ -105,7 +105,7 @@ def load(path: Path) -> CameraPose:
 
     Raises:
         CodedError: "no_calibration" if there is no such file; "bad_calibration" if it holds no pose;
-            "calibration_of_another", with that `camera`, if its name says another one.
+            "calibration_of_other_camera", with that `camera`, if its name says another one.
     """
     try:
         content = yaml.safe_load(path.read_text())
@@ -125,7 +125,7 @@ def load(path: Path) -> CameraPose:
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_calibration", f"'{path}' is no calibration: {error}") from None
     if camera != path.stem:
-        raise CodedError("calibration_of_another", file=path, camera=camera)
+        raise CodedError("calibration_of_other_camera", file=path, camera=camera)
     return CameraPose(camera, parent, frame, geometry.transform(rotation, translation), focal)
 
 

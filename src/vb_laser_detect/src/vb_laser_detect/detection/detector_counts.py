@@ -49,9 +49,9 @@ class DetectorCounts:
                 self._frames.popleft()
             frames = np.array(self._frames or [(now, np.nan, np.nan)], dtype=float)
             rate = len(self._frames) / max(now - frames[0, 0], 0.2)
-            refusals = dict(sorted(self._rejections.items()))
+            rejections = dict(sorted(self._rejections.items()))
             sums = dict(self._sums)
         latency, p95 = (1e3 * np.percentile(frames[:, 1], (50, 95))).tolist()
         search = 1e3 * float(np.median(frames[:, 2]))
-        return {**sums, "refusals": list(refusals), "refusal_counts": list(refusals.values()), "rate_hz": rate,
+        return {**sums, "rejections": list(rejections), "rejection_counts": list(rejections.values()), "rate_hz": rate,
                 "latency_ms": latency, "latency_p95_ms": p95, "search_ms": search}

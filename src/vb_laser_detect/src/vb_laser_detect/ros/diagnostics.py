@@ -182,6 +182,6 @@ class DetectorDiagnostics:
         status.add("colour", "yes" if self.colour else "no")
         status.add("optical frame", self._frame_id)
         status.add("debug images drawn", str(self.debug_images))
-        for code, count in zip(told.refusals, told.refusal_counts):
+        for code, count in zip(told.rejections, told.rejection_counts):
             status.add(f"refused: {code}", str(count))
         return status

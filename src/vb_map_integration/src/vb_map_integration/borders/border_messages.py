@@ -51,7 +51,7 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
 
 
 def message_from_border(
-    border: VirtualBorder, area_m2: float = 0.0, acting: bool = False, reason: str = ""
+    border: VirtualBorder, area_m2: float = 0.0, in_force: bool = False, reason: str = ""
 ) -> BorderMessage:
     """Writes a border as a message; inverse of `border_from_message`."""
     kind = BorderMessage.POLYGON if border.closed else BorderMessage.SEPARATING_CURVE
@@ -70,7 +70,7 @@ def message_from_border(
         zone=next(number for number, zone in ZONES.items() if zone == border.zone),
         max_speed=border.max_speed,
         schedule=border.schedule,
-        acting=acting,
+        in_force=in_force,
         reason=reason,
     )
     message.seed.x, message.seed.y = (float(value) for value in border.seed)

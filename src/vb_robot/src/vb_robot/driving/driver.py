@@ -15,7 +15,7 @@ from typing import Dict, Iterable, Optional, Tuple
 
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.border_exit import BorderExit
-from vb_robot.driving.gate import FOLLOW, LEAVE, NAVIGATION, NOBODY, STOP, STOP_WITHIN, TELEOP, Gate
+from vb_robot.driving.gate import FOLLOW, EXIT_BORDER, NAVIGATION, NONE, STOP, INPUT_TIMEOUT, TELEOP, Gate
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.driving.turn_finisher import TurnFinisher
 from vb_robot.driving.workspace import Workspace
@@ -31,15 +31,15 @@ class Command:
 
     Attributes:
         v, w: [m/s, rad/s]
-        driver: who drives: "nobody", "stop", "teleop", "follow", "leave" or "navigation".
-        code: "drives", or what holds the robot.
+        driver: who drives: "none", "stop", "teleop", "follow", "exit_border" or "navigation".
+        code: "driving", or what holds the robot.
         publish: whether to publish it: a robot that nobody drives is left alone.
         cancel: whether to cancel navigation's goals.
     """
 
     v: float = 0.0
     w: float = 0.0
-    driver: str = NOBODY
+    driver: str = NONE
     code: str = "idle"
     publish: bool = False
     cancel: bool = False
@@ -56,7 +56,7 @@ class Driver:
     Attributes:
         gate: what every command passes; it takes the inputs that decide how fast the robot may drive.
         follower, exit: the behaviours that are the driver's own.
-        goal_runs: whether navigation has a goal.
+        goal_active: whether navigation has a goal.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Driver:
         self._camera = camera
         self.follower, self.exit = SpotFollower(), BorderExit(profile.radius, leaves)
         self._turn_finisher = TurnFinisher()
-        self.goal_runs = False
+        self.goal_active = False
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self._stopped = {"state": False, "topic": stopped}
         self._stopped_at = -math.inf  # [s] when the topic stopped it last
@@ -142,16 +142,16 @@ class Driver:
             dt = 0.0 if self._stepped_at is None else min(max(now - self._stepped_at, 0.0), 0.2)
             self._stepped_at = now
             driver, request = self._choose(now, dt)
-            if driver not in (LEAVE, NOBODY):
+            if driver not in (EXIT_BORDER, NONE):
                 self.exit.pause()
             if driver != FOLLOW:
                 self.follower.stop()
             v, w, code = self.gate.limit(now, driver, request)
-            cancel = self.goal_runs and driver == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
+            cancel = self.goal_active and driver == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
             if cancel:
                 self._cancelled_at = now
             # a robot that nobody drives any more is told once to stop, and one that stops on command all the time
-            publish = driver != NOBODY or self._last.driver != NOBODY
+            publish = driver != NONE or self._last.driver != NONE
             self._last = Command(v, w, driver, code, publish, cancel)
             return self._last
 
@@ -167,14 +167,14 @@ class Driver:
             return FOLLOW, self._ramped(dt, self.follower.compute_request(self.gate.pose(now)))
         request = self._leave(now)
         if request is not None:
-            return LEAVE, self._ramped(dt, request)
+            return EXIT_BORDER, self._ramped(dt, request)
         navigation = self._command(NAVIGATION, now)
         if navigation is not None:
             return NAVIGATION, self._turn_finisher.finish(now, navigation, self.gate.pose(now))
-        return NOBODY, VelocityRequest(0.0, 0.0, "idle")
+        return NONE, VelocityRequest(0.0, 0.0, "idle")
 
     def _command(self, driver: str, now: float) -> Optional[VelocityRequest]:
-        return self._commands[driver] if -0.1 <= now - self.gate.stamps.get(driver, -math.inf) <= STOP_WITHIN else None
+        return self._commands[driver] if -0.1 <= now - self.gate.stamps.get(driver, -math.inf) <= INPUT_TIMEOUT else None
 
     def _leave(self, now: float) -> Optional[VelocityRequest]:
         pose = self.gate.pose(now)
@@ -184,8 +184,8 @@ class Driver:
         # a request that ends at a border moves nothing either, whatever navigation believes
         blocked = self._last.driver == NAVIGATION and self._last.code == "border" and self._last.v == 0.0
         moves = last is not None and (last.v != 0.0 or last.w != 0.0) and not blocked
-        held = self._last.code if self._last.driver == LEAVE and self._last.code != "drives" else ""
-        return self.exit.compute_request(now, pose, self._spots.state == DEFAULT, self.goal_runs, moves, held)
+        held = self._last.code if self._last.driver == EXIT_BORDER and self._last.code != "driving" else ""
+        return self.exit.compute_request(now, pose, self._spots.state == DEFAULT, self.goal_active, moves, held)
 
     def _ramped(self, dt: float, request: VelocityRequest) -> VelocityRequest:
         """Bounds the accelerations of a request; slowing down is bounded by the brake only."""

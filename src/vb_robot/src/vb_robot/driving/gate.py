@@ -1,6 +1,6 @@
 """The one gate that every command passes: what of it can be shown to be safe now, and if not all, why not.
 
-Whatever it depends on has one age limit: STOP_WITHIN after the last message of any input the robot stops. The older the
+Whatever it depends on has one age limit: INPUT_TIMEOUT after the last message of any input the robot stops. The older the
 oldest input, the slower the robot, so that its brakes keep that promise from any speed. A message that is a little late,
 on a busy computer, slows the robot for a moment and does not stop it.
 """
@@ -18,18 +18,18 @@ from vb_robot.driving.workspace import BorderContact, Workspace
 from vb_robot.poses import Pose
 
 RATE = 20.0  # [1/s] how soon late messages are noticed
-STOP_WITHIN = 0.5  # [s] after the last scan, state, pose or command the robot stops
+INPUT_TIMEOUT = 0.5  # [s] after the last scan, state, pose or command the robot stops
 BASE_DELAY = 0.02  # [s] from a command to the wheels
 MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther ahead comes from another clock, and its age is not known
 POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation it is not known where the borders are
 OTHER_LIMIT = 1.0  # [s] after another node's command nothing is let through: two drivers at one wheel
 BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
 
-NOBODY, STOP, TELEOP, FOLLOW, LEAVE, NAVIGATION = "nobody", "stop", "teleop", "follow", "leave", "navigation"
+NONE, STOP, TELEOP, FOLLOW, EXIT_BORDER, NAVIGATION = "none", "stop", "teleop", "follow", "exit_border", "navigation"
 CLEARANCES = {
     TELEOP: Clearance(0.05, 0.02, 0.0),
     FOLLOW: Clearance(0.12, 0.04, 0.06),  # from where a person leaves it, navigation must still find a path
-    LEAVE: Clearance(0.12, 0.04, MAP_MARGIN),
+    EXIT_BORDER: Clearance(0.12, 0.04, MAP_MARGIN),
     NAVIGATION: Clearance(0.04, 0.0, -0.04),  # it keeps its own distance; here is only what must never happen
 }
 
@@ -109,7 +109,7 @@ class Gate:
         """Returns the robot's pose; None if it is unknown, or has just jumped."""
         if self._jump_hold_until > now + POSE_JUMP_HOLD:
             self._jump_hold_until = -math.inf  # time has jumped back
-        if self._pose is None or self._age(now, "pose") > STOP_WITHIN or now < self._jump_hold_until:
+        if self._pose is None or self._age(now, "pose") > INPUT_TIMEOUT or now < self._jump_hold_until:
             return None
         return self._pose[1]
 
@@ -125,7 +125,7 @@ class Gate:
         """Limits a driver's request at a time [s] to what is safe; returns (v [m/s], w [rad/s], code)."""
         with self._lock:
             self._limited_at = now
-            if driver in (NOBODY, STOP):
+            if driver in (NONE, STOP):
                 return 0.0, 0.0, request.code
             if not (math.isfinite(request.v) and math.isfinite(request.w)):
                 return 0.0, 0.0, "bad_command"
@@ -153,12 +153,12 @@ class Gate:
         needs = {"scan": self.profile.scanner.present, "state": alone, "pose": alone}
         ages.update({f"{what}_lost": self._age(now, what) for what, needed in needs.items() if needed})
         if driver == FOLLOW and "spot" in self.stamps:
-            ages["spot_gone"] = self._age(now, "spot")
-        ages["drives"] = self._age(now, driver) if driver in self.stamps else 0.0
+            ages["spot_lost"] = self._age(now, "spot")
+        ages["driving"] = self._age(now, driver) if driver in self.stamps else 0.0
         ages["clock_stopped"] = self.clock_age
         oldest = max(ages, key=lambda what: ages[what])
         # the command of this step holds until the next one, and the base takes a moment
-        left = STOP_WITHIN - 1.0 / RATE - BASE_DELAY - ages[oldest]
+        left = INPUT_TIMEOUT - 1.0 / RATE - BASE_DELAY - ages[oldest]
         if left <= 0.0:
             return 0.0, oldest
         limits = self.profile.limits
@@ -167,7 +167,7 @@ class Gate:
     def _speed_limit(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
         """Returns the highest speed [m/s] on the arc of (v, w), and what limits it."""
         limits, clearance, radius = self.profile.limits, CLEARANCES[driver], self.profile.radius
-        found = [(MAX_SPEED if driver in (FOLLOW, LEAVE) else limits.max_speed, "speed_limit")]
+        found = [(MAX_SPEED if driver in (FOLLOW, EXIT_BORDER) else limits.max_speed, "speed_limit")]
         if v > 0 and any(self.contacts.values()):
             found.append((0.0, "contact"))
         blind = self._scan is None or not self.profile.scanner.present
@@ -183,7 +183,7 @@ class Gate:
         if pose is not None and workspace is not None:
             if driver == NAVIGATION and workspace.distance_to_keep_out(pose) <= 0.0:
                 found.append((0.0, "inside_border"))
-            free = workspace.free_distance(pose, v, w, clearance.cells, leaving=driver == LEAVE)
+            free = workspace.free_distance(pose, v, w, clearance.cells, leaving=driver == EXIT_BORDER)
             found.append((safe_speed(free, limits), "border"))
         if pose is not None and self.speed_limits is not None:
             found.append((self.speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))

@@ -33,7 +33,7 @@ class VelocityRequest:
 
     v: float
     w: float
-    code: str = "drives"
+    code: str = "driving"
 
 
 def steer(bearing: float, speed: float) -> Tuple[float, float]:
@@ -64,9 +64,9 @@ class SpotFollower:
             return VelocityRequest(0.0, 0.0, "no_camera")
         if pose is None or self.spot is None:
             self.stop()
-            return VelocityRequest(0.0, 0.0, "spot_gone")
+            return VelocityRequest(0.0, 0.0, "spot_lost")
         v, w = self._servo(to_base(np.array(self.spot), pose)[0], self.view)
-        return VelocityRequest(min(max(v, -MAX_SPEED), MAX_SPEED), w, "drives" if v or w else "spot_in_view")
+        return VelocityRequest(min(max(v, -MAX_SPEED), MAX_SPEED), w, "driving" if v or w else "spot_in_view")
 
     def _servo(self, spot: np.ndarray, view: FloorView) -> Tuple[float, float]:
         """Computes (v, w) [m/s, rad/s] for a spot (2,) [m] in the base frame."""
