@@ -170,7 +170,7 @@ def test_a_cancelled_interaction_and_one_that_the_bag_cuts_off(tmp_path):
 def test_what_cannot_be_replayed_says_why(tmp_path):
     rows = stroke(per_side=10)
     recording = make_recording(tmp_path, rows)
-    (found,) = replay.compare(recording, replay.Replayed())
+    (found,) = replay.compare(recording, replay.ReplayResult())
     assert found.code == "not_recorded" and math.isnan(found.agreement) and found.spots == 0
     write_bag(tmp_path, rows[-26:], images=False)
     recording = Recording(tmp_path)

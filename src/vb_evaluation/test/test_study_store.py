@@ -7,7 +7,7 @@ import pytest
 
 from vb_core.errors import CodedError
 from vb_evaluation.report.data import META, read_meta
-from vb_evaluation.study.store import RowFile, claim
+from vb_evaluation.study.store import RowFile, open_folder
 
 COLUMNS = ("participant", "scenario", "value")
 
@@ -50,26 +50,26 @@ def test_other_columns_are_refused(tmp_path):
 
 
 def test_another_configuration_is_refused_or_thrown_away(tmp_path):
-    claim(tmp_path, "abc", False, {"seed": 1})
+    open_folder(tmp_path, "abc", False, {"seed": 1})
     file(tmp_path).append({"participant": 1, "scenario": "room", "value": 0.5})
-    claim(tmp_path, "abc", False, {"seed": 1})
+    open_folder(tmp_path, "abc", False, {"seed": 1})
     with pytest.raises(CodedError, match="FRESH=1"):
-        claim(tmp_path, "def", False, {})
+        open_folder(tmp_path, "def", False, {})
     assert (tmp_path / "runs.csv").exists() and read_meta(tmp_path / META)["configuration"] == "abc"
-    claim(tmp_path, "def", True, {"seed": 2})
+    open_folder(tmp_path, "def", True, {"seed": 2})
     assert not (tmp_path / "runs.csv").exists() and read_meta(tmp_path / META) == {"configuration": "def", "seed": 2}
 
 
 def test_rows_of_unknown_origin_are_refused(tmp_path):
     (tmp_path / "runs.csv").write_text("participant\n1\n")
     with pytest.raises(CodedError, match="of another configuration"):
-        claim(tmp_path, "abc", False, {})
+        open_folder(tmp_path, "abc", False, {})
     (tmp_path / "study.json").write_text("{")
     with pytest.raises(CodedError, match="study.json"):
-        claim(tmp_path, "abc", False, {})
+        open_folder(tmp_path, "abc", False, {})
     (tmp_path / "study.json").write_text(json.dumps([1]))
     with pytest.raises(CodedError):
-        claim(tmp_path, "abc", False, {})
+        open_folder(tmp_path, "abc", False, {})
 
 
 def test_a_study_needs_no_ros():

@@ -4,7 +4,7 @@ import math
 import numpy as np
 
 from vb_core import geometry
-from vb_sim.person.participant import CommandReply, Percept
+from vb_sim.person.participant import CommandReply, Perception
 from vb_sim.robot.robot_body import advance
 
 DT = 0.04  # [s] half the real rate: the same behaviour in half the time
@@ -18,7 +18,7 @@ class System:
         self.script, self.robot, self.covered = script, robot, covered
         self.follows, self.dispatch_after = follows, dispatch_after
         self.refusals = list(refuse_saves)
-        self.percept = Percept(now=100.0, robot=robot)
+        self.percept = Perception(now=100.0, robot=robot)
         self.border, self.seed, self.commands, self.actions = [], [], [], []
         self._arrives = None
         self._answer_at = None
@@ -31,7 +31,7 @@ class System:
 
     def run(self, limit, dt=DT):
         while self.percept.now < 100.0 + limit:
-            action = self.script.step(Percept(**vars(self.percept)))
+            action = self.script.step(Perception(**vars(self.percept)))
             self.actions.append(action)
             if action.outcome:
                 return action.outcome

@@ -190,8 +190,8 @@ def test_bayer_pattern():
     np.testing.assert_array_equal(pixels.decode(mosaic, "bayer_rggb8")[2:4, 2:6], rgb[2:4, 2:6, ::-1])
     ones = np.ones((5, 5), np.float32)
     for column, row in [(0, 0), (1, 0), (0, 1), (1, 1)]:
-        patch = pixels.spread(ones, np.array([3.0, 2.0, 1.0]), "bayer_rggb8", column, row)
-        whole = pixels.spread(np.ones((8, 8), np.float32), np.array([3.0, 2.0, 1.0]), "bayer_rggb8", 0, 0)
+        patch = pixels.apply_color_filters(ones, np.array([3.0, 2.0, 1.0]), "bayer_rggb8", column, row)
+        whole = pixels.apply_color_filters(np.ones((8, 8), np.float32), np.array([3.0, 2.0, 1.0]), "bayer_rggb8", 0, 0)
         np.testing.assert_array_equal(patch, whole[row : row + 5, column : column + 5])
 
 

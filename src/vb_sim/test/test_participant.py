@@ -10,11 +10,11 @@ from shapely.geometry import Point, Polygon
 
 from vb_core import geometry
 from vb_core.errors import ParameterError
-from vb_sim.person.hand import Stroke, Tremor, imagine_border, load_styles
+from vb_sim.person.hand import Stroke, Tremor, perceive_border, load_styles
 from vb_sim.person.legs import distance_to_chain
 from vb_sim.room.models import load_models, read_section
 from vb_sim.room.participant_model import ParticipantModel
-from vb_sim.person.participant import Percept, Person
+from vb_sim.person.participant import Perception, Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript
 from vb_sim.person.stroke_order import choose_order, list_orders
@@ -255,10 +255,10 @@ def test_open_strokes_end_where_the_floor_ends():
 
 
 def test_marks_on_the_floor_lie_beside_the_map():
-    meant = imagine_border(SQUARE, True, (0.03, -0.01), 0.0, 0.05)
+    meant = perceive_border(SQUARE, True, (0.03, -0.01), 0.0, 0.05)
     assert np.allclose(meant, SQUARE + (0.03, -0.01) + 0.05 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
-    assert np.allclose(imagine_border(SQUARE[::-1], True, (0.0, 0.0), 0.0, 0.05)[::-1], meant - (0.03, -0.01))
-    turned = imagine_border(SQUARE, False, (0.0, 0.0), np.pi / 2, 0.05)
+    assert np.allclose(perceive_border(SQUARE[::-1], True, (0.0, 0.0), 0.0, 0.05)[::-1], meant - (0.03, -0.01))
+    turned = perceive_border(SQUARE, False, (0.0, 0.0), np.pi / 2, 0.05)
     assert np.allclose(
         turned - turned.mean(axis=0), np.column_stack([-(SQUARE - SQUARE.mean(axis=0))[:, 1], (SQUARE - SQUARE.mean(axis=0))[:, 0]])
     )
@@ -314,7 +314,7 @@ def test_unknown_scenario_names_the_key():
 
 
 def test_who_is_told_that_the_robot_comes_does_not_step_aside():
-    percept = Percept(now=5.0)
+    percept = Perception(now=5.0)
     percept.read(["robot_touches_border"])
     assert percept.told_to_hold == float("-inf")
     percept.read(["spot_unseen_robot_comes"])
@@ -328,7 +328,7 @@ def test_who_is_asked_to_confirm_looks_at_the_preview_and_says_save_once_more():
 
 
 def test_the_display_is_read_by_its_codes():
-    percept = Percept(now=7.0)
+    percept = Perception(now=7.0)
     percept.read(["spot_ahead_unseen", "hold still"])
     assert percept.told_to_hold < 0.0
     percept.read(["robot_inside_border", "spot_unseen_robot_comes"])

@@ -72,11 +72,11 @@ def expected(model, pose, x, y):
 def test_light_falls_where_the_projector_points(lab, name, place):
     view = ceiling(lab, name)
     dark = view.frame(Snapshot(1.0)).astype(float)
-    view.shine(square(lab, place))
+    view.set_floor_light(square(lab, place))
     change = view.frame(Snapshot(1.0)).astype(float) - dark
     # a projector's pixel is 7 mm here, a camera's 3
     assert np.linalg.norm(centroid(change) - expected(view.model, view.pose, *place)) < 2.0
-    view.shine(None)
+    view.set_floor_light(None)
     assert np.array_equal(view.frame(Snapshot(1.0)), dark.astype(np.uint8))
 
 
@@ -85,7 +85,7 @@ def test_light_adds_up_by_the_floors_colour(lab):
     dark = view.frame(Snapshot(1.0)).astype(float)
     light = square(lab, (2.0, 1.4), 0.2)
     u, v = np.rint(expected(view.model, view.pose, 2.0, 1.4)).astype(int)
-    view.shine(light)
+    view.set_floor_light(light)
     lit = view.frame(Snapshot(1.0)).astype(float)
     area = lab[0].projector.area_m2()
     ratio = 1500 / area / 297.0  # 0.33 W/m2 per channel are 297 lx
@@ -97,7 +97,7 @@ def test_light_adds_up_by_the_floors_colour(lab):
 def test_things_hide_the_floor_and_its_light(lab):
     view = ceiling(lab, "mono")
     dark = view.frame(Snapshot(1.0)).copy()
-    view.shine(square(lab, (3.0, 1.0), 0.05))
+    view.set_floor_light(square(lab, (3.0, 1.0), 0.05))
     assert np.abs(view.frame(Snapshot(1.0)).astype(int) - dark).max() <= 1
 
 
@@ -105,18 +105,18 @@ def test_images_follow_each_other_without_a_trace(lab):
     view, other = ceiling(lab, "bayer"), ceiling(lab, "bayer")
     laser = Snapshot(1.0, {"robot": (1.5, 1.2, 0.3)}, (2.2, 1.5))
     for place in ((1.5, 1.2), (2.3, 1.8)):
-        view.shine(square(lab, place))
+        view.set_floor_light(square(lab, place))
         view.frame(laser)
-    other.shine(square(lab, (2.3, 1.8)))
+    other.set_floor_light(square(lab, (2.3, 1.8)))
     assert np.array_equal(view.frame(laser), other.frame(laser))
 
 
 def test_a_camera_that_sees_none_of_it(lab):
     view = ceiling(lab, "elsewhere")
     dark = view.frame(Snapshot(1.0)).copy()
-    view.shine(square(lab, (2.0, 1.5)))
+    view.set_floor_light(square(lab, (2.0, 1.5)))
     assert np.array_equal(view.frame(Snapshot(1.0)), dark)
-    view.shine(None)
+    view.set_floor_light(None)
 
 
 def test_the_robot_sees_it_too(lab):
@@ -124,11 +124,11 @@ def test_the_robot_sees_it_too(lab):
     view = RobotView(world.robots[0], {"robot": 0.18}, floor, mesh, CameraModels(), 5, False)
     snapshot = Snapshot(1.0, {"robot": (0.5, 1.5, 0.0)})
     dark = view.color(snapshot).astype(float)
-    view.shine(square(lab, (1.5, 1.45)))
+    view.set_floor_light(square(lab, (1.5, 1.45)))
     change = (view.color(snapshot).astype(float) - dark).sum(axis=2)
     assert change[:100].max() == 0  # nothing above the horizon
     assert np.linalg.norm(centroid(change) - expected(view.color_model, view.camera_pose(snapshot), 1.5, 1.45)) < 5.0
-    view.shine(None)
+    view.set_floor_light(None)
     assert np.array_equal(view.color(snapshot), dark.astype(np.uint8))
 
 
@@ -163,12 +163,12 @@ class Lit:
         self.detector = SpotDetector(DetectorParams.stationary())
         self.detector.encoding = self.view.encoding
         self.now = 0.0
-        self.view.shine(None)
+        self.view.set_floor_light(None)
         self.see(30)
 
     def show(self, content):
         picture = self.picture.render(content)
-        self.view.shine(floor_light(picture, self.world.projector, self.models.optics))
+        self.view.set_floor_light(floor_light(picture, self.world.projector, self.models.optics))
 
     def see(self, frames, laser=None, velocity=(0.0, 0.0)):
         """The spots found in each frame."""

@@ -52,7 +52,7 @@ def placeholders(sentence: str) -> List[str]:
     return sorted({field for _, field, _, _ in string.Formatter().parse(sentence) if field})
 
 
-class _Shown(dict):
+class _LenientValues(dict):
     """Shows a missing value by its name: no sentence is lost for lack of one."""
 
     def __missing__(self, key: str) -> str:
@@ -88,4 +88,4 @@ def say(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, othe
             words[name] = say(words[name][1:], others, language)
             if sentence.startswith(f"{{{name}}}"):
                 words[name] = words[name][:1].upper() + words[name][1:]
-    return string.Formatter().vformat(sentence, (), _Shown(words))
+    return string.Formatter().vformat(sentence, (), _LenientValues(words))

@@ -21,7 +21,7 @@ OUTCOMES = {GoalStatus.SUCCEEDED: "reached", GoalStatus.ABORTED: "refused", Goal
 
 
 @dataclass(frozen=True)
-class Driven:
+class GoalOutcome:
     """The outcome of a goal.
 
     Attributes:
@@ -55,14 +55,14 @@ class GoalRunner:
         if place and (not path or np.hypot(*np.subtract(path[-1], place[0])) > 1e-3):
             path.append(place[0])
 
-    def drive(self, goal: Tuple[float, float, float], limit_s: float, wall_s: float = 600.0) -> Driven:
+    def drive(self, goal: Tuple[float, float, float], limit_s: float, wall_s: float = 600.0) -> GoalOutcome:
         """Sends the robot to a goal (x, y, yaw) [m, m, rad] and waits for the outcome.
 
         Args:
             limit_s: [s] of simulated time, then the goal is cancelled; wall_s: the same of wall time.
         """
         if not wait_until(lambda: self._client.wait_for_server(rospy.Duration(0.2)), 30.0):
-            return Driven("no_navigation")
+            return GoalOutcome("no_navigation")
         message = MoveBaseGoal()
         message.target_pose.header.frame_id = names.MAP_FRAME
         message.target_pose.header.stamp = rospy.Time.now()
@@ -75,4 +75,4 @@ class GoalRunner:
         outcome, text = OUTCOMES.get(state, "time_is_up"), self._client.get_goal_status_text()
         if state not in OUTCOMES:
             self._client.cancel_goal()
-        return Driven(outcome, text, np.array(list(self._path), dtype=float).reshape(-1, 2), seconds)
+        return GoalOutcome(outcome, text, np.array(list(self._path), dtype=float).reshape(-1, 2), seconds)

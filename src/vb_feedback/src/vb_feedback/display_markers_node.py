@@ -50,7 +50,7 @@ class DisplayParams(Parameters):
 
 
 @dataclass(frozen=True)
-class _Known:
+class _Inputs:
     """What has been heard, as one drawing step uses it."""
 
     physical: Optional[GridMap] = None
@@ -97,7 +97,7 @@ class DisplayMarkers:
         self._dirty = True  # something but a spot has changed
         self._urgent = False  # something that a person waits for: an answer, the new map
         self._newcomers: List[Any] = []
-        self._known = _Known()
+        self._known = _Inputs()
         self._spots: Deque[scene.TrailPoint] = collections.deque(maxlen=_TRAIL)
         # of the worker alone
         self._shown: Dict[Tuple[str, int], scene.Shape] = {}
@@ -230,7 +230,7 @@ class DisplayMarkers:
         # fading shapes are drawn again, and once more to remove them
         return any(shape.lifetime for shape in shapes)
 
-    def _show_restricted(self, known: _Known) -> None:
+    def _show_restricted(self, known: _Inputs) -> None:
         physical, posterior, preview = known.physical, known.posterior, self._current_preview(known)
         if physical is None or posterior is None:
             return
@@ -252,14 +252,14 @@ class DisplayMarkers:
         self._restricted.publish(message_from_grid(posterior.with_data(cells), rospy.Time.now()))
 
     @staticmethod
-    def _current_preview(known: _Known) -> Optional[BorderPreview]:
+    def _current_preview(known: _Inputs) -> Optional[BorderPreview]:
         """The preview, if it belongs to the current interaction."""
         state, preview = known.state, known.preview
         if state is None or preview is None or not preview.available or not state.interaction_id:
             return None
         return preview if preview.interaction_id == state.interaction_id else None
 
-    def _compose(self, known: _Known, has_map: bool, now: float) -> List[scene.Shape]:
+    def _compose(self, known: _Inputs, has_map: bool, now: float) -> List[scene.Shape]:
         layout, params, state, progress = self._layout, self._params, known.state, known.progress
         # what belongs to an interaction that has ended is not shown any more
         if state is None or not state.interaction_id or progress is None or progress.interaction_id != state.interaction_id:
@@ -282,7 +282,7 @@ class DisplayMarkers:
             shapes += scene.robot(str(frame), number, self._radii[frame])
         return shapes
 
-    def _notices(self, known: _Known, seeing: Sequence[str], now: float) -> List[PanelNotice]:
+    def _notices(self, known: _Inputs, seeing: Sequence[str], now: float) -> List[PanelNotice]:
         preview, lost = self._current_preview(known), None
         if known.spots and known.state is not None and known.spots[-1].stamp >= known.state.started.to_sec():
             last = known.spots[-1]

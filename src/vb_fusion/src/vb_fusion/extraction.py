@@ -40,7 +40,7 @@ from vb_fusion.line.fitting import fit_line
 from vb_fusion.line.resampling import ResampledStroke, make_stroke
 from vb_fusion.resumable_loop import ResumableLoop
 from vb_fusion.paper import bounding_diagonal, find_cluster, generate_polygon, thin_points
-from vb_fusion.stroke.observations import TREMBLE, Observations, make_observations, merge_observations, time_bins
+from vb_fusion.stroke.observations import TREMOR, Observations, make_observations, merge_observations, time_bins
 from vb_fusion.stroke.ordering import order_points
 from vb_fusion.stroke.camera_offsets import remove_offsets
 from vb_fusion.stroke.seed import extract_seed
@@ -200,7 +200,7 @@ def _join_tracks(
         # which end of another stroke is nearest to which end of the line
         near = [cdist(seen.points[line[[0, -1]]], seen.points[other[[0, -1]]]) for other in others]
         which = int(np.argmin([gaps.min() for gaps in near]))
-        if near[which].min() > params.eps + TREMBLE:
+        if near[which].min() > params.eps + TREMOR:
             break
         at, end = np.unravel_index(int(np.argmin(near[which])), (2, 2))
         # it runs away from the line's end, or up to its beginning
@@ -248,7 +248,7 @@ def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
         pieces = make_valid(polygon).buffer(0.0)
         lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
         whole = sum(lobe.area for lobe in lobes)
-        neck = 0.2 * TREMBLE
+        neck = 0.2 * TREMOR
         large = unary_union([lobe.buffer(neck, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
         polygon = large.buffer(-0.5 * neck, join_style=2)
         if polygon.geom_type != "Polygon" or polygon.is_empty:

@@ -34,10 +34,10 @@ from vb_laser_detect.detector_params import DetectorParams
 __all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
 
 _SMEAR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
-_LONGEST = 2.0  # times its diameter: a fast one is elongated
-_WIDEST = 0.09  # of the image's diagonal, where no pose is known
+_MAX_ELONGATION = 2.0  # times its diameter: a fast one is elongated
+_MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _MIN_PX = 2.5  # smaller blobs are noise
-_CERTAIN = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
+_MIN_CERTAIN_PROBABILITY = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
 
 
 class SpotDetector:
@@ -54,7 +54,7 @@ class SpotDetector:
         self.params = params or DetectorParams.stationary()
         self.tag: Any = None
         self.encoding = ""
-        self._given = spot_classifier
+        self._classifier_override = spot_classifier
         self.set_camera_pose(None)
         self.reset()
         self.set_params(self.params)
@@ -79,7 +79,7 @@ class SpotDetector:
         """
         if params.moving_camera != self.params.moving_camera:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
-        self._classifier = self._given or classifier.load(params.classifier)
+        self._classifier = self._classifier_override or classifier.load(params.classifier)
         self.params = self._tracker.params = self._proposer.params = params
 
     def reset(self) -> None:
@@ -145,13 +145,13 @@ class SpotDetector:
 
     def _examine(self, proposal: Proposal, searched: SearchedImage, camera: Camera) -> Spot:
         """Measures and classifies one proposal."""
-        largest = _LONGEST * self._sizes(self._metre(*proposal.middle), camera)[1]
+        largest = _MAX_ELONGATION * self._size_range(self._pixel_size(*proposal.middle), camera)[1]
         blob = features.measure(searched.image, searched.reference, proposal.region, largest, camera)
         rejection, probability = blob.problem or self._wrong_size(blob, camera), 0.0
         if not rejection:
-            numbers = {**blob.numbers, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
+            measured = {**blob.features, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
             expected = proposal.expected is not None and proposal.expected.holds(blob.u, blob.v)
-            probability, reason = self._classifier.classify(blob, numbers, expected)
+            probability, reason = self._classifier.classify(blob, measured, expected)
             if probability < self.params.min_probability:
                 rejection = reason
             elif self._place_check is not None:
@@ -180,28 +180,29 @@ class SpotDetector:
             self.candidates.append(spot)
             if track.published:
                 confirmed.append(spot)
-                self.backfilled += track.waiting
-                track.waiting = []
-            if spot.confidence >= max(_CERTAIN, self.params.min_probability) and self._stamp - track.rests_since < self.params.hold_s:
+                self.backfilled += track.unpublished
+                track.unpublished = []
+            certain = spot.confidence >= max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
+            if certain and self._stamp - track.resting_since < self.params.hold_s:
                 kept.append(spot)
         return confirmed, kept
 
-    def _metre(self, u: float, v: float) -> float:
+    def _pixel_size(self, u: float, v: float) -> float:
         """Returns a pixel's length on the floor [m]; NaN where that is not known."""
         return metres_per_pixel(self._to_floor, u, v) if self._to_floor is not None else math.nan
 
-    def _sizes(self, metre: float, camera: Camera) -> Tuple[float, float]:
+    def _size_range(self, metre: float, camera: Camera) -> Tuple[float, float]:
         """Returns a spot's smallest and largest diameter [px] where a pixel is this long on the floor [m]."""
         if math.isnan(metre):
-            return _MIN_PX, _WIDEST * camera.diagonal
+            return _MIN_PX, _MAX_DIAGONAL_SHARE * camera.diagonal
         smallest, largest = (0.001 / metre * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm))
         return max(_MIN_PX, smallest), largest + _SMEAR_PX
 
     def _wrong_size(self, blob: Blob, camera: Camera) -> str:
-        metre = self._metre(blob.u, blob.v)
+        metre = self._pixel_size(blob.u, blob.v)
         if self._to_floor is not None and math.isnan(metre):
             return "off_floor"
-        smallest, largest = self._sizes(metre, camera)
+        smallest, largest = self._size_range(metre, camera)
         if blob.diameter < smallest:
             return "too_small"
         return "too_large" if blob.diameter > largest else ""

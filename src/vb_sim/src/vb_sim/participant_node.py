@@ -21,7 +21,7 @@ from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, N
 from vb_sim.lab_messages import models_file
 from vb_sim.room.models import load_models, read_section
 from vb_sim.room.participant_model import ParticipantModel
-from vb_sim.person.participant import Action, CommandReply, ParticipantScript, Percept, Person
+from vb_sim.person.participant import Action, CommandReply, ParticipantScript, Perception, Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript
 from vb_sim.room.world import Scenario, World, load_world
@@ -64,7 +64,7 @@ class ParticipantNode:
     def __init__(self, world: World, scenario: Scenario, model: ParticipantModel, params: ParticipantParams) -> None:
         self._world, self._scenario, self._model, self._params = world, scenario, model, params
         self._lock = threading.Lock()
-        self._percept = Percept()
+        self._percept = Perception()
         self._sees_state = False  # a person who came back must know whether something was left half done
         self._spot: Optional[Tuple[float, float]] = None
         self._script: Optional[ParticipantScript] = None

@@ -37,7 +37,7 @@ ENDS = {"c": True, "f": False}
 
 
 @dataclass(frozen=True)
-class Planned:
+class NextRun:
     """The run to do now.
 
     Attributes:
@@ -69,7 +69,7 @@ def write_template(folder: Path) -> None:
         raise CodedError("cannot_write", what=str(folder / SETTINGS), reason=error.strerror) from None
 
 
-def next_run(path: Path, participant: str, again: bool = False, **asked: Optional[str]) -> Planned:
+def next_run(path: Path, participant: str, again: bool = False, **asked: Optional[str]) -> NextRun:
     """Finds the participant's next run: the first one in the planned order that has no finished recording.
 
     Args:
@@ -103,7 +103,7 @@ def next_run(path: Path, participant: str, again: bool = False, **asked: Optiona
     return _planned(path, entry)
 
 
-def _planned(path: Path, entry: protocol.Entry) -> Planned:
+def _planned(path: Path, entry: protocol.Entry) -> NextRun:
     try:
         settings = yaml.safe_load((path.parent / SETTINGS).read_text(encoding="utf-8"))
         chosen = {**(settings.get("arguments") or {}), **settings["methods"][entry.method]}
@@ -120,10 +120,10 @@ def _planned(path: Path, entry: protocol.Entry) -> Planned:
              for key, value in chosen.items()}
     cameras = tuple(name for name in words.get("cameras", "").split() if name != "none")
     command = ("roslaunch", *launch, f"record:={folder}", *(f"{key}:={value}" for key, value in sorted(words.items())))
-    return Planned(entry, folder, command, cameras)
+    return NextRun(entry, folder, command, cameras)
 
 
-def conduct(planned: Planned, start: Callable[[Planned], Callable[[], None]], keys: Iterator[str],
+def conduct(planned: NextRun, start: Callable[[NextRun], Callable[[], None]], keys: Iterator[str],
             say: Callable[[str], None], clock: Callable[[], datetime.datetime] = lambda: datetime.datetime.now().astimezone()
             ) -> Mapping[str, Any]:
     """Starts the system, notes events by key press, and ends with "completed" or "not completed".
@@ -196,7 +196,7 @@ def read_keys() -> Iterator[str]:
         termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
 
 
-def roslaunch(planned: Planned) -> Callable[[], None]:
+def roslaunch(planned: NextRun) -> Callable[[], None]:
     """Starts the system as planned; returns what stops it."""
     from vb_evaluation.processes import Child
 

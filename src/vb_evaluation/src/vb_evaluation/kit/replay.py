@@ -40,7 +40,7 @@ BEFORE_NS = 10**9  # nodes listen before the first message comes
 SETTLED_NS = 400_000_000  # spots and progress of the last images are through
 
 
-class Recorded(NamedTuple):
+class RecordedMessage(NamedTuple):
     """A message as the bag holds it."""
 
     topic: str
@@ -60,7 +60,7 @@ class CameraCounts:
 
 
 @dataclass
-class Replayed:
+class ReplayResult:
     """What today's nodes made of a recording.
 
     Attributes:
@@ -104,7 +104,7 @@ class Comparison:
 
 
 # ---------------------------------------------------------------- bags
-def read_messages(recording: Recording) -> Iterator[Recorded]:
+def read_messages(recording: Recording) -> Iterator[RecordedMessage]:
     """Yields all messages of all bags in the order in which they arrived.
 
     Raises:
@@ -116,14 +116,14 @@ def read_messages(recording: Recording) -> Iterator[Recorded]:
         try:
             with rosbag.Bag(str(path)) as bag:
                 for topic, entry, stamp in bag.read_messages(raw=True):
-                    yield Recorded(topic, entry[0], entry[2], entry[1], stamp.to_nsec())
+                    yield RecordedMessage(topic, entry[0], entry[2], entry[1], stamp.to_nsec())
         except rosbag.ROSBagUnindexedException:
             raise CodedError("bad_recording", f"{path} was not closed: run 'rosbag reindex {path}'") from None
         except (rosbag.ROSBagException, OSError) as error:
             raise CodedError("bad_recording", f"cannot read {path}: {error}") from None
 
 
-def decode_message(entry: Recorded, kind: type) -> Any:
+def decode_message(entry: RecordedMessage, kind: type) -> Any:
     """Decodes a recorded message as a type of today."""
     message = kind()
     try:
@@ -145,7 +145,7 @@ def physical_map(recording: Recording) -> Optional[GridMap]:
 class _Player:
     """Plays a recording to the nodes of a graph, as a node of it."""
 
-    def __init__(self, graph: Graph, recording: Recording, images: Dict[str, str], result: Replayed) -> None:
+    def __init__(self, graph: Graph, recording: Recording, images: Dict[str, str], result: ReplayResult) -> None:
         self._graph, self._scheduler = graph, graph.scheduler
         self._recording, self._images, self._result = recording, images, result
         self._current = ""
@@ -173,7 +173,7 @@ class _Player:
             self._give(entry)
         self._ask("")
 
-    def _give(self, entry: Recorded) -> None:
+    def _give(self, entry: RecordedMessage) -> None:
         topic, counts = entry.topic, self._result.cameras
         if topic == names.STATE:
             # a cancelled drawing is forgotten with the state's end
@@ -206,7 +206,7 @@ def _border(answer: Any) -> Union[VirtualBorder, CodedError]:
                          closed=border.kind == BorderMessage.POLYGON)
 
 
-def replay(recording: Recording, images: bool = False) -> Replayed:
+def replay(recording: Recording, images: bool = False) -> ReplayResult:
     """Plays a recording to today's nodes.
 
     Args:
@@ -229,7 +229,7 @@ def replay(recording: Recording, images: bool = False) -> Replayed:
     played = {topic: camera for topic, camera in {**topics, **packed}.items() if held[topic]}
     if images and not played:
         raise CodedError("bad_recording", f"{recording.folder}: no images were recorded: record with record_images:=raw or compressed")
-    result = Replayed(cameras={camera: CameraCounts() for camera in topics.values()} if images else {})
+    result = ReplayResult(cameras={camera: CameraCounts() for camera in topics.values()} if images else {})
     launches = [("borders.launch", {"state": "", "robot_frame": "", "record": "false"})]
     if ceiling:
         launches.append(("perception.launch", {
@@ -256,7 +256,7 @@ def replay(recording: Recording, images: bool = False) -> Replayed:
 
 
 # ---------------------------------------------------------------- comparing
-def compare(recording: Recording, today: Replayed, physical: Optional[GridMap] = None,
+def compare(recording: Recording, today: ReplayResult, physical: Optional[GridMap] = None,
             truth: Optional[np.ndarray] = None) -> List[Comparison]:
     """Compares each interaction of a recording, as it was recorded, with what today's nodes make of it.
 
@@ -269,7 +269,7 @@ def compare(recording: Recording, today: Replayed, physical: Optional[GridMap] =
             for interaction in recording.interactions]
 
 
-def _compared(recording: Recording, interaction: Any, today: Replayed, physical: GridMap,
+def _compared(recording: Recording, interaction: Any, today: ReplayResult, physical: GridMap,
               truth: Optional[np.ndarray]) -> Comparison:
     border = today.borders.get(interaction.id, CodedError("not_recorded", "the bag does not hold this interaction"))
     made = recording.result(interaction)

@@ -31,7 +31,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length
 from vb_core.ros import messages, services
 from vb_evaluation import metrics
-from vb_evaluation.goal_runs import Driven, GoalRunner
+from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
 from vb_evaluation.live import pictures
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, screenshot, start_screen
@@ -119,7 +119,7 @@ class Demo:
         before = observer.plan(start, goal, "/move_base/make_plan")
         self._follow(observer)
         saved = observer.state is not None and observer.state.last_outcome == "saved"
-        after, driven = np.zeros((0, 2)), Driven("not_sent")
+        after, driven = np.zeros((0, 2)), GoalOutcome("not_sent")
         if saved:
             # the map with the border was published before the state said "saved"; move_base's costmap takes it a little later
             region = metrics.restricted_cells(observer.prior, observer.posterior)
@@ -219,7 +219,7 @@ class Demo:
                 if words:
                     self._say(words)
 
-    def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> Driven:
+    def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> GoalOutcome:
         """Sends the robot to where the proof begins, and from there to its goal; returns the second drive."""
         runner = GoalRunner()
         first = runner.drive(start, DRIVE_S)
@@ -239,7 +239,7 @@ class Demo:
             self._say(f"the map could not be saved: {failed}")
 
     # ------------------------------------------------------------- the end
-    def _conclude(self, observer: Observer, before: np.ndarray, after: np.ndarray, driven: Driven, saved: bool) -> int:
+    def _conclude(self, observer: Observer, before: np.ndarray, after: np.ndarray, driven: GoalOutcome, saved: bool) -> int:
         options, state, prior = self.options, observer.state, observer.prior
         truth = floor_plan.ground_truth(options.world, options.scenario)
         region = metrics.restricted_cells(prior, observer.posterior)

@@ -46,7 +46,7 @@ def _by_first(study: StudyResults, column: str) -> List[np.ndarray]:
     return [group.to_numpy() for group in (means[means.index.map(first) == method] for method in study.comparison) if len(group)]
 
 
-def experience(study: StudyResults) -> Section:
+def participants_section(study: StudyResults) -> Section:
     """Says who took part and what they answered; empty for simulated people."""
     path, about = study.folder / "questionnaire.csv", study.folder / "demographics.csv"
     blocks: List[Any] = []

@@ -37,7 +37,7 @@ class Cell(NamedTuple):
     method: str
     title: str
     runs: pandas.DataFrame
-    published: Optional[paper.Published]
+    published: Optional[paper.PaperFigures]
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ PAGE, TABLES = "report.html", "tables"
 SECTIONS = (
     outcomes.summary, outcomes.error, outcomes.time, outcomes.accuracy, outcomes.completeness,
     paper_comparison.compare_with_paper, sensitivity.plausible, sensitivity.curves, sensitivity.ungated,
-    background.order, background.experience, background.assumptions, background.runs)
+    background.order, background.participants_section, background.assumptions, background.runs)
 _SIZES = {
     "quick": "A quick run, to see that all works: one person, so that there are no intervals.",
     "default": "The default size: `make study SIZE=full` also says which assumption decides, has curves, and takes some hours.",

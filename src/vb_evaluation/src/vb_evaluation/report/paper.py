@@ -9,7 +9,7 @@ CITATION = (
 )
 
 
-class Published(NamedTuple):
+class PaperFigures(NamedTuple):
     """The paper's figures for one scenario.
 
     Attributes:
@@ -26,10 +26,10 @@ class Published(NamedTuple):
     border_gain_s: Optional[float]
 
 
-PAPER: Dict[str, Published] = {
-    "room": Published("Room exclusion", 2.8, {"nrs": 0.971, "robot_only": 0.974}, 14 / 15, 4.0),
-    "carpet": Published("Carpet exclusion", 2.2, {"nrs": 0.856, "robot_only": 0.779}, 14 / 15, 26.0),
-    "corner": Published("Spot cleaning", 2.2, {"nrs": 0.878, "robot_only": 0.906}, 13 / 15, None),
+PAPER: Dict[str, PaperFigures] = {
+    "room": PaperFigures("Room exclusion", 2.8, {"nrs": 0.971, "robot_only": 0.974}, 14 / 15, 4.0),
+    "carpet": PaperFigures("Carpet exclusion", 2.2, {"nrs": 0.856, "robot_only": 0.779}, 14 / 15, 26.0),
+    "corner": PaperFigures("Spot cleaning", 2.2, {"nrs": 0.878, "robot_only": 0.906}, 13 / 15, None),
 }
 METHOD_TITLES = {"nrs": "Network robot system", "robot_only": "Robot only"}
 

@@ -32,7 +32,7 @@ from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study, study_of
 from vb_evaluation.study.plan import Job
 from vb_evaluation.study.result import COLUMNS, measure
-from vb_evaluation.study.store import RowFile, claim
+from vb_evaluation.study.store import RowFile, open_folder
 from vb_sim.room import floor_plan
 
 # what a run's result depends on
@@ -105,7 +105,7 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1,
         KeyboardInterrupt: after it was said what is done.
     """
     console = console or Console(highlight=False, soft_wrap=True)
-    claim(folder, configuration(study), fresh, {**(facts or {}), **about(study)})
+    open_folder(folder, configuration(study), fresh, {**(facts or {}), **about(study)})
     write_truths(study, folder / "maps" / "physical", folder / "maps" / "truth_{}")
     if any(job.file == WORLDS for job in jobs):
         drawn = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)

@@ -99,12 +99,12 @@ class StudyCeilingCameras(CeilingCamerasNode):
         super().__init__(world, models, cameras, seed, views)
 
     def _image(self, index: int, snapshot: Snapshot) -> Optional[np.ndarray]:
-        if not self._worth_a_look(index, snapshot):
+        if not self._is_relevant(index, snapshot):
             self.left_out += 1
             return None
         return self._views[index].frame(snapshot, frame_generator(self._seed, self._cameras[index].name, snapshot.stamp))
 
-    def _worth_a_look(self, index: int, snapshot: Snapshot) -> bool:
+    def _is_relevant(self, index: int, snapshot: Snapshot) -> bool:
         if self._idle_every == 1:
             return True
         if snapshot.laser is not None and self._shows(index, np.array([[*snapshot.laser, 0.0]]), _SPOT_MARGIN_PX):
@@ -150,13 +150,13 @@ class StudyRobotCamera(RobotCameraNode):
         super().__init__(world, models, robot, seed, tf_prefix, cache.robot_view(robot))
 
     def _wanted(self, snapshot: Snapshot) -> bool:
-        if not self._worth_a_look(snapshot):
+        if not self._is_relevant(snapshot):
             self.left_out += 1
             return False
         self._view.draw_from(frame_generator(self._seed, self._robot.name, snapshot.stamp))
         return True
 
-    def _worth_a_look(self, snapshot: Snapshot) -> bool:
+    def _is_relevant(self, snapshot: Snapshot) -> bool:
         self._idle = (self._idle + 1) % _IDLE_EVERY
         if self._whole or self._idle == 0:
             return True

@@ -12,7 +12,7 @@ from typing import Callable, List
 import yaml
 
 from vb_core.files import append_line
-from vb_evaluation.kit.conduct import Planned
+from vb_evaluation.kit.conduct import NextRun
 from vb_evaluation.kit.recording import LOG, MAPS, SESSION
 from vb_evaluation.provenance import revision
 from vb_evaluation.study import config
@@ -22,10 +22,10 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.storage.recording import MapRecording
 
 
-def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[], None]]:
+def person(study: Study, outcomes: List[bool]) -> Callable[[NextRun], Callable[[], None]]:
     """Returns the person that `conduct` starts instead of the system; appends to `outcomes` whether the run was completed."""
 
-    def start(planned: Planned) -> Callable[[], None]:
+    def start(planned: NextRun) -> Callable[[], None]:
         number = int(re.sub(r"\D", "", planned.entry.participant) or 1)
         result = run(study, RunTask(number, planned.entry.scenario, planned.entry.method))
         write_recording(result, planned.folder)

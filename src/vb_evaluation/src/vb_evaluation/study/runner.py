@@ -32,7 +32,7 @@ from vb_fusion.extraction import GrowingBorder
 from vb_msgs.msg import LabState, LaserSpot, VirtualBorderArray
 from vb_sim.room import floor_plan
 from vb_sim.robot.costmap import Costmap, CostmapParams
-from vb_sim.person.hand import imagine_border
+from vb_sim.person.hand import perceive_border
 from vb_sim.lab import Lab
 from vb_sim.lab_history import History
 from vb_sim.lab_messages import snapshot_from_message
@@ -237,7 +237,7 @@ def personal_scenario(
     Args:
         marks: (dx, dy) [m], turn [rad] by which the marks are off the map.
     """
-    meant = imagine_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
+    meant = perceive_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
     scenario = replace(scenario, border=meant)
     planner = Planner(Costmap(grid, CostmapParams(robot_radius=traits.model.body_radius)))
     line = np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border

@@ -54,7 +54,7 @@ class RowFile:
         return stream.getvalue()[:-1]
 
 
-def claim(folder: Path, configuration: str, fresh: bool, facts: Mapping[str, Any]) -> None:
+def open_folder(folder: Path, configuration: str, fresh: bool, facts: Mapping[str, Any]) -> None:
     """Makes sure that a folder's contents belong to a configuration, and records which.
 
     Args:

@@ -14,7 +14,7 @@ from vb_evaluation.virtual_ros.graph import Graph, Node
 _STATE = "/folder-of-this-run"
 
 
-class Launched(NamedTuple):
+class LaunchedNode(NamedTuple):
     """A node that a launch file names."""
 
     package: str
@@ -24,7 +24,7 @@ class Launched(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def read_launch(path: str, arguments: Tuple[str, ...]) -> Tuple[Tuple[Launched, ...], Mapping[str, Any]]:
+def read_launch(path: str, arguments: Tuple[str, ...]) -> Tuple[Tuple[LaunchedNode, ...], Mapping[str, Any]]:
     """Nodes and parameters of a launch file; arguments as "name:=value"."""
     from roslaunch.config import ROSLaunchConfig
     from roslaunch.xmlloader import XmlLoader
@@ -32,7 +32,7 @@ def read_launch(path: str, arguments: Tuple[str, ...]) -> Tuple[Tuple[Launched, 
     config = ROSLaunchConfig()
     XmlLoader(resolve_anon=False).load(path, config, argv=list(arguments), verbose=False)
     nodes = tuple(
-        Launched(node.package, node.type, f"{node.namespace}{node.name}", tuple(tuple(pair) for pair in node.remap_args))
+        LaunchedNode(node.package, node.type, f"{node.namespace}{node.name}", tuple(tuple(pair) for pair in node.remap_args))
         for node in config.nodes)
     return nodes, {key: parameter.value for key, parameter in config.params.items()}
 

@@ -19,9 +19,9 @@ from shapely.geometry import LineString, Polygon
 from shapely.validation import make_valid
 
 from vb_core import geometry
-from vb_fusion.stroke.observations import TREMBLE
+from vb_fusion.stroke.observations import TREMOR
 
-CAME_BACK = 0.5  # opening in widths of the figure: the end is nearer to the start than to the figure's far side
+MAX_OPENING_RATIO = 0.5  # opening in widths of the figure: the end is nearer to the start than to the figure's far side
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,14 @@ def classify_closure(points: np.ndarray, kind: str = "decide") -> Closure:
     kept = geometry.chain_length(cut)
     if kind == "polygon":
         code = "closed_requested"
-    elif opening > CAME_BACK * _widest(cut):
+    elif opening > MAX_OPENING_RATIO * _widest(cut):
         code = "open_apart"
     else:
         # what is enclosed, also where the line crosses itself
         width = 2.0 * make_valid(Polygon(cut)).area / (kept + gap) if len(cut) > 2 else 0.0
         if gap * _closing_turn(cut, gap, 0.1 * kept) > width * 180.0:
             code = "open_wide"
-        elif width < TREMBLE:
+        elif width < TREMOR:
             code = "open_flat"
         else:
             code = "closed_cut" if last - first < end else "closed_gap"

@@ -10,9 +10,9 @@ import numpy as np
 
 from vb_fusion.line.resampling import ResampledStroke
 from vb_fusion.resumable_loop import ResumableLoop
-from vb_fusion.stroke.observations import TREMBLE
+from vb_fusion.stroke.observations import TREMOR
 
-DETAIL = 1.5 * TREMBLE**3  # [m^3] squared distance times length that a corner must explain
+DETAIL = 1.5 * TREMOR**3  # [m^3] squared distance times length that a corner must explain
 
 
 def fit_line(stroke: ResampledStroke, joined: bool, loop: ResumableLoop) -> np.ndarray:
@@ -34,7 +34,7 @@ def fit_line(stroke: ResampledStroke, joined: bool, loop: ResumableLoop) -> np.n
         # the side in which the drawing began and ended is one side
         last, first = sums[:, -1] - sums[:, starts[-1]], sums[:, starts[1]]
         away = np.linalg.norm(stroke.points[[-1, 0, starts[1] - 1]] - stroke.points[starts[-1]], axis=1)
-        goes_on = (np.diff(away) > -2.0 * TREMBLE).all()
+        goes_on = (np.diff(away) > -2.0 * TREMOR).all()
         if goes_on and _misfit(last + first) < _misfit(last) + _misfit(first) + DETAIL:
             starts = starts[1:]
     return _fit_vertices(stroke, starts, joined and len(starts) > 2)
@@ -56,7 +56,7 @@ def _divide(stroke: ResampledStroke, sums: np.ndarray, loop: ResumableLoop) -> n
         cost = best[:end] + _misfit(sums[:, end, None] - sums[:, :end])
         # what goes back over itself is two sides
         chord = np.hypot(x[:end] - x[end - 1], y[:end] - y[end - 1])
-        cost[arc[end - 1] - arc[:end] > 1.5 * chord + 4.0 * TREMBLE] = np.inf
+        cost[arc[end - 1] - arc[:end] > 1.5 * chord + 4.0 * TREMOR] = np.inf
         start = int(cost.argmin())
         best[end] = cost[start] + corner[end - 1]
         states[end - 1] = best[end], start
@@ -99,5 +99,5 @@ def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> 
     off = ((at - vertices[ends[:, 0]]) * normal).sum(axis=1)
     # a corner that the stations leave open, between sides that hardly turn, stays where it is
     scaled = rows * stroke.weights[:, None]
-    move = np.linalg.solve(scaled.T @ rows + 0.3 * TREMBLE * np.eye(2 * count), scaled.T @ off)
+    move = np.linalg.solve(scaled.T @ rows + 0.3 * TREMOR * np.eye(2 * count), scaled.T @ off)
     return vertices + move.reshape(-1, 2)

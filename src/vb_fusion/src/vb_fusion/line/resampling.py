@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_fusion.resumable_loop import ResumableLoop
-from vb_fusion.stroke.observations import TREMBLE
+from vb_fusion.stroke.observations import TREMOR
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class ResampledStroke:
     @property
     def weights(self) -> np.ndarray:
         """(K,) [m] of the line that each station represents."""
-        steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * TREMBLE)
-        return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMBLE
+        steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * TREMOR)
+        return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMOR
 
 
 def make_stroke(observations: np.ndarray, trust: np.ndarray, loop: ResumableLoop) -> ResampledStroke:
@@ -51,7 +51,7 @@ def make_stroke(observations: np.ndarray, trust: np.ndarray, loop: ResumableLoop
     first = int(np.searchsorted(station[:first], station[first - 1])) if first else 0
     number, seen, x, y = int(station[first - 1]) + 1 if first else 0, 0, 0.0, 0.0
     for row, (px, py) in enumerate(calm[first:].tolist(), start=first):
-        if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > TREMBLE**2:
+        if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > TREMOR**2:
             number, seen, x, y = number + 1, 0, 0.0, 0.0
         seen, x, y = seen + 1, x + px, y + py
         station[row] = number
@@ -70,9 +70,9 @@ def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     """Ends the stroke where it no longer reaches new floor: a line drawn twice is one line, seen twice as often."""
     at = stroke.points
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
-    earlier, later = cKDTree(at).query_pairs(2.0 * TREMBLE, output_type="ndarray").T
+    earlier, later = cKDTree(at).query_pairs(2.0 * TREMOR, output_type="ndarray").T
     # the way between them is more than what a bend makes of it
-    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + TREMBLE
+    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + TREMOR
     new = np.ones(len(at), dtype=bool)
     new[later[again]] = False
     # two stations beside the line may be an overshoot; three are new floor

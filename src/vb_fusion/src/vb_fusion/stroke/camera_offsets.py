@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import spsolve
 
-from vb_fusion.stroke.observations import LOCALISATION, TREMBLE, Observations, time_bins
+from vb_fusion.stroke.observations import LOCALISATION, TREMOR, Observations, time_bins
 
 KEPT = math.exp(-1.0 / 10.0)  # of a robot's error is the same a second later: localisation corrects itself within metres
 
@@ -55,7 +55,7 @@ def _prior_weight(unknown: int, seconds: np.ndarray) -> csr_matrix:
         seconds: (S, R) which of them are robots', one row per second.
     """
     before, after = seconds[:-1], seconds[1:]
-    prior = (0.5 * TREMBLE / LOCALISATION) ** 2
+    prior = (0.5 * TREMOR / LOCALISATION) ** 2
     tie = prior / (1.0 - KEPT**2)  # of an offset to KEPT of the one a second before
     held = np.ones(unknown)
     held[seconds[:1]] = prior

@@ -13,7 +13,7 @@ import numpy as np
 
 from vb_fusion.line.chain import ExtractionError
 
-TREMBLE = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
+TREMOR = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
 LOCALISATION = 0.15  # [m] what a robot's pose may be off, differently every second
 TIME_BIN = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
 FARTHEST = 1e5  # [m] from the origin: no floor is larger
@@ -99,7 +99,7 @@ def make_observations(
     moving = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
     # a detector that reports 0 still saw something
     trust = np.ones(count) if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
-    trust = np.where(moving, TREMBLE / LOCALISATION, 1.0) * trust
+    trust = np.where(moving, TREMOR / LOCALISATION, 1.0) * trust
     times = np.zeros(count) if stamps is None else np.asarray(stamps, dtype=float)
     usable = (np.abs(array) <= FARTHEST).all(axis=1) & np.isfinite(times)
     if began is None:
@@ -114,7 +114,7 @@ def merge_observations(spots: Observations) -> Observations:
     if len(spots.points) == 0:
         return spots
     moment = time_bins(spots.stamps)
-    cell = np.floor(spots.points / TREMBLE).astype(np.int64)
+    cell = np.floor(spots.points / TREMOR).astype(np.int64)
     cell -= cell.min(axis=0)
     width, height = (int(size) for size in cell.max(axis=0) + 1)
     key = ((moment - moment.min()) * (int(spots.cameras.max()) + 1) + spots.cameras) * width * height

@@ -11,9 +11,9 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from vb_fusion.stroke.observations import TREMBLE
+from vb_fusion.stroke.observations import TREMOR
 
-SITE = 1.2 * TREMBLE  # [m] of the lattice: wider than a line trembles, narrower than a border's slots
+SITE = 1.2 * TREMOR  # [m] of the lattice: wider than a line trembles, narrower than a border's slots
 LONELY = 0.15  # of the usual company: strays have less
 
 
@@ -44,7 +44,7 @@ def order_points(points: np.ndarray, widest_gap: float) -> np.ndarray:
     if len(path) < 2:
         return np.zeros(0, dtype=int)
     away, nearest = cKDTree(at[path]).query(points)
-    chosen = np.flatnonzero(away <= 3.0 * TREMBLE)
+    chosen = np.flatnonzero(away <= 3.0 * TREMOR)
     # points of one site in the order of the path's direction there
     forward = at[path][np.minimum(nearest + 1, len(path) - 1)] - at[path][np.maximum(nearest - 1, 0)]
     along = ((points - at[path][nearest]) * forward).sum(axis=1) / np.maximum((forward**2).sum(axis=1), 1e-12)

@@ -13,10 +13,10 @@ from scipy.spatial import cKDTree
 
 from vb_fusion.line.chain import ExtractionError
 from vb_fusion.resumable_loop import ResumableLoop
-from vb_fusion.stroke.observations import TIME_BIN, TREMBLE, make_observations, merge_observations
+from vb_fusion.stroke.observations import TIME_BIN, TREMOR, make_observations, merge_observations
 from vb_fusion.stroke.track import find_best_steps, find_places, trace_path
 
-HAND = 1.5 * TREMBLE  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
+HAND = 1.5 * TREMOR  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 MIN_SPOTS = 3
 PLACE = 1.0  # what a place counts that nobody saw before
 KNOWN = 0.2  # what a place counts that was seen before the seed was asked for

@@ -6,7 +6,7 @@ track is the sequence of places that explains the most floor with the least effo
     gain  = the floor that a place adds: staying and coming back add nothing more, and what is there for longer than
             a REST counts less and less. Places that are passed at one speed add the path between them
     cost  = distance^2 / (time * BRISK) between places: a gap that was crossed at the speed of a hand is cheap, a pause
-            is free. Hands flick, too: beyond a TREMBLE the cost grows with the logarithm only, as the likelihood of
+            is free. Hands flick, too: beyond a TREMOR the cost grows with the logarithm only, as the likelihood of
             an error with heavy tails does. So a rest behind a flick belongs to the stroke, and a stray does not pay
 
 The best track is found by dynamic programming, place by place in the order of time. The branches that it leaves are
@@ -21,9 +21,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_fusion.resumable_loop import ResumableLoop
-from vb_fusion.stroke.observations import TIME_BIN, TREMBLE, Observations, time_bins
+from vb_fusion.stroke.observations import TIME_BIN, TREMOR, Observations, time_bins
 
-FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place covers
+FLOOR = 2.0 * TREMOR  # [m] width of the floor that a place covers
 BRISK = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
 BLINK = 3.0 * TIME_BIN  # [s] a pointer that moves is seen again within it
 REST = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
@@ -104,7 +104,7 @@ def find_tracks(
         loop: the steps through places that were here before.
     """
     points, stamps = places.points, places.stamps
-    gain, previous = find_best_steps(points, stamps, floor_gains(points, stamps), widest_gap, TREMBLE, loop)
+    gain, previous = find_best_steps(points, stamps, floor_gains(points, stamps), widest_gap, TREMOR, loop)
     tracks: List[PointerTrack] = []
     free = np.ones(len(points), dtype=bool)
     worth = gain
@@ -179,9 +179,9 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
             share = (times[at] - times[first]) / np.maximum(whole, 1e-9)
             off = np.hypot(*(points[first] + share[:, None] * (points[last] - points[first]) - points[at]).T)
             way = 0.5 * np.hypot(*(points[last] - points[first]).T)
-            straight = np.exp(-((off / np.maximum(0.3 * way, TREMBLE)) ** 2))
+            straight = np.exp(-((off / np.maximum(0.3 * way, TREMOR)) ** 2))
             # two places and one of them again are no row: the middle one is in the middle of the time
-            row = np.maximum(way - TREMBLE, 0.0) * straight * 4.0 * share * (1.0 - share)
+            row = np.maximum(way - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
             row[(whole > BLINK) | (2.0 * way > BRISK * whole)] = 0.0
             # the row's ends too, where the stroke may begin or end
             for part, much in ((first, 0.5), (at, 1.0), (last, 0.5)):
@@ -205,8 +205,8 @@ def find_best_steps(
     origin = np.maximum(earlier, 0)
     way = np.hypot(*(points[first:, None] - points[origin]).transpose(2, 0, 1))
     time = stamps[first:, None] - stamps[origin]
-    possible = (earlier >= 0) & (time > 0.0) & ((way <= widest_gap + TREMBLE) | (time <= BLINK))
-    effort = np.maximum(way - TREMBLE, 0.0) ** 2 / (np.clip(time, 1e-9, BLINK) * BRISK)
+    possible = (earlier >= 0) & (time > 0.0) & ((way <= widest_gap + TREMOR) | (time <= BLINK))
+    effort = np.maximum(way - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, BLINK) * BRISK)
     effort = flick * np.log1p(effort / flick)
     effort[~possible] = np.inf
     best = states[:, 0]

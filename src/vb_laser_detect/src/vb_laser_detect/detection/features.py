@@ -32,7 +32,7 @@ class Blob:
         diameter: [px] of a disc of the same area.
         problem: "too_large" or "too_faint" if only the place was measured.
         tint: (C,) each channel's part in its light, see `tint_of`; None for grey images.
-        numbers: its features by name; NaN where one says nothing.
+        features: those by name; NaN where one says nothing.
     """
 
     u: float
@@ -40,7 +40,7 @@ class Blob:
     diameter: float
     problem: str = ""
     tint: Optional[np.ndarray] = None
-    numbers: Dict[str, float] = field(default_factory=dict)
+    features: Dict[str, float] = field(default_factory=dict)
 
 
 class Camera(NamedTuple):
@@ -107,7 +107,7 @@ def measure(image: np.ndarray, background: np.ndarray, seed: Region, largest: fl
     hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
     rim = cv2.subtract(cv2.dilate(mask, _SQUARE), cv2.erode(mask, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
-    return Blob(u, v, diameter, tint=tint, numbers={
+    return Blob(u, v, diameter, tint=tint, features={
         "elongation": elongation,
         "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.white),
         "level": level / camera.white,

@@ -95,22 +95,23 @@ class Track:
 
     Attributes:
         place: (4,) u, v [px] and x, y [m], the last ones, with their velocity per second.
-        rest, rests_since: (2,) [px] from where it has hardly moved since then.
-        waiting: what was seen before it was confirmed, the oldest first.
+        created: [s] when it was seen first.
+        rest_position, resting_since: (2,) [px] from where it has hardly moved since then.
+        unpublished: what was seen before it was confirmed, the oldest first.
     """
 
     number: int
     place: np.ndarray
     stamp: float
-    since: float
-    rest: np.ndarray
-    rests_since: float
+    created: float
+    rest_position: np.ndarray
+    resting_since: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(4))
     hits: int = 0
     confirmed: bool = False
     published: bool = False
     light: Optional[np.ndarray] = None  # the sum of its spots' tints
-    waiting: List[BackfilledSpot] = field(default_factory=list)
+    unpublished: List[BackfilledSpot] = field(default_factory=list)
 
 
 class SpotTracker:
@@ -147,7 +148,7 @@ class SpotTracker:
         gap = max(_GAP_S, _GAP_PERIODS * self.period_s)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         for track in self._tracks if motion is not None else ():
-            track.place[:2], track.rest = cv2.perspectiveTransform(np.array([[track.place[:2], track.rest]]), motion)[0]
+            track.place[:2], track.rest_position = cv2.perspectiveTransform(np.array([[track.place[:2], track.rest_position]]), motion)[0]
         expected = [self._expect(track) for track in self._tracks if track.confirmed]
         return sorted(expected, key=lambda one: not one.published)
 
@@ -167,9 +168,9 @@ class SpotTracker:
         oldest = self._stamp - max(_RECALL_S, (self.params.confirm_frames + 1) * self.period_s)
         for spot, track in zip(spots, tracks):
             self._see(track, spot)
-            track.waiting = [earlier for earlier in track.waiting if earlier.stamp >= oldest]
+            track.unpublished = [earlier for earlier in track.unpublished if earlier.stamp >= oldest]
             if not track.confirmed:
-                track.waiting.append(BackfilledSpot(replace(spot, track=track.number), self._stamp, tag))
+                track.unpublished.append(BackfilledSpot(replace(spot, track=track.number), self._stamp, tag))
         self._choose(tracks)
         return tracks
 
@@ -200,8 +201,8 @@ class SpotTracker:
             elif self._stamp > track.stamp:
                 track.velocity = (place - track.place) / (self._stamp - track.stamp)
                 track.place, track.stamp = place, self._stamp
-                if math.hypot(*(place[:2] - track.rest)) > _SLACK_PX:
-                    track.rest, track.rests_since = place[:2].copy(), self._stamp
+                if math.hypot(*(place[:2] - track.rest_position)) > _SLACK_PX:
+                    track.rest_position, track.resting_since = place[:2].copy(), self._stamp
         return found
 
     def _see(self, track: Track, spot: Spot) -> None:
@@ -213,7 +214,7 @@ class SpotTracker:
         # of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which looks like a colour; in
         # the mean over several images it does not
         shown = 0.0 if track.light is None else chroma(track.light)
-        if self._stamp - track.since < _STEP_S:
+        if self._stamp - track.created < _STEP_S:
             least = _VIVID
         else:
             least = _PALE if self._camera.mosaic else 0.0

@@ -13,7 +13,7 @@ _PART = re.compile(r"(?:([a-z]{3}(?:-[a-z]{3})?(?:,[a-z]{3}(?:-[a-z]{3})?)*|dail
 _DAY, _WEEK = 24 * 60, 7 * 24 * 60
 
 
-class Span(NamedTuple):
+class WeeklyInterval(NamedTuple):
     """A part of the week in minutes after Monday 00:00; the end, which is not part of it, may be in the next week."""
 
     start: int
@@ -21,7 +21,7 @@ class Span(NamedTuple):
 
 
 @lru_cache(maxsize=1024)
-def parse_schedule(text: str) -> Tuple[Span, ...]:
+def parse_schedule(text: str) -> Tuple[WeeklyInterval, ...]:
     """Parses a schedule into its spans; none for an empty one.
 
     Days are mon .. sun, lists ("mon,wed") and ranges ("sat-mon"), or "daily", which may be left out. An end at or
@@ -30,7 +30,7 @@ def parse_schedule(text: str) -> Tuple[Span, ...]:
     Raises:
         IntegrationError: "bad_schedule".
     """
-    spans: List[Span] = []
+    spans: List[WeeklyInterval] = []
     if not isinstance(text, str) or len(text) > 500:
         raise IntegrationError("bad_schedule", text=str(text)[:50])
     for part in filter(None, (part.strip().lower() for part in text.split(";"))):
@@ -42,7 +42,7 @@ def parse_schedule(text: str) -> Tuple[Span, ...]:
         if start >= _DAY or end > _DAY or minute > 59 or end_minute > 59:
             raise IntegrationError("bad_schedule", text=part)
         for day in _days(found.group(1) or "daily", part):
-            spans.append(Span(day * _DAY + start, day * _DAY + end + (_DAY if end <= start else 0)))
+            spans.append(WeeklyInterval(day * _DAY + start, day * _DAY + end + (_DAY if end <= start else 0)))
     return tuple(spans)
 
 

@@ -18,7 +18,7 @@ from vb_map_integration.storage.database import fingerprint
 _DAMAGE = (CodedError, OSError, ValueError, TypeError, KeyError)
 
 
-class Folder(NamedTuple):
+class LegacyFolder(NamedTuple):
     """What a folder held.
 
     Attributes:
@@ -36,13 +36,13 @@ class Folder(NamedTuple):
     whole: bool
 
 
-def read_folders(root: Path) -> List[Folder]:
+def read_folders(root: Path) -> List[LegacyFolder]:
     """Reads all folders of borders below the store's folder, the one used last at the end."""
     found = [path for path in root.glob("*/") if (path / "borders.yaml").exists() or (path / "journal.jsonl").exists()]
     return [_read(path) for path in sorted(found, key=lambda path: path.stat().st_mtime)]
 
 
-def _read(folder: Path) -> Folder:
+def _read(folder: Path) -> LegacyFolder:
     whole, map_id = True, ""
     borders: Dict[str, VirtualBorder] = {}
     revision = -1
@@ -78,7 +78,7 @@ def _read(folder: Path) -> Folder:
             whole = whole and not line.endswith(b"\n")  # a change that was under way was not made
     grid = _grid(folder / "map.npz")
     map_id = fingerprint(grid) if grid is not None else map_id
-    return Folder(folder.name, map_id, grid, tuple(borders.values()), whole and grid is not None)
+    return LegacyFolder(folder.name, map_id, grid, tuple(borders.values()), whole and grid is not None)
 
 
 def _lines(path: Path) -> List[bytes]:

@@ -1,10 +1,10 @@
 """Decides where each robot should be going: the policy, apart from maps, messages and actions.
 
-The idea: a place is a promise. Each robot that can bids with the cheapest place from which it would see the target; its
-present place costs nothing. The best bid wins: fewest failures first, then the shortest path. A place that does not
+The idea: a place is a promise. Each robot that can offers the cheapest place from which it would see the target; its
+present place costs nothing. The best offer wins: fewest failures first, then the shortest path. A place that does not
 keep its promise in time (navigation accepts it, the robot gets on, a camera sees the spot from there) has failed and is
-not bid for a while: so the next best is tried. The robot that serves is asked again only when its place has been
-unfit for a while, and its bid counts as SWITCH_GAIN cheaper, so that two do not take turns.
+not offered for a while: so the next best is tried. The robot that serves is asked again only when its place has been
+unfit for a while, and its offer counts as SWITCH_GAIN cheaper, so that two do not take turns.
 """
 from __future__ import annotations
 
@@ -98,8 +98,8 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Bid:
-    """Where a robot would go (None: it sees the target from where it is), and how bids are ordered."""
+class Offer:
+    """Where a robot would go (None: it sees the target from where it is), and how offers are ordered."""
 
     order: Tuple[bool, int, bool, bool, float]
     place: Optional[Viewpoint]
@@ -201,13 +201,13 @@ class RobotRecord:
         """Whether the target is still about where it was when the goal was chosen."""
         return math.dist(planner.drawing.look_at, goal.spot) < MIN_SPOT_MOVE
 
-    def bid(self, now: float, status: RobotStatus, planner: ViewpointPlanner, serves: bool) -> Optional[Bid]:
-        """Makes the robot's bid; None if there is no place for it."""
+    def make_offer(self, now: float, status: RobotStatus, planner: ViewpointPlanner, serves: bool) -> Optional[Offer]:
+        """Makes the robot's offer; None if there is no place for it."""
         assert status.pose is not None
         if now < self._rests_until and not self._endangered:
             return None
         if not serves and not status.busy and planner.shows_target(status.pose):
-            return Bid((False, self._failures(), False, False, 0.0), None)
+            return Offer((False, self._failures(), False, False, 0.0), None)
         found = planner.best_viewpoint(status.pose, self._avoided())
         if found is None:
             self._rests_until = now + MIN_INTERVAL  # asking again at once would give the same answer
@@ -215,7 +215,7 @@ class RobotRecord:
                 self.goal = None  # rather nowhere than through what is being drawn
             return None
         cost = found.cost - (SWITCH_GAIN if serves else 0.0)
-        return Bid((not found.sees_spot, self._failures(), status.busy and not serves, found.risky, cost), found)
+        return Offer((not found.sees_spot, self._failures(), status.busy and not serves, found.risky, cost), found)
 
     def take(self, now: float, status: RobotStatus, planner: ViewpointPlanner, place: Optional[Viewpoint]) -> None:
         """Makes a place the goal, unless it is where the robot already is or goes."""
@@ -272,8 +272,8 @@ class Fleet:
         serving = self.serving if self.serving in able else None
         if serving is not None and self.records[serving].review_goal(inputs, *able[serving]):
             return
-        bids = {name: self.records[name].bid(inputs.now, *able[name], name == serving) for name in able}
-        made = {name: offer for name, offer in bids.items() if offer is not None}
+        offers = {name: self.records[name].make_offer(inputs.now, *able[name], name == serving) for name in able}
+        made = {name: offer for name, offer in offers.items() if offer is not None}
         if made:
             self.serving = min(made, key=lambda name: made[name].order)
             self.records[self.serving].take(inputs.now, *able[self.serving], made[self.serving].place)

@@ -143,7 +143,7 @@ class CeilingView:
         noise = float(self._noise.sigma(100.0)) * self._rng.standard_normal(shape, dtype=np.float32)
         return np.clip(noise + _NOISE_OFFSET + 0.5, 0, 255).astype(np.uint8)
 
-    def shine(self, light: Optional[FloorLight]) -> None:
+    def set_floor_light(self, light: Optional[FloorLight]) -> None:
         """Lets a projector's light fall on the floor until the next call; None: it is switched off."""
         self._clean()
         if self._unlit is None:
@@ -241,7 +241,7 @@ class CeilingView:
             self._sprites[name] = known
         return known[1]
 
-    def _draw_sprite(self, pieces: bodies.Pieces, pose, radius: float) -> Optional[_Sprite]:
+    def _draw_sprite(self, pieces: bodies.BodyParts, pose, radius: float) -> Optional[_Sprite]:
         outlines = bodies.project_pieces(pieces, self.model, self.pose)
         if not len(outlines.points):
             return None
@@ -363,7 +363,7 @@ class CeilingView:
         row = min(max(int(spot.center[1]) // _HALF, 0), self._albedo.shape[0] - 1)
         albedo = self._albedo[row, column] / (255.0 * self._optics.exposure_gain)
         weights = visible * snapshot.around.exposure * albedo * self._optics.response(snapshot.laser_color)
-        light = pixels.spread(spot.light, weights, self.encoding, spot.column, spot.row)
+        light = pixels.apply_color_filters(spot.light, weights, self.encoding, spot.column, spot.row)
         rows = slice(spot.row, spot.row + spot.light.shape[0])
         columns = slice(spot.column, spot.column + spot.light.shape[1])
         part = picture[rows, columns]

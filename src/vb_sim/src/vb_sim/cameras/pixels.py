@@ -34,7 +34,7 @@ def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
     return encode(cv2.resize(rgb, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), encoding)
 
 
-def spread(values: np.ndarray, weights: np.ndarray, encoding: str, column: int, row: int) -> np.ndarray:
+def apply_color_filters(values: np.ndarray, weights: np.ndarray, encoding: str, column: int, row: int) -> np.ndarray:
     """Spreads light (h, w) over the filters of a sensor: (h, w) or (h, w, 3).
 
     Args:

@@ -21,7 +21,7 @@ class ProjectorInput:
         /virtual_borders/projector (sensor_msgs/Image, rgb8), if the world has a projector.
 
     Args:
-        views: of the cameras; each has a method `shine`.
+        views: of the cameras; each has a method `set_floor_light`.
     """
 
     def __init__(self, world: World, optics: Optics, views: List[Any]) -> None:
@@ -47,4 +47,4 @@ class ProjectorInput:
         light = self._light
         if light is not self._shown[index]:
             self._shown[index] = light
-            self._views[index].shine(light)
+            self._views[index].set_floor_light(light)

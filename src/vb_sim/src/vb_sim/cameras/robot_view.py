@@ -140,7 +140,7 @@ class RobotView:
             cv2.subtract(image, self._darker[part], dst=image)
         return image
 
-    def shine(self, light: Optional[FloorLight]) -> None:
+    def set_floor_light(self, light: Optional[FloorLight]) -> None:
         """Lets a projector's light fall on the floor until the next call; None: it is switched off."""
         self._light = light
         self._color_key = None
@@ -205,7 +205,7 @@ class RobotView:
         buffer, gain = self._buffer, self._optics.exposure_gain
         buffer.clear()
         buffer.draw_mesh(self._mesh, pose, gain)
-        pieces: List[bodies.Pieces] = []
+        pieces: List[bodies.BodyParts] = []
         for name, where in snapshot.robots.items():
             if name not in self._names:
                 pieces.append(bodies.robot_pieces(where, self._radii.get(name, 0.18)))

@@ -156,7 +156,7 @@ class Stroke:
         return float(self._pace[min(max(int(arc / self._bin), 0), len(self._pace) - 1)])
 
 
-def imagine_border(border: np.ndarray, closed: bool, offset: Tuple[float, float], turn: float, margin: float) -> np.ndarray:
+def perceive_border(border: np.ndarray, closed: bool, offset: Tuple[float, float], turn: float, margin: float) -> np.ndarray:
     """Returns the chain that a person has in mind, who sees marks on the floor and no map.
 
     Args:

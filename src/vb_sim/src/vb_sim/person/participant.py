@@ -41,7 +41,7 @@ class CommandReply:
 
 
 @dataclass
-class Percept:
+class Perception:
     """What the person perceives now; times in seconds.
 
     Attributes:
@@ -137,7 +137,7 @@ class Person:
         self.legs.here = self.legs.find_place_near(np.asarray(start_near, dtype=float), 1.2, 2.0, self.rng)
         self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
         self._tremor = Tremor(model.tremor, (model.tremor_band[0], model.tremor_band[1]), self.rng)
-        self.percept = Percept()
+        self.percept = Perception()
         self.spot: Optional[np.ndarray] = None  # where the laser is meant to point
         # whose movement it is: the same person in all scenarios, with all methods
         chosen = np.random.default_rng([seed, 2]).integers(len(load_styles()))
@@ -170,7 +170,7 @@ class Person:
         return self.scenario.seed.copy()
 
     # ------------------------------------------------------------ the world's side
-    def step(self, percept: Percept, script: Step) -> None:
+    def step(self, percept: Perception, script: Step) -> None:
         """Perceives, acts for the time since the last percept, and goes on with the script."""
         self.dt = min(max(percept.now - self.percept.now, 0.0), 0.1) if self.percept.now else 0.0
         self.percept = percept
@@ -221,7 +221,7 @@ class Person:
         while self.legs.walking:
             yield
 
-    def come_within_reach(self, spot: np.ndarray, line: np.ndarray) -> None:
+    def walk_within_reach(self, spot: np.ndarray, line: np.ndarray) -> None:
         """Begins to walk to where the spot can be pointed at, if it cannot from here."""
         if self.legs.walking or np.linalg.norm(self.legs.here - spot) <= self.model.reach:
             return
@@ -259,7 +259,7 @@ class Person:
             ParticipantGaveUp: if it stays without a good answer.
             DrawingSlip: if another command came out and changed something.
         """
-        yield from self._maybe_wrong_word(command, source)
+        yield from self._maybe_say_wrong_word(command, source)
         for _ in range(times):
             yield from self.say(command, source)
             if self.last_answer.success:
@@ -267,7 +267,7 @@ class Person:
             yield from self.wait(1.0)
         raise ParticipantGaveUp(f"{command} was not taken: {self.last_answer.message} [{self.last_answer.code}]")
 
-    def _maybe_wrong_word(self, command: str, source: str) -> Step:
+    def _maybe_say_wrong_word(self, command: str, source: str) -> Step:
         """Now and then another command is said, understood or pressed; the person sees on the display what it did.
 
         Raises:
@@ -304,7 +304,7 @@ class Person:
         border = self.scenario.border if border is None else border
         return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor, self.style)
 
-    def may_slip(self, stroke: Stroke, arc: float, speed: float) -> Step:
+    def maybe_make_slip(self, stroke: Stroke, arc: float, speed: float) -> Step:
         """Lets the hand go wrong, once in a lifetime, at some place of the stroke.
 
         Raises:
@@ -342,7 +342,7 @@ class ParticipantScript:
         self._began: Optional[float] = None
         self._script = self._run()
 
-    def step(self, percept: Percept) -> Action:
+    def step(self, percept: Perception) -> Action:
         """Lets the person perceive and act once."""
         self.person.step(percept, self._script)
         return self.person.action(self.outcome)

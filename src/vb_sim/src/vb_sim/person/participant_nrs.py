@@ -69,10 +69,10 @@ class NetworkRobotSystemScript(ParticipantScript):
                 # the way back counts as feedback: what follows is assessed again
                 yield from person.see_and_wait(0.1, 2.0)
                 seen_at = arc
-            yield from person.may_slip(stroke, arc, person.drawing_speed)
+            yield from person.maybe_make_slip(stroke, arc, person.drawing_speed)
             arc += sign * min(person.drawing_speed * stroke.pace(arc) * person.dt, abs(end - arc))
             person.spot = stroke.at(arc)
-            person.come_within_reach(person.spot, stroke.points)
+            person.walk_within_reach(person.spot, stroke.points)
             yield
         return begin if first_seen is None else first_seen
 
@@ -83,7 +83,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         for order in [*ways, ways[0]]:
             stroke = person.new_stroke(order)
             person.spot = stroke.at(stroke.start)
-            person.come_within_reach(person.spot, stroke.points)
+            person.walk_within_reach(person.spot, stroke.points)
             yield from person.see_and_wait(0.1, person.model.patience / 2.0)
             if person.unseen_for() < FEEDBACK_GAP:
                 break
@@ -111,7 +111,7 @@ class NetworkRobotSystemScript(ParticipantScript):
             yield from self._without_cameras.show_seed()
             return
         person.doing = "walks"
-        person.come_within_reach(person.seed, person.scenario.border)
+        person.walk_within_reach(person.seed, person.scenario.border)
         yield from person.react()
         yield from person.repeat_command("define_seed", self.source)
         while person.legs.walking:

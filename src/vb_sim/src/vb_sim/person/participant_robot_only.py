@@ -55,7 +55,7 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.move_spot(stroke.at(arc), person.model.robot_drawing_speed)
         while arc < stroke.length:
             unseen = person.unseen_for(by_robot=True)
-            yield from person.may_slip(stroke, arc, person.model.robot_drawing_speed)
+            yield from person.maybe_make_slip(stroke, arc, person.model.robot_drawing_speed)
             if unseen < FEEDBACK_GAP:
                 seen_at = arc
                 arc = min(arc + self._pace() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0) * person.dt, stroke.length)

@@ -41,11 +41,11 @@ def choose_order(border: np.ndarray, closed: bool, robot: np.ndarray) -> np.ndar
         robot: (2,) [m] where the robot is before it is led to the border's beginning.
     """
 
-    def regret(order: np.ndarray) -> float:
+    def order_cost(order: np.ndarray) -> float:
         chain = np.vstack([order, order[:1]]) if closed else order
         there = geometry.resample_chain(np.vstack([robot, order[0]]), STEP)
         spots = np.vstack([there, geometry.resample_chain(chain, STEP)])
         nearness = np.maximum(0.8 - simulate_follower(spots, robot)[len(there) :], 0.0).sum() * STEP
         return float(nearness) * 20.0 + float(np.linalg.norm(order[0] - robot))
 
-    return min(list_orders(np.asarray(border, dtype=float), closed), key=regret)
+    return min(list_orders(np.asarray(border, dtype=float), closed), key=order_cost)

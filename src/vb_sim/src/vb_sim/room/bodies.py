@@ -29,7 +29,7 @@ AVERAGE = Build()
 
 
 @dataclass(frozen=True)
-class Pieces:
+class BodyParts:
     """Hulls of two flat ellipses each.
 
     Attributes:
@@ -49,7 +49,7 @@ class Pieces:
     def __len__(self) -> int:
         return len(self.yaws)
 
-    def move_to(self, x: float, y: float, yaw: float) -> "Pieces":
+    def move_to(self, x: float, y: float, yaw: float) -> "BodyParts":
         """Moves the pieces of a body at the origin to a pose [m, m, rad]."""
         c, s = math.cos(yaw), math.sin(yaw)
 
@@ -59,7 +59,7 @@ class Pieces:
 
         return replace(self, low=moved(self.low), high=moved(self.high), yaws=np.full(len(self), yaw))
 
-    def scale_to(self, middle: Tuple[float, float], build: Build) -> "Pieces":
+    def scale_to(self, middle: Tuple[float, float], build: Build) -> "BodyParts":
         """Scales a person's pieces, about the middle (x, y) [m], to another build than the average."""
         scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
         at = np.array([*middle, 0.0])
@@ -69,12 +69,12 @@ class Pieces:
         )
 
 
-def join_pieces(parts: Sequence[Pieces]) -> Pieces:
+def join_pieces(parts: Sequence[BodyParts]) -> BodyParts:
     """Joins the pieces of several bodies."""
-    return Pieces(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Pieces)))
+    return BodyParts(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(BodyParts)))
 
 
-def piece_outlines(pieces: Pieces) -> np.ndarray:
+def piece_outlines(pieces: BodyParts) -> np.ndarray:
     """Returns points (N, 32, 3) [m] of both ellipses of each piece."""
     c, s = np.cos(pieces.yaws)[:, None], np.sin(pieces.yaws)[:, None]
     points = np.empty((len(pieces), 2, len(_CIRCLE), 3))
@@ -86,12 +86,12 @@ def piece_outlines(pieces: Pieces) -> np.ndarray:
     return points.reshape(len(pieces), -1, 3)
 
 
-def _stack(rows: Sequence[Tuple]) -> Pieces:
+def _stack(rows: Sequence[Tuple]) -> BodyParts:
     """Pieces from rows (forward, left, z low, z high, radii low, radii high, colour[, forward high, left high])."""
     low = [(forward, left, z) for forward, left, z, *_ in rows]
     high = [(*(row[7:] or row[:2]), row[3]) for row in rows]
     columns = (low, high, [row[4] for row in rows], [row[5] for row in rows], [0.0] * len(rows), [row[6] for row in rows])
-    return Pieces(*(np.array(column, dtype=float) for column in columns))
+    return BodyParts(*(np.array(column, dtype=float) for column in columns))
 
 
 def _tinted(color: Tuple[int, int, int], brightness: float) -> Tuple[int, ...]:
@@ -140,7 +140,7 @@ def hand_position(person: Tuple[float, float, float], target: Optional[Tuple[flo
 
 def person_pieces(
     person: Tuple[float, float, float], target: Optional[Tuple[float, float]], hand_height: float, build: Build = AVERAGE
-) -> Pieces:
+) -> BodyParts:
     """Builds a standing person with the right arm raised towards a point on the floor, or hanging.
 
     Args:
@@ -158,7 +158,7 @@ def person_pieces(
         beam = np.array([*target, 0.0]) - hand
         joints.append(hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09)
     count = len(joints) - 1
-    arm = Pieces(
+    arm = BodyParts(
         np.array(joints[:-1]), np.array(joints[1:]), _ARM_LOW_RADII[:count], _ARM_HIGH_RADII[:count],
         np.full(count, yaw), _ARM_COLORS[:count],
     )
@@ -196,11 +196,11 @@ _ROBOT = _stack([
 ])
 
 
-def robot_pieces(pose: Tuple[float, float, float], radius: float) -> Pieces:
+def robot_pieces(pose: Tuple[float, float, float], radius: float) -> BodyParts:
     """Builds a robot of a TurtleBot 2's proportions: what it is drawn like fits into the cylinder of its profile."""
     scale = radius / _ROBOT_RADIUS
     parts = (_ROBOT.low, _ROBOT.high, _ROBOT.low_radii, _ROBOT.high_radii)
-    return Pieces(*(scale * part for part in parts), _ROBOT.yaws, _ROBOT.colors).move_to(*pose)
+    return BodyParts(*(scale * part for part in parts), _ROBOT.yaws, _ROBOT.colors).move_to(*pose)
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ class Outlines:
     colors: np.ndarray
 
 
-def project_pieces(pieces: Pieces, camera: CameraModel, T_map_optical: np.ndarray, near: float = 0.15) -> Outlines:
+def project_pieces(pieces: BodyParts, camera: CameraModel, T_map_optical: np.ndarray, near: float = 0.15) -> Outlines:
     """Outlines of pieces; without those that reach behind the camera."""
     T = invert(T_map_optical)
     points = piece_outlines(pieces).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]

@@ -11,7 +11,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_sim.cameras import pixels
-from vb_sim.room.bodies import SHIRT, SHOES, Pieces, person_key, person_pieces
+from vb_sim.room.bodies import SHIRT, SHOES, BodyParts, person_key, person_pieces
 
 Rectangle = Tuple[slice, slice]
 _SHIFT = 4
@@ -30,7 +30,7 @@ class Bystander:
     shirt: Tuple[int, int, int] = SHIRT
     shoes: Tuple[int, int, int] = SHOES
 
-    def pieces(self) -> Pieces:
+    def pieces(self) -> BodyParts:
         """Builds this person's pieces; clothes differ by colour."""
         pieces = person_pieces(self.pose, None, 0.0)
         colors = pieces.colors.copy()
@@ -133,7 +133,7 @@ def add_glint(picture: np.ndarray, glint: Glint, area: Tuple[Rectangle, np.ndarr
     v = np.arange(rows.start, rows.stop) - middle[1]
     light = glint.brightness * exposure * np.exp(-0.5 * (u[None, :] ** 2 + v[:, None] ** 2) / sigma**2)
     part = picture[rows, columns]
-    part[...] = np.minimum(part + pixels.spread(light, np.ones(3), encoding, columns.start, rows.start) + 0.5, 255.0)
+    part[...] = np.minimum(part + pixels.apply_color_filters(light, np.ones(3), encoding, columns.start, rows.start) + 0.5, 255.0)
 
 
 def _project(points: np.ndarray, camera: CameraModel, T_map_optical: np.ndarray) -> np.ndarray:

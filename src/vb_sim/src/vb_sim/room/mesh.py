@@ -33,7 +33,7 @@ class MeshBuilder:
         self._colors: List[np.ndarray] = []
         self._normals: List[np.ndarray] = []
 
-    def face(self, corners: np.ndarray, color: Sequence[float], shaded: bool = True) -> None:
+    def add_face(self, corners: np.ndarray, color: Sequence[float], shaded: bool = True) -> None:
         """Adds a flat convex face, corners (K, 3) [m] counter-clockwise as seen from outside."""
         corners = np.asarray(corners, dtype=float)
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
@@ -65,11 +65,11 @@ class MeshBuilder:
         for a, b in zip(outline, np.roll(outline, -1, axis=0)):
             bottom = low
             for top, brightness in strips:
-                self.face([(*a, bottom), (*b, bottom), (*b, top), (*a, top)], color * brightness)
+                self.add_face([(*a, bottom), (*b, bottom), (*b, top), (*a, top)], color * brightness)
                 bottom = top
-        self.face(np.column_stack([outline, np.full(len(outline), high)]), color)
+        self.add_face(np.column_stack([outline, np.full(len(outline), high)]), color)
         if low > 0:
-            self.face(np.column_stack([outline, np.full(len(outline), low)])[::-1], color * 0.7)
+            self.add_face(np.column_stack([outline, np.full(len(outline), low)])[::-1], color * 0.7)
 
     def build(self) -> "Mesh":
         """Builds the mesh of all faces."""
