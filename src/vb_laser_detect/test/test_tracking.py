@@ -38,9 +38,9 @@ class Film:
         self.expected = self.tracker.begin(self.now, self.camera, None)
         told = []
         for track in self.tracker.update(sightings, self.images):
-            told.append(Told(track.number, track.confirmed, track.published, [one.tag for one in track.waiting if track.published]))
+            told.append(Told(track.number, track.confirmed, track.published, [one.tag for one in track.unpublished if track.published]))
             if track.published:  # as the detector does
-                track.waiting = []
+                track.unpublished = []
         return told
 
 
@@ -101,7 +101,7 @@ def test_what_is_never_confirmed_waits_for_a_second_only():
     for _ in range(200):
         film.see(sighting(0.0, tint=None))
     (track,) = film.tracker._tracks
-    assert 2 <= len(track.waiting) <= 60
+    assert 2 <= len(track.unpublished) <= 60
 
 
 @pytest.mark.parametrize("mosaic", [False, True])
