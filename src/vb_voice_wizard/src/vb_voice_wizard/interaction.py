@@ -377,7 +377,7 @@ class Interaction:
         return wanted and not self._spots[self.state] and self._counted_until >= self.entered + UNSEEN_AFTER
 
     @property
-    def ends(self) -> float:
+    def ends_at(self) -> float:
         """[s] when the interaction ends by itself if nothing happens; 0: not soon, or there is none."""
         if self.state == State.DEFAULT or self.pending:
             return 0.0
