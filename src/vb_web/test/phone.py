@@ -3,13 +3,12 @@ python3-selenium."""
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 
 from selenium import webdriver
 from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
-from selenium.webdriver.common.actions.action_builder import ActionBuilder
-from selenium.webdriver.common.actions.pointer_input import PointerInput
 
 PHONE, WALL = (360, 740), (1920, 1080)
 _SWITCHES = ("--no-sandbox", "--headless=new", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage",
@@ -39,6 +38,7 @@ class Browser:
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
+        self.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True})
 
     def close(self):
         self.driver.quit()
@@ -95,22 +95,28 @@ class Browser:
             point,
         )
 
-    def stroke(self, points, kind="touch"):
-        """Moves a finger over points of the floor [m]."""
+    def stroke(self, points):
+        """Moves a finger over points of the floor [m], as the browser hears it: it may also scroll, and a tap clicks."""
         self.run("document.getElementById('map').scrollIntoView({block: 'center'})")
-        places = [self.on_screen(point) for point in points]
-        finger = PointerInput(kind, "finger")
-        actions = ActionBuilder(self.driver, mouse=finger, duration=10)
-        finger.create_pointer_move(duration=0, x=places[0][0], y=places[0][1])
-        finger.create_pointer_down(button=0)
-        for x, y in places[1:]:
-            finger.create_pointer_move(duration=20, x=x, y=y)
-        finger.create_pointer_up(button=0)
-        actions.perform()
+        corners = [self.on_screen(point) for point in points]
+        places = [corners[0]]
+        for (x0, y0), (x1, y1) in zip(corners, corners[1:]):
+            steps = max(1, round(math.hypot(x1 - x0, y1 - y0) / 8))
+            places += [(x0 + (x1 - x0) * step / steps, y0 + (y1 - y0) * step / steps) for step in range(1, steps + 1)]
+        for number, (x, y) in enumerate(places):
+            self._touch("touchMove" if number else "touchStart", [{"x": x, "y": y}])
+        self._touch("touchEnd", [])
+
+    def _touch(self, kind, fingers):
+        self.driver.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
 
     def tap(self, point):
         """Taps a point of the floor [m]."""
         self.stroke([point])
+
+    def wait_click(self):
+        """Waits until the browser has clicked where a finger tapped, if it does."""
+        self.driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(arguments[0])))")
 
     def faults(self):
         """What the browser's console has of faults in the page itself; a server that is away is none."""

@@ -179,11 +179,27 @@ class PageTest(unittest.TestCase):
 
     def test_2_corners_times_and_a_wall(self):
         self.draw_carpet("Rug")
+        # a tap on the map opens the menu, and presses nothing that comes up under the finger
+        middle = self.browser.run("const line = window.virtualBorders.map.borders[0].line; return [0, 1].map("
+                                  "(axis) => line.reduce((sum, point) => sum + point[axis], 0) / line.length)")
+        for point in ([middle[0] + 0.4, middle[1]], [middle[0] - 0.4, middle[1]]):
+            self.browser.tap(point)
+            self.browser.wait_text("#dialog", "Switch off")
+            self.browser.wait_click()
+            self.assertIn("Switch off", self.browser.text("#dialog"))
+            self.browser.run("document.getElementById('dialog').close()")
         self.browser.click("#borders .name")
         self.browser.click("#dialog button", "Edit")
         self.browser.wait("document.querySelectorAll('#handles [data-corner]').length >= 4", what="corners")
+        self.browser.wait_text("#review", " m\u00b2")
+        area = self.browser.text("#review").split(" m\u00b2")[0].split()[-1]
         corner = self.browser.run("return window.virtualBorders.draft().points.reduce((a, b) => b[0] + b[1] > a[0] + a[1] ? b : a)")
-        self.browser.stroke([corner, [corner[0] + 0.2, corner[1] + 0.1], [corner[0] + 0.5, corner[1] + 0.4]])
+        end = [corner[0] + 0.5, corner[1] + 0.4]
+        self.browser.stroke([corner, [corner[0] + 0.2, corner[1] + 0.1], end])
+        # the corner follows the finger to the end, and the area is that of the new shape
+        self.browser.wait("Math.hypot(...window.virtualBorders.draft().points.reduce((a, b) => b[0] + b[1] > a[0] + a[1] ? b : a)"
+                          ".map((value, axis) => value - arguments[0][axis])) < 0.1", end, what="the corner under the finger")
+        self.browser.wait("!document.getElementById('review').innerText.includes(arguments[0])", f"{area} m\u00b2", what="the new area")
         # the same by keys
         index = self.browser.run("""const points = window.virtualBorders.draft().points;
             const i = points.reduce((a, b, k) => b[0] + b[1] < points[a][0] + points[a][1] ? k : a, 0);

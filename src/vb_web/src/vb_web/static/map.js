@@ -300,6 +300,8 @@ export class MapView {
     element.addEventListener("wheel", (event) => { event.preventDefault(); this.zoom(Math.exp(-event.deltaY * .0015), this.at(event)); }, { passive: false });
     // one finger scrolls the page while nothing is drawn, two move the map
     element.addEventListener("touchmove", (event) => { if (event.touches.length > 1) event.preventDefault(); }, { passive: false });
+    // a tap is over when the finger is lifted: its click would press what the tap has brought up under the finger
+    element.addEventListener("touchend", (event) => { if (event.cancelable) event.preventDefault(); }, { passive: false });
     element.addEventListener("keydown", (event) => this.key(event));
     element.addEventListener("blur", () => this.setCursor(null));
   }
@@ -344,17 +346,18 @@ export class MapView {
   }
 
   up(event, regular) {
-    if (!this.pointers.delete(event.pointerId)) return;
-    const here = this.at(event), gesture = this.gesture;
-    if (this.pointers.size) return;
+    const last = this.pointers.get(event.pointerId), gesture = this.gesture;
+    if (!this.pointers.delete(event.pointerId) || this.pointers.size) return;
     this.gesture = null;
+    // a corner stays where the finger was last, also when the browser takes the gesture away
+    if (gesture === "corner" && this.moved) this.on.drag(this.corner, this.onMap(this.toWorld(regular ? this.at(event) : last)), true);
     if (gesture === "pinch" || !regular) return;
+    const here = this.at(event);
     const point = this.toWorld(here), onMap = this.onMap(point), beside = (one) => distance(one, this.onMap(one)) * this.view.scale > HANDLE_PX;
     if (gesture === "stroke" && this.moved) {
       if (this.strokePoints.every(beside)) { this.on.stroke([onMap], false); this.on.outside(); }
       else this.on.stroke(this.strokePoints.map((one) => this.onMap(one)), true);
-    } else if (gesture === "corner" && this.moved) this.on.drag(this.corner, onMap, true);
-    else if (gesture === "between") this.on.between(this.corner, onMap);
+    } else if (gesture === "between") this.on.between(this.corner, onMap);
     else if (!this.moved && (gesture === "pan" || gesture === "stroke")) {
       if ((this.drawing || this.picking) && beside(point)) this.on.outside();
       else this.on.tap(onMap, this.pick(point));
