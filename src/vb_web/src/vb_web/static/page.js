@@ -155,7 +155,7 @@ function showRough(points, kind) {
 // What a touch of the map does; while it only chooses a border, the first thing that people should know comes before that.
 function drawHint() {
   const [first] = mode === "look" ? standing() : [];
-  const which = mode === "look" && !operator() ? "watch" : mode === "review" && draft.kind === "wall" ? "ends" : taps.length && (mode === "draw" || mode === "wall") ? `${mode}_next` : mode;
+  const which = mode === "look" && !operator() ? "watch" : mode === "look" && view.borders && !view.borders.list.length ? "empty" : mode === "review" && draft.kind === "wall" ? "ends" : taps.length && (mode === "draw" || mode === "wall") ? `${mode}_next` : mode;
   const text = first ? words.tell(first) : say(`page_hint_${which}`);
   if ($("hint").textContent !== text) $("hint").firstChild.textContent = text;
   $("hint").classList.toggle("warning", Boolean(first && first.severity));
@@ -523,7 +523,7 @@ const DRAW = {
     $("floor-button").hidden = !section.floor;
     if (section.floor && operator() && !floorOn && !view.floorTried) { view.floorTried = true; setFloor(true); }
   },
-  borders() { drawBorders(); drawBanners(); drawChanges(); }, state() { drawState(); drawBanners(); drawNotices(); }, health() { drawState(); drawBanners(); },
+  borders() { drawHint(); drawBorders(); drawBanners(); drawChanges(); }, state() { drawState(); drawBanners(); drawNotices(); }, health() { drawState(); drawBanners(); },
   progress(section) { map.setProgress(section); }, preview: drawState, robots(section) { map.setRobots(section); }, spots(section) { map.setSpots(section); },
   level(section) { $("level").hidden = section === null; $("level").querySelector("meter").value = section === null ? -60 : section; },
   notices() { drawNotices(); drawHealth(); }, cameras() { drawHealth(); refreshFloor(); }, diagnostics: drawHealth, events: drawEvents, study: drawStudy,
