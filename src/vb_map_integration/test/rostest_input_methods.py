@@ -21,6 +21,7 @@ from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerU
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import Latest, MapServer, lab, wait_until  # noqa: E402
+from vb_core import sentences  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
 from vb_map_integration import border_editor_node as editor  # noqa: E402
 from vb_msgs.msg import VirtualBorderArray  # noqa: E402
@@ -154,7 +155,7 @@ class InputMethodsTest(unittest.TestCase):
     def test_refused_clicks_change_nothing(self):
         count = self.maps.count
         self.click(float("nan"), 0.0)
-        self.said("x and y")
+        self.said(sentences.say("bad_points", {}))
         self.click(0.0, 0.0, "nowhere")
         self.said("no transform")
         for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 0.0), (50.0, 50.0)):
