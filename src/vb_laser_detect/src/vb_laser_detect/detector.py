@@ -191,18 +191,18 @@ class SpotDetector:
         """Returns a pixel's length on the floor [m]; NaN where that is not known."""
         return metres_per_pixel(self._to_floor, u, v) if self._to_floor is not None else math.nan
 
-    def _size_range(self, metre: float, camera: Camera) -> Tuple[float, float]:
+    def _size_range(self, pixel_size: float, camera: Camera) -> Tuple[float, float]:
         """Returns a spot's smallest and largest diameter [px] where a pixel is this long on the floor [m]."""
-        if math.isnan(metre):
+        if math.isnan(pixel_size):
             return _MIN_PX, _MAX_DIAGONAL_SHARE * camera.diagonal
-        smallest, largest = (0.001 / metre * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm))
+        smallest, largest = (0.001 / pixel_size * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm))
         return max(_MIN_PX, smallest), largest + _SMEAR_PX
 
     def _wrong_size(self, blob: Blob, camera: Camera) -> str:
-        metre = self._pixel_size(blob.u, blob.v)
-        if self._to_floor is not None and math.isnan(metre):
+        pixel_size = self._pixel_size(blob.u, blob.v)
+        if self._to_floor is not None and math.isnan(pixel_size):
             return "off_floor"
-        smallest, largest = self._size_range(metre, camera)
+        smallest, largest = self._size_range(pixel_size, camera)
         if blob.diameter < smallest:
             return "too_small"
         return "too_large" if blob.diameter > largest else ""

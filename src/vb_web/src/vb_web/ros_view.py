@@ -112,7 +112,7 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
         "kind": _KIND_NAMES.get(border.kind, "curve"),
         "seed": centimetres([border.seed]),
         "enabled": bool(border.enabled),
-        "acting": bool(border.in_force),
+        "in_force": bool(border.in_force),
         "reason": border.reason,
         "schedule": border.schedule,
         "zone": _ZONE_NAMES.get(border.zone, "keep_out"),

@@ -198,8 +198,7 @@ export class MapView {
     this.clear("borders");
     for (const border of this.borders) {
       if (border.id === hidden) continue;
-      const acting = border.enabled && !(border.reason && !border.acting);
-      this.line("borders", `border ${border.kind} ${acting ? "" : "off"}`, path(border.line, border.kind === "polygon"));
+      this.line("borders", `border ${border.kind} ${border.off ? "off" : ""}`, path(border.line, border.kind === "polygon"));
       const half = border.line.length / 2, ends = [border.line[Math.ceil(half) - 1], border.line[Math.floor(half)]];
       const at = border.kind === "polygon" ? middle(border.line) : [(ends[0][0] + ends[1][0]) / 2, (ends[0][1] + ends[1][1]) / 2];
       const name = this.words.border(border.name), y = border.kind === "polygon" ? .3 : -.6;

@@ -265,7 +265,7 @@ function choose(id) {
 
 // Why a border is not in force; "" if it is.
 function idle(border) {
-  const code = !border.enabled ? "page_reason_disabled" : border.reason && !border.acting ? `page_reason_${border.reason}` : "";
+  const code = !border.enabled ? "page_reason_disabled" : border.reason && !border.in_force ? `page_reason_${border.reason}` : "";
   return code && say(words.has(code) ? code : border.reason);
 }
 
@@ -278,7 +278,10 @@ function why(border) {
 function drawBorders() {
   if (!view.borders) return;
   const { list } = view.borders;
-  map.setBorders(list.map((border) => ({ ...border, note: border.reason === "off_schedule" ? scheduleText(border.schedule) : idle(border) })), draft && draft.border);
+  map.setBorders(list.map((border) => {
+    const reason = idle(border);
+    return { ...border, off: Boolean(reason), note: border.reason === "off_schedule" ? scheduleText(border.schedule) : reason };
+  }), draft && draft.border);
   fill($("borders"), !list.length ? [element("li", { class: "muted" }, say("page_no_borders"))] : list.map((border) => {
     const toggle = element("button", {
       type: "button", class: "switch operator", role: "switch", "aria-checked": String(border.enabled), "aria-label": say("page_switch", { border: border.name }), "data-key": `switch ${border.id}`,
