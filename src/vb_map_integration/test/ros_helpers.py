@@ -46,10 +46,10 @@ class MapServer:
 
 
 class Latest:
-    """The newest message of a topic."""
+    """The newest message of a topic, an empty one until the first."""
 
     def __init__(self, topic, kind):
-        self.message, self.count = None, 0
+        self.message, self.count = kind(), 0
         self.subscriber = rospy.Subscriber(topic, kind, self.take, queue_size=10, buff_size=2**22)
 
     def take(self, message):

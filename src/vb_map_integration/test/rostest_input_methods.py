@@ -85,8 +85,8 @@ class InputMethodsTest(unittest.TestCase):
         transform.transform.rotation = Quaternion(0.0, 0.0, 0.5**0.5, 0.5**0.5)
         cls.broadcaster = StaticTransformBroadcaster()
         cls.broadcaster.sendTransform(transform)
-        wait_until(lambda: cls.maps.message is not None and cls.borders.message is not None, "the first map")
-        wait_until(lambda: cls.clicks.get_num_connections() and cls.status.message, "clicked_border")
+        wait_until(lambda: cls.maps.count and cls.borders.count, "the first map")
+        wait_until(lambda: cls.clicks.get_num_connections() and cls.status.count, "clicked_border")
         wait_until(lambda: cls.handles.publisher.get_num_connections(), "border_editor")
 
     def setUp(self):

@@ -87,7 +87,11 @@ class DriverTest(unittest.TestCase):
 
     def is_released(self):
         self.stop.publish(Bool(False))  # again: a driver that has just started may not have heard the first one
-        return self.drivers.get("") == ("none", "idle")
+        return self.drivers.get("") == ("none", "idle") and self.drivers["ada"][0] != "stop"
+
+    def is_stopped(self):
+        self.stop.publish(Bool(True))  # again: a driver that reports need not be connected to this topic yet
+        return {drives for drives, _code in self.drivers.values()} == {"stop"}
 
     def put(self, body, pose):
         with body.lock:
@@ -122,7 +126,7 @@ class DriverTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: not self.said("robot_state_lost")))
 
     def test_a_driver_that_starts_again_while_the_manager_is_away_stays_stopped(self):
-        self.stop.publish(Bool(True))
+        self.assertTrue(wait_until(self.is_stopped), str(self.drivers))
         self.assertTrue(wait_until(lambda: os.path.exists(rospy.get_param("/robot_driver/stop_file"))))
         self.stimulus.silent = True
         said = []
@@ -138,7 +142,7 @@ class DriverTest(unittest.TestCase):
     def test_navigation_goes_through_it_and_stop_wins(self):
         type(self).wish = (0.05, 0.2)
         self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
-        self.stop.publish(Bool(True))
+        self.assertTrue(wait_until(self.is_stopped), str(self.drivers))
         self.assertTrue(self.holds("stopped"))
         self.assertTrue(wait_until(lambda: self.said("robot_stopped")))
         self.assertTrue(wait_until(lambda: self.said("stop_not_remembered", "ada")))

@@ -423,6 +423,7 @@ class InteractionManagerTest(unittest.TestCase):
             self.state.wait(lambda message: message.stopped, "a stop in doubt")
             wait_until(lambda: self._answers("resume"), "the impatient node")
             self.state.wait(lambda message: not message.stopped, "robots that may drive")
+            wait_until(lambda: notices.all, "the impatient node's notices")
             self.assertTrue(self.command("define_border").success)
             # they may be over when a slow machine looks: what was said counts
             warned = wait_until(lambda: [message for message in self.state.all if not message.ends_at.is_zero()], "the warning")

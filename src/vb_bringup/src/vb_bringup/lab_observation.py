@@ -23,6 +23,7 @@ from vb_bringup.lab import (
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros.images import compressed_image_array, image_array
+from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.detection.exposure import saturated_share
@@ -30,6 +31,7 @@ from vb_msgs.msg import VirtualBorderArray
 
 NEEDED_NODES = ("/interaction_manager", "/border_fusion", "/map_integrator")
 _DETECTOR = "spot_detector"
+_CONNECTION_PATIENCE_S = 5.0  # a publisher that cannot be reached by then is one of the faults to report
 _IMAGE_TYPES = {"sensor_msgs/Image": Image, "sensor_msgs/CompressedImage": CompressedImage}
 
 
@@ -63,7 +65,7 @@ class ObservedTopic:
         self._ages: List[float] = []
         self._raw: Optional[bytes] = None
         # undecoded: images would keep this process busy for nothing
-        self._subscriber = rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, queue_size=5, buff_size=2**24)
+        self.subscriber = rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, queue_size=5, buff_size=2**24)
 
     def _on_message(self, message: rospy.AnyMsg) -> None:
         with self._lock:
@@ -102,7 +104,7 @@ class ObservedTopic:
 
     def close(self) -> None:
         """Stops listening."""
-        self._subscriber.unregister()
+        self.subscriber.unregister()
 
 
 def observe_lab(seconds: float) -> List[CheckLine]:
@@ -126,6 +128,7 @@ def observe_lab(seconds: float) -> List[CheckLine]:
     for topic, kind in ((names.PHYSICAL_MAP, OccupancyGrid), (names.MAP_WITH_BORDERS, OccupancyGrid),
                         (names.BORDERS, VirtualBorderArray)):
         streams[topic] = ObservedTopic(topic, kind)
+    wait_for_publishers([told.subscriber, *(stream.subscriber for stream in streams.values())], _CONNECTION_PATIENCE_S)
     rospy.rostime.wallsleep(seconds)
 
     poses = _CalibrationFiles(graph)

@@ -20,6 +20,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vb_core import names, sentences
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
+from vb_core.ros import node
 from vb_core.ros.cameras import camera_from_info
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.pose import PoseEstimationParams
@@ -36,6 +37,8 @@ FOLDER = "~/.ros/virtual_borders/cameras"
 _BOARD_IMAGES = 10
 _BOARD_PATIENCE_S = 10.0  # for the next image
 _REPORTS_S = 2.5  # within which each detector has told its camera's frame twice
+_CONNECTION_PATIENCE_S = 15.0  # [s] for all detectors that the master knows
+_FIRST_SPOT_PATIENCE = rospy.Duration(60.0)
 _SPOT_PATIENCE_S = 4.0  # [s] for the spot to be seen and still
 
 
@@ -109,6 +112,8 @@ def collect_detector_frames() -> Dict[str, str]:
             frames[message.camera] = message.frame_id
 
     subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, hear, queue_size=20)
+    if not node.wait_for_publishers([subscriber], _CONNECTION_PATIENCE_S):
+        say("! not all running detectors answer: the frames of their cameras are not compared")
     rospy.rostime.wallsleep(_REPORTS_S)
     subscriber.unregister()
     return frames
@@ -319,9 +324,12 @@ def check(arguments: argparse.Namespace) -> int:
     else:
         rospy.init_node("calibrate_camera", anonymous=True)
         sightings = []
-        say(f"Draw slowly with the spot where cameras overlap, for {arguments.seconds:.0f} s.")
+        say(f"Draw slowly with the spot where cameras overlap: {arguments.seconds:.0f} s from when it is seen first.")
         rospy.Subscriber(names.SPOTS, LaserSpot, lambda message: sightings.append(_sighting(message)), queue_size=100)
-        end = rospy.Time.now() + rospy.Duration(arguments.seconds)
+        end = rospy.Time.now() + _FIRST_SPOT_PATIENCE
+        while not sightings and not rospy.is_shutdown() and rospy.Time.now() < end:
+            rospy.rostime.wallsleep(0.1)
+        end = rospy.Time.now() + rospy.Duration(arguments.seconds if sightings else 0.0)
         while not rospy.is_shutdown() and rospy.Time.now() < end:
             rospy.rostime.wallsleep(0.1)
     pairs = compare_cameras([one for one in list(sightings) if one is not None])

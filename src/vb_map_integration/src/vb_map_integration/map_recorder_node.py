@@ -48,8 +48,9 @@ class MapRecorderNode:
         # maps are rare and each one counts: they queue up
         self._work: "node.Queue[Any]" = node.Queue()
         self._worker = node.Worker(self._work, self._record)
+        # first the borders: a map that comes without them would be stored as one that has none
+        self._maps: Optional[rospy.Subscriber] = None
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=10)
-        rospy.Subscriber(names.MAP_WITH_BORDERS, messages.OccupancyGridArray, self._on_map, queue_size=10, buff_size=2**24)
         rospy.Timer(rospy.Duration(params.wait_s), self._on_timer, reset=True)
 
     def close(self) -> None:
@@ -69,6 +70,9 @@ class MapRecorderNode:
         with self._lock:
             self._borders = message
             self._match()
+            if self._maps is None:
+                self._maps = rospy.Subscriber(
+                    names.MAP_WITH_BORDERS, messages.OccupancyGridArray, self._on_map, queue_size=10, buff_size=2**24)
 
     def _on_timer(self, _event: Any) -> None:
         with self._lock:

@@ -8,8 +8,9 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Deque, Generic, List, Optional, TypeVar
+from typing import Any, Callable, Deque, Generic, Iterable, List, Optional, TypeVar
 
+import rosgraph
 import rospy
 from rospy.impl.paramserver import get_param_server_cache
 
@@ -69,6 +70,21 @@ def _interface(name: str, build: Callable[[], Any]) -> str:
     text = inspect.getdoc(class_) or inspect.getdoc(sys.modules[build.__module__]) or ""
     values = Path(build.__code__.co_filename).resolve().parent.parent.parent / "config" / f"{name}.yaml"
     return f"{name}\n\n{text}" + (f"\n\nParameters and their defaults: {values}" if values.is_file() else "")
+
+
+def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], patience_s: float) -> bool:
+    """Waits until subscribers are connected to as many publishers as the master knows; returns whether they are.
+
+    What lasts some seconds counts them from then: on a busy computer connections take their time.
+    """
+    published = dict(rosgraph.Master(rospy.get_name()).getSystemState()[0])
+    expected = [(subscriber, len(published.get(subscriber.resolved_name, ()))) for subscriber in subscribers]
+    end = time.monotonic() + patience_s
+    while any(subscriber.get_num_connections() < count for subscriber, count in expected):
+        if time.monotonic() > end or rospy.is_shutdown():
+            return False
+        rospy.rostime.wallsleep(0.05)
+    return True
 
 
 def fail(error: CodedError) -> None:

@@ -48,7 +48,7 @@ class NoticeListener:
         self._on_change = on_change
         self._lock = threading.Lock()
         self._book = NoticeBook()
-        self._subscriber = rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
+        self.subscriber = rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
 
     def current(self) -> List[Notice]:
         """Returns the notices that hold now, most severe first."""
@@ -57,7 +57,7 @@ class NoticeListener:
 
     def close(self) -> None:
         """Stops listening."""
-        self._subscriber.unregister()
+        self.subscriber.unregister()
 
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
