@@ -5,10 +5,11 @@
 
 Each crash: a child process opens the database, tells every change to its parent once it is answered, and is killed at a
 random instant of random changes (kill), or may not let its files grow beyond a random size (full), or is killed and
-then up to three bytes, or a block of 512, of one of its files change (flip). The parent then starts an integrator on what is
-left and compares every border with what was acknowledged. A change that was under way may have been made or not.
-Writes docs/results/map-crashes.csv, a row per kind.
+then up to three bytes, or a block of 512, of one of its files change (flip). The parent then starts an integrator on
+what is left and compares every border with what was acknowledged. A change that was under way may have been made or
+not. Writes docs/results/map-crashes.csv, a row per kind.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -212,13 +213,19 @@ def write(rows: List[Dict[str, Any]], made_by: str) -> Path:
         if not some:
             continue
         outcomes, said = Counter(row["outcome"] for row in some), Counter(row["said"] or "nothing" for row in some)
-        table.append({
-            "kind": kind, "crashes": len(some), "changes_acknowledged": sum(row["changes"] for row in some),
-            "refused_with_an_error": sum(row["refused"] for row in some), "same_borders": outcomes["same"],
-            "change_under_way_was_made": outcomes["change under way was made"],
-            "lost_or_moved": outcomes["LOST OR MOVED"], "did_not_start": outcomes["did not start"],
-            "said_at_start": "; ".join(f"{text}: {count}" for text, count in said.most_common()),
-        })
+        table.append(
+            {
+                "kind": kind,
+                "crashes": len(some),
+                "changes_acknowledged": sum(row["changes"] for row in some),
+                "refused_with_an_error": sum(row["refused"] for row in some),
+                "same_borders": outcomes["same"],
+                "change_under_way_was_made": outcomes["change under way was made"],
+                "lost_or_moved": outcomes["LOST OR MOVED"],
+                "did_not_start": outcomes["did not start"],
+                "said_at_start": "; ".join(f"{text}: {count}" for text, count in said.most_common()),
+            }
+        )
     return write_table("map-crashes", f"border_crashes.py --crashes {len(rows)}", made_by, table)
 
 

@@ -10,6 +10,7 @@ published map every border of the floor that is truly shown is looked up where i
 floor. When the state asks for confirmation, somebody answers truly every other time.
 Writes docs/results/map-week.csv, a row per kind of map; --label names the program that ran.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -31,9 +32,23 @@ from vb_map_integration.border import VirtualBorder  # noqa: E402
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator  # noqa: E402
 from vb_map_integration.places.registration import IDENTITY, Transform  # noqa: E402
 
-WEEK = ("static", "slam", "static", "recorded again", "furniture", "upstairs", "static", "shifted 0.3 m",
-        "recorded again", "upstairs again", "slam", "turned 3 degrees", "upstairs",
-        "furniture and recorded again", "static")
+WEEK = (
+    "static",
+    "slam",
+    "static",
+    "recorded again",
+    "furniture",
+    "upstairs",
+    "static",
+    "shifted 0.3 m",
+    "recorded again",
+    "upstairs again",
+    "slam",
+    "turned 3 degrees",
+    "upstairs",
+    "furniture and recorded again",
+    "static",
+)
 
 
 def pose(random: np.random.Generator) -> Transform:
@@ -149,8 +164,14 @@ def main() -> int:
     parser.add_argument("--label", default="")
     options = parser.parse_args()
     rows: Dict[str, Dict[str, int]] = {kind: defaultdict(int) for kind in WEEK}
-    columns = ("maps", "in_doubt", "rooms_closed", "rooms_open_and_said", "rooms_open_without_a_word",
-               "borders_of_the_other_floor_without_a_word")
+    columns = (
+        "maps",
+        "in_doubt",
+        "rooms_closed",
+        "rooms_open_and_said",
+        "rooms_open_without_a_word",
+        "borders_of_the_other_floor_without_a_word",
+    )
     name = f"map-week-{options.label}" if options.label else "map-week"
     made_by = revision()
     for number in range(options.homes):

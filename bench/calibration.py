@@ -10,6 +10,7 @@ noise of detections; from images, pictures of the lab are rendered and searched 
 What a person measures is assumed, see `Care`. The map is taken to be right: what it is off, the robot is off as well.
 Writes out/bench/calibration.json.
 """
+
 from __future__ import annotations
 
 import argparse

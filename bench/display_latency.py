@@ -6,13 +6,14 @@
 Starts simulation.launch with RViz on a virtual screen, plays the participant itself (draws round the carpet, points
 at it, says save), and writes out/bench/display_latency.json:
 
-- from a spot's image stamp to its marker, as somebody else receives both, by camera and for all, and the part of it that
-  is the display's own, from spot to marker: median, 95th percentile
+- from a spot's image stamp to its marker, as somebody else receives both, by camera and for all, and the part of it
+  that is the display's own, from spot to marker: median, 95th percentile
 - from `save` to the new map, to its stripes and to its label
 - the share of a core that display_markers took meanwhile
 
 Times of spots are simulated ones, which keep pace with the wall's unless the machine is too slow (real_time_factor).
 """
+
 from __future__ import annotations
 
 import argparse
@@ -115,7 +116,11 @@ def summary(values) -> dict:
     if not values:
         return {"count": 0}
     found = 1e3 * np.array(values)
-    return {"count": len(found), "median_ms": round(float(np.median(found)), 1), "p95_ms": round(float(np.percentile(found, 95)), 1)}
+    return {
+        "count": len(found),
+        "median_ms": round(float(np.median(found)), 1),
+        "p95_ms": round(float(np.percentile(found, 95)), 1),
+    }
 
 
 def draw(observer: Observer, world) -> dict:
@@ -126,7 +131,11 @@ def draw(observer: Observer, world) -> dict:
 
     def point(x, y, on=True) -> None:
         state = ParticipantState(
-            laser_on=on, laser=Point(x, y, 0.0), laser_color="red", person_present=True, doing="draws",
+            laser_on=on,
+            laser=Point(x, y, 0.0),
+            laser_color="red",
+            person_present=True,
+            doing="draws",
             person=Pose2D(*scenario.stand, -2.0),
         )
         state.header.stamp, state.header.frame_id = rospy.Time.now(), names.MAP_FRAME
@@ -159,7 +168,9 @@ def draw(observer: Observer, world) -> dict:
     wait_until(lambda: len(observer.maps) > counts[0] and len(observer.labels) > counts[2], 10.0)
     # the preview's stripes go and the border's come: the last ones of the next moment show the new map
     time.sleep(1.0)
-    after = [[t for t in times[count:]] for times, count in zip((observer.maps, observer.stripes, observer.labels), counts)]
+    after = [
+        [t for t in times[count:]] for times, count in zip((observer.maps, observer.stripes, observer.labels), counts)
+    ]
     result = {"answer": answer.message, "success": answer.success, "to_answer_ms": round(1e3 * (answered - asked))}
     for name, times in zip(("map", "stripes", "label"), after):
         # of several the last one that belongs to it: earlier ones may still show the preview
@@ -186,9 +197,20 @@ def main() -> int:
         stack.callback(screen.stop)
         state = folder / f"state_{port}"
         more = [f"projector:={TOP}/src/vb_sim/config/lab_projector.yaml"] if given.projector else []
-        launch = Child(["roslaunch", "-p", str(port), str(TOP / "launch/simulation.launch"), f"state:={state}", "page:=false",
-                        f"cameras:={given.cameras}", f"rviz:={'false' if given.no_rviz else 'true'}", *more],
-                       folder / "roslaunch.txt")
+        launch = Child(
+            [
+                "roslaunch",
+                "-p",
+                str(port),
+                str(TOP / "launch/simulation.launch"),
+                f"state:={state}",
+                "page:=false",
+                f"cameras:={given.cameras}",
+                f"rviz:={'false' if given.no_rviz else 'true'}",
+                *more,
+            ],
+            folder / "roslaunch.txt",
+        )
         stack.callback(launch.stop)
         if not wait_until(rosgraph.is_master_online, 60.0):
             print("the master did not come up", file=sys.stderr)
@@ -198,7 +220,9 @@ def main() -> int:
         observer = Observer()
         cameras = [*given.cameras.split(), "robot"]
         # until detectors know their backgrounds
-        if not wait_until(lambda: observer.maps and all(observer.searched.get(name, 0) > 100 for name in cameras), 120.0):
+        if not wait_until(
+            lambda: observer.maps and all(observer.searched.get(name, 0) > 100 for name in cameras), 120.0
+        ):
             print(f"the lab did not come up:\n{launch.tail()}", file=sys.stderr)
             return 1
             former = pid_of("/display_markers")
@@ -210,12 +234,19 @@ def main() -> int:
         used = (cpu_seconds("/display_markers") - before) / (time.monotonic() - started)
         everything = [value for values in observer.markers.values() for value in values]
         result = {
-            "projector": given.projector, "cameras": given.cameras,
-            "rviz": not given.no_rviz, "real_time_factor": round(observer.factor, 3), "stamp_to_marker": summary(everything),
+            "projector": given.projector,
+            "cameras": given.cameras,
+            "rviz": not given.no_rviz,
+            "real_time_factor": round(observer.factor, 3),
+            "stamp_to_marker": summary(everything),
             "spot_to_marker": summary(observer.own),
-            "stamp_to_marker_by_camera": {camera: summary(values) for camera, values in sorted(observer.markers.items())},
+            "stamp_to_marker_by_camera": {
+                camera: summary(values) for camera, values in sorted(observer.markers.items())
+            },
             "stamp_to_spot_by_camera": {camera: summary(values) for camera, values in sorted(observer.spots.items())},
-            "save": saved, "display_markers_cores": round(used, 3), "previews": len(observer.previews),
+            "save": saved,
+            "display_markers_cores": round(used, 3),
+            "previews": len(observer.previews),
             "load": os.getloadavg()[0],
         }
     out.write_text(json.dumps(result, indent=2) + "\n")

@@ -8,11 +8,12 @@
     python3 bench/extraction.py --figures docs/images
 
 Without --judge the developing half of people's strokes and seeds below 1,000 are used; with it the other half and
-seeds from 100,000 or --seed. A stroke of the generator is bad if its chain is more than 0.25 m (Hausdorff distance) from the
-intended one, or if there is none. A person's stroke is bad if the line lies more than 0.25 m from what was drawn;
-where a polygon was meant, the distance is that from the extracted line to the drawn one, and a Jaccard index below
-0.8 is bad too. Writes docs/results/extraction.csv; --out changes that.
+seeds from 100,000 or --seed. A stroke of the generator is bad if its chain is more than 0.25 m (Hausdorff distance)
+from the intended one, or if there is none. A person's stroke is bad if the line lies more than 0.25 m from what was
+drawn; where a polygon was meant, the distance is that from the extracted line to the drawn one, and a Jaccard index
+below 0.8 is bad too. Writes docs/results/extraction.csv; --out changes that.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -72,7 +73,9 @@ PEOPLE = {
     "4 cameras at 10 frames/s, 4 cm off": people.Seen(cameras=4, rate=10.0, bias=0.04),
     "two fifths seen by a robot only": people.Seen(robot=people.Localisation()),
     "two fifths seen by a robot only, off by 5 cm, 3 deg": people.Seen(robot=people.Localisation(0.05, 0.05)),
-    "two fifths seen by a robot only, off by 5 cm, 3 deg, every 3 s": people.Seen(robot=people.Localisation(0.05, 0.05, 3.0)),
+    "two fifths seen by a robot only, off by 5 cm, 3 deg, every 3 s": people.Seen(
+        robot=people.Localisation(0.05, 0.05, 3.0)
+    ),
 }
 Extract = Callable[[Stroke], object]
 Found = Dict[str, float]
@@ -151,8 +154,13 @@ def rows_of(group: str, cell: str, found: Dict[str, List[Found]]) -> List[Dict[s
         index = np.array([r["jaccard"] for r in results])
         rows.append(
             {
-                "group": group, "cell": cell, "method": method, "strokes": count, "bad": bad,
-                "bad_percent": round(share.estimate, 2), "low_percent": round(share.low, 2),
+                "group": group,
+                "cell": cell,
+                "method": method,
+                "strokes": count,
+                "bad": bad,
+                "bad_percent": round(share.estimate, 2),
+                "low_percent": round(share.low, 2),
                 "high_percent": round(share.high, 2),
                 "kind_right_percent": round(100.0 * float(np.mean([r["kind"] for r in results])), 2),
                 "distance_median_m": round(float(np.median([r["distance"] for r in results])), 4),
@@ -164,9 +172,7 @@ def rows_of(group: str, cell: str, found: Dict[str, List[Found]]) -> List[Dict[s
         print(
             "{group:12s} {cell:42s} {method:20s} {strokes:5d} bad {bad_percent:6.2f} % "
             "({low_percent:.2f} .. {high_percent:.2f}) kind {kind_right_percent:6.2f} % J {jaccard_median} "
-            "d {distance_median_m} {distance_95_percent_m}".format(
-                **rows[-1]
-            ),
+            "d {distance_median_m} {distance_95_percent_m}".format(**rows[-1]),
             flush=True,
         )
     return rows
@@ -212,18 +218,26 @@ def disturbed(count: int, base: int):
     share = max(1, count // 9)
     for spots, cameras in ((250, 1), (750, 3)):
         for where, when in (("start", 0.0), ("middle", 0.5), ("end", 1.0)):
-            yield f"held still 10 s at the {where}, {spots} spots", [
-                held(timed(shape, base + k), when, spots, cameras, base + k) for shape in DISTURBED for k in range(share)
-            ]
+            yield (
+                f"held still 10 s at the {where}, {spots} spots",
+                [
+                    held(timed(shape, base + k), when, spots, cameras, base + k)
+                    for shape in DISTURBED
+                    for k in range(share)
+                ],
+            )
     for when in ("at the same stamps", "interleaved", "before", "after", "throughout"):
         for away in (0.3, 0.6, 1.0):
-            yield f"false spots {when}, {away} m away", [
-                with_fixed_place(stroke, beside(stroke, away, share_of_line), spots, when, k % 2, base + k)
-                for k in range(max(1, share // 3))
-                for shape, share_of_line in (("corner", 0.5), ("corner", 0.02), ("doorway", 0.9))
-                for spots in (100, 500, 2000)
-                for stroke in [timed(shape, base + k)]
-            ]
+            yield (
+                f"false spots {when}, {away} m away",
+                [
+                    with_fixed_place(stroke, beside(stroke, away, share_of_line), spots, when, k % 2, base + k)
+                    for k in range(max(1, share // 3))
+                    for shape, share_of_line in (("corner", 0.5), ("corner", 0.02), ("doorway", 0.9))
+                    for spots in (100, 500, 2000)
+                    for stroke in [timed(shape, base + k)]
+                ],
+            )
 
 
 def speed(tools: Dict[str, Extract]) -> List[Dict[str, object]]:
@@ -278,14 +292,23 @@ def live(before) -> List[Dict[str, object]]:
                 if before is not None:
                     chosen = np.linspace(0, end - 1, min(end, 4000)).astype(int)
                     begun = time.process_time()
-                    before.extract_border(stroke.points[chosen], stamps=stroke.stamps[chosen], cameras=stroke.cameras[chosen])
+                    before.extract_border(
+                        stroke.points[chosen], stamps=stroke.stamps[chosen], cameras=stroke.cameras[chosen]
+                    )
                     took["before"].append(1e3 * (time.process_time() - begun))
             del took["robust"][0]  # which extracts all that came before
             for method, values in took.items():
                 if values:
                     cell = f"live, {name}, {len(spots.points)} spots in {spots.stamps[-1] - spots.stamps[0]:.0f} s"
-                    rows.append({"group": "speed", "cell": cell, "method": method, "strokes": len(values),
-                                 "time_median_ms": round(float(np.median(values)), 1)})
+                    rows.append(
+                        {
+                            "group": "speed",
+                            "cell": cell,
+                            "method": method,
+                            "strokes": len(values),
+                            "time_median_ms": round(float(np.median(values)), 1),
+                        }
+                    )
                     print("{cell:60s} {method:8s} {time_median_ms} ms".format(**rows[-1]), flush=True)
     return rows
 
@@ -304,15 +327,30 @@ def figures(folder: Path) -> None:
     middle = stroke.truth.mean(axis=0)
     pictures = (
         ("1_spots", "all spots, by time", lambda a: a.scatter(*stroke.points.T, c=stroke.stamps, s=4, cmap="viridis")),
-        ("2_track", "stage 1: the pointer's", lambda a: (
-            a.plot(*stroke.points.T, ".", color="0.8", markersize=3),
-            a.plot(*chain.stages["cluster"].T, ".", color="tab:green", markersize=3))),
-        ("3_stations", "stage 2: where it was", lambda a: (
-            a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),
-            a.plot(*chain.stages["thinned"].T, ".-", color="tab:red", markersize=5, linewidth=0.8))),
-        ("4_line", f"stages 3 to 6: {len(chain.points)} vertices, {chain.code}", lambda a: (
-            a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),
-            a.plot(*ring.T, "o-", color="tab:blue", markersize=5, linewidth=1.5))),
+        (
+            "2_track",
+            "stage 1: the pointer's",
+            lambda a: (
+                a.plot(*stroke.points.T, ".", color="0.8", markersize=3),
+                a.plot(*chain.stages["cluster"].T, ".", color="tab:green", markersize=3),
+            ),
+        ),
+        (
+            "3_stations",
+            "stage 2: where it was",
+            lambda a: (
+                a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),
+                a.plot(*chain.stages["thinned"].T, ".-", color="tab:red", markersize=5, linewidth=0.8),
+            ),
+        ),
+        (
+            "4_line",
+            f"stages 3 to 6: {len(chain.points)} vertices, {chain.code}",
+            lambda a: (
+                a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),
+                a.plot(*ring.T, "o-", color="tab:blue", markersize=5, linewidth=1.5),
+            ),
+        ),
     )
     panels, axes = plt.subplots(1, 4, figsize=(17, 4.6), sharex=True, sharey=True, constrained_layout=True)
     for axis, (_, title, paint) in zip(axes, pictures):
@@ -371,7 +409,9 @@ def main() -> int:
                 write(arguments.out, rows)
         elif group == "disturbances":
             for name, strokes in disturbed(arguments.strokes, base):
-                rows += rows_of("disturbance", name, {m: [measure(s, e, False) for s in strokes] for m, e in tools.items()})
+                rows += rows_of(
+                    "disturbance", name, {m: [measure(s, e, False) for s in strokes] for m, e in tools.items()}
+                )
         elif group == "speed":
             rows += speed({name: tool for name, tool in tools.items() if name != "paper"}) + live(before)
         else:

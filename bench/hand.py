@@ -3,13 +3,15 @@
 
     python3 bench/hand.py --people 15 --out docs/results/study_hand.md
 
-The people of the simulated study draw each scenario's border; extraction and integration make the map of it, in the paper's
-literal mode and in the default one. Hands: "even" draws straight on the map's line (stroke_scale 0, no marks beside the
-map), "people" as in the study, "times 2" and "times 4" with everything by which people and marks are beside the line that many
-times as large (marks, margin, aim, tremor, unevenness). The truth, which the paper's authors drew by hand into their map, is
-drawn to the walls, or ends one cell (2.5 cm) before them. No camera, robot or interaction takes part, so that these are the best
-figures that such hands can get. The first 15 people are those of `make study`; --first 101 takes other ones.
+The people of the simulated study draw each scenario's border; extraction and integration make the map of it, in the
+paper's literal mode and in the default one. Hands: "even" draws straight on the map's line (stroke_scale 0, no marks
+beside the map), "people" as in the study, "times 2" and "times 4" with everything by which people and marks are
+beside the line that many times as large (marks, margin, aim, tremor, unevenness). The truth, which the paper's
+authors drew by hand into their map, is drawn to the walls, or ends one cell (2.5 cm) before them. No camera, robot or
+interaction takes part, so that these are the best figures that such hands can get. The first 15 people are those of
+`make study`; --first 101 takes other ones.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -39,8 +41,14 @@ from vb_sim.room.world import Scenario
 
 RATE, NOISE = 25.0, 0.003  # [1/s] of a camera, [m] of its spots
 # what people and marks err by, in the study's configuration
-ERRORS = ("marks/offset", "marks/turn", "participants/margin", "participants/traits/aim_sigma", "participants/traits/tremor",
-          "participants/traits/stroke_scale")
+ERRORS = (
+    "marks/offset",
+    "marks/turn",
+    "participants/margin",
+    "participants/traits/aim_sigma",
+    "participants/traits/tremor",
+    "participants/traits/stroke_scale",
+)
 HANDS = {"even": 0.0, "people": 1.0, "times 2": 2.0, "times 4": 4.0}
 MODES = {"paper": ExtractionParams.paper(), "robust": ExtractionParams.robust()}
 
@@ -50,7 +58,8 @@ class Drawn:
     """One result; nan where extraction or integration refused.
 
     Attributes:
-        jaccard: of the restricted floor; enclosed: of the area drawn round; rim: that against a truth that ends before the walls.
+        jaccard: of the restricted floor; enclosed: of the area drawn round; rim: that against a
+            truth that ends before the walls.
     """
 
     jaccard: float
@@ -75,9 +84,15 @@ def main() -> None:
     for key in study.design.scenarios:
         for hand, times in HANDS.items():
             erring = study.changed(assumptions.changes(study, dict.fromkeys(ERRORS, times))) if times > 1.0 else study
-            drawn = [draw(erring, key, number, times > 0.0) for number in range(given.first, given.first + given.people)]
+            drawn = [
+                draw(erring, key, number, times > 0.0) for number in range(given.first, given.first + given.people)
+            ]
             for mode in MODES:
-                lines.append(_line(study, key, hand, mode, [found for found in (measure(study, key, *one, mode) for one in drawn)]))
+                lines.append(
+                    _line(
+                        study, key, hand, mode, [found for found in (measure(study, key, *one, mode) for one in drawn)]
+                    )
+                )
                 print(lines[-1], file=sys.stderr, flush=True)
     text = "\n".join(
         [
@@ -134,19 +149,26 @@ def measure(study: Study, key: str, points: np.ndarray, stamps: np.ndarray, aske
     wanted, drawn_round = (metrics.enclosed(floor, cells & floor, truth) for cells in (truth, restricted))
     # the part of the floor without the cells that touch something else
     inner = cv2.erode(floor.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
-    return Drawn(metrics.jaccard(truth, restricted), metrics.jaccard(wanted, drawn_round), metrics.jaccard(wanted & inner, drawn_round),
-                 np.nan if error is None else 100.0 * error.mean)
+    return Drawn(
+        metrics.jaccard(truth, restricted),
+        metrics.jaccard(wanted, drawn_round),
+        metrics.jaccard(wanted & inner, drawn_round),
+        np.nan if error is None else 100.0 * error.mean,
+    )
 
 
 def _line(study: Study, key: str, hand: str, mode: str, found: List[Drawn]) -> str:
     names = ("jaccard", "enclosed", "rim", "error_cm")
     refused = sum(np.isnan(one.jaccard) for one in found)
     scores, enclosed, rim, errors = (
-        np.array([getattr(one, name) for one in found if np.isfinite(getattr(one, name))]) for name in names)
+        np.array([getattr(one, name) for one in found if np.isfinite(getattr(one, name))]) for name in names
+    )
     worst = f"{np.percentile(errors, 95):.1f}" if len(errors) else "–"
-    return (f"| {study.world.scenario(key).title} | {hand} | {mode} | {refused} of {len(found)} | "
-            f"{statistics.median(scores).text(3)} | {statistics.median(enclosed).text(3)} | {PAPER[key].jaccard['nrs']:.3f} | "
-            f"{statistics.median(errors).text(1)} | {worst} | {statistics.median(rim).text(3)} |")
+    return (
+        f"| {study.world.scenario(key).title} | {hand} | {mode} | {refused} of {len(found)} | "
+        f"{statistics.median(scores).text(3)} | {statistics.median(enclosed).text(3)} | {PAPER[key].jaccard['nrs']:.3f} | "
+        f"{statistics.median(errors).text(1)} | {worst} | {statistics.median(rim).text(3)} |"
+    )
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 `split_home` halves rectangles again and again; the registration was developed on it. `corridor_home` puts rooms on both
 sides of a corridor, with an alcove cut out of the outline, a slanted wall and round tables; it only judges.
 """
+
 from __future__ import annotations
 
 import math

@@ -8,6 +8,7 @@ RSS counts pages that processes share once for each of them, PSS in equal parts:
 must have. The simulator's nodes and RViz are listed, but no part of the sum: a real lab does not have the first, and
 the second depends on the graphics driver.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -68,9 +69,18 @@ def main() -> int:
     folder = tempfile.mkdtemp(prefix="lab_memory_")
     environment = {**os.environ, "ROS_MASTER_URI": f"http://127.0.0.1:{options.port}", "ROS_LOG_DIR": folder}
     lab = Child(
-        ["roslaunch", "-p", str(options.port), str(TOP / "launch" / "simulation.launch"), "rviz:=false", "page_port:=0",
-         f"state:={folder}/state"],
-        Path(folder, "roslaunch.txt"), environment)
+        [
+            "roslaunch",
+            "-p",
+            str(options.port),
+            str(TOP / "launch" / "simulation.launch"),
+            "rviz:=false",
+            "page_port:=0",
+            f"state:={folder}/state",
+        ],
+        Path(folder, "roslaunch.txt"),
+        environment,
+    )
     try:
         before: List[str] = []
         quiet_since = time.monotonic()
@@ -88,12 +98,18 @@ def main() -> int:
     for part in ("lab", "simulator"):
         own = [row for row in rows if row["part"] == part]
         rows.append(
-            {"process": f"all {len(own)}", "part": part, **{key: sum(row[key] for row in own) for key in ("rss", "pss", "private")}}
+            {
+                "process": f"all {len(own)}",
+                "part": part,
+                **{key: sum(row[key] for row in own) for key in ("rss", "pss", "private")},
+            }
         )
     options.out.parent.mkdir(parents=True, exist_ok=True)
     with open(str(options.out), "w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow((["run"] if options.label else []) + ["process", "part", "RSS [MiB]", "PSS [MiB]", "private [MiB]"])
+        writer.writerow(
+            (["run"] if options.label else []) + ["process", "part", "RSS [MiB]", "PSS [MiB]", "private [MiB]"]
+        )
         for row in rows:
             line = [row["process"], row["part"]] + [f"{row[key]:.1f}" for key in ("rss", "pss", "private")]
             writer.writerow(([options.label] if options.label else []) + line)

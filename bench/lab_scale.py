@@ -8,6 +8,7 @@
 namespaces on a switch, each with its cameras' player and detectors, and share this computer's cores. So the table shows
 what the network costs and where the cores end, not what more computers would bring; the model says that.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -31,8 +32,21 @@ FRAMES = 25  # of each view, played to and fro
 LEARN_S = 4.0  # without a laser before, for the background
 WARM_S = 3.0  # of drawing before anything is counted
 PORT = 12871
-FIELDS = ["cameras", "hosts", "cores", "searched_share", "spots_per_s", "latency_ms", "latency_p95_ms", "detector_core_share",
-          "detector_ms_per_image", "fusion_core_share", "player_core_share", "others_core_share", "cable_kB_per_s"]
+FIELDS = [
+    "cameras",
+    "hosts",
+    "cores",
+    "searched_share",
+    "spots_per_s",
+    "latency_ms",
+    "latency_p95_ms",
+    "detector_core_share",
+    "detector_ms_per_image",
+    "fusion_core_share",
+    "player_core_share",
+    "others_core_share",
+    "cable_kB_per_s",
+]
 
 
 def address(host: int) -> str:
@@ -46,7 +60,18 @@ def render(path: Path) -> None:
     import math
 
     import numpy as np
-    from spot_scenes import CARPET, DARK, RATE as SCENE_RATE, WHITE, Rooms, Walk, along, lab, place_and_velocity, walking
+    from spot_scenes import (
+        CARPET,
+        DARK,
+        RATE as SCENE_RATE,
+        WHITE,
+        Rooms,
+        Walk,
+        along,
+        lab,
+        place_and_velocity,
+        walking,
+    )
 
     from vb_sim.lab_history import Snapshot
     from vb_sim.room.camera_models import CameraModels
@@ -86,8 +111,12 @@ def play(cameras: List[str], path: Path) -> None:
     now = rospy.Time.now()
     which = [(int(name[1:]) + 1) % len(views) for name in cameras]
     poses = tf2_ros.StaticTransformBroadcaster()
-    poses.sendTransform([messages.transform_message(views[view].pose, names.MAP_FRAME, f"{name}_optical_frame", now)
-                         for name, view in zip(cameras, which)])
+    poses.sendTransform(
+        [
+            messages.transform_message(views[view].pose, names.MAP_FRAME, f"{name}_optical_frame", now)
+            for name, view in zip(cameras, which)
+        ]
+    )
     sent = [rospy.Publisher(f"/{name}/image_raw", Image, queue_size=1) for name in cameras]
     infos = [rospy.Publisher(f"/{name}/camera_info", CameraInfo, queue_size=1) for name in cameras]
     order = [*range(1, FRAMES + 1), *range(FRAMES, 0, -1)]
@@ -169,7 +198,8 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
                 ["ip", "link", "add", f"port{host}", "type", "veth", "peer", "name", "cable", "netns", str(keeper.pid)],
                 ["ip", "link", "set", f"port{host}", "master", "switch", "up"],
                 [*within, "ip", "address", "add", f"{address(host)}/24", "dev", "cable"],
-                [*within, "ip", "link", "set", "cable", "up"], [*within, "ip", "link", "set", "lo", "up"],
+                [*within, "ip", "link", "set", "cable", "up"],
+                [*within, "ip", "link", "set", "lo", "up"],
             ):
                 subprocess.run(words, check=True)
         start(0, "roscore", "-p", str(PORT))
@@ -182,8 +212,14 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
             own = cameras[host::hosts]
             if own:
                 start(host, sys.executable, __file__, "--play", str(images), "--cameras", *[name[1:] for name in own])
-                start(host, "roslaunch", str(TOP / "launch/parts/detectors.launch"), f"cameras:={' '.join(own)}",
-                      f"config:={TOP}/src/vb_laser_detect/config/stationary.yaml", "image_transport:=raw")
+                start(
+                    host,
+                    "roslaunch",
+                    str(TOP / "launch/parts/detectors.launch"),
+                    f"cameras:={' '.join(own)}",
+                    f"config:={TOP}/src/vb_laser_detect/config/stationary.yaml",
+                    "image_transport:=raw",
+                )
         delays: List[float] = []
         statuses: Dict[str, Any] = {}
 
@@ -192,8 +228,12 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
 
         if not rospy.core.is_initialized():
             rospy.init_node("lab_scale", disable_signals=True)
-        subscribers = [rospy.Subscriber(names.SPOTS, LaserSpot, on_spot, queue_size=1000),
-                       rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: statuses.__setitem__(m.camera, m), queue_size=100)]
+        subscribers = [
+            rospy.Subscriber(names.SPOTS, LaserSpot, on_spot, queue_size=1000),
+            rospy.Subscriber(
+                names.DETECTORS, DetectorStatus, lambda m: statuses.__setitem__(m.camera, m), queue_size=100
+            ),
+        ]
         deadline = time.monotonic() + 120.0
         while len(statuses) < count:
             if time.monotonic() > deadline:
@@ -215,15 +255,20 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
         for subscriber in subscribers:
             subscriber.unregister()
         return {
-            "cameras": count, "hosts": hosts, "cores": os.cpu_count(),
+            "cameras": count,
+            "hosts": hosts,
+            "cores": os.cpu_count(),
             "searched_share": round(images_searched / (RATE * count * lasted), 3),
             "spots_per_s": round(len(found) / lasted, 1),
             "latency_ms": round(float(np.median(found)), 1) if len(found) else None,
             "latency_p95_ms": round(float(np.percentile(found, 95)), 1) if len(found) else None,
             "detector_core_share": round(shares["__name:=spot_detector_"] / count, 3),
-            "detector_ms_per_image": round(1e3 * shares["__name:=spot_detector_"] * lasted / max(images_searched, 1), 2),
+            "detector_ms_per_image": round(
+                1e3 * shares["__name:=spot_detector_"] * lasted / max(images_searched, 1), 2
+            ),
             "others_core_share": round(everybody - sum(shares.values()), 2),
-            "fusion_core_share": round(shares["border_fusion"], 3), "player_core_share": round(shares["--play"] / count, 3),
+            "fusion_core_share": round(shares["border_fusion"], 3),
+            "player_core_share": round(shares["--play"] / count, 3),
             "cable_kB_per_s": round((cable() - sent) / lasted / 1e3, 1) if hosts > 1 else 0.0,
         }
     finally:
@@ -234,7 +279,9 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
 def cable() -> int:
     """Bytes that have passed the switch's ports to the other hosts."""
     # not /sys/class/net, which shows the namespace that it was mounted in
-    ports = [line.split(":") for line in Path("/proc/net/dev").read_text().splitlines() if line.lstrip().startswith("port")]
+    ports = [
+        line.split(":") for line in Path("/proc/net/dev").read_text().splitlines() if line.lstrip().startswith("port")
+    ]
     return sum(int(counts.split()[column]) for _, counts in ports for column in (0, 8))
 
 
@@ -254,7 +301,9 @@ def live_apart() -> bool:
 def read_table() -> List[Dict[str, float]]:
     with open(str(TABLE)) as stream:
         lines = [line for line in stream if not line.startswith("#")]
-    return [{key: float(value) if value else float("nan") for key, value in row.items()} for row in csv.DictReader(lines)]
+    return [
+        {key: float(value) if value else float("nan") for key, value in row.items()} for row in csv.DictReader(lines)
+    ]
 
 
 def add_rows(rows: List[Dict[str, Any]]) -> None:
@@ -263,11 +312,18 @@ def add_rows(rows: List[Dict[str, Any]]) -> None:
 
     old = read_table() if TABLE.exists() else []
     new = {(row["cameras"], row["hosts"]) for row in rows}
-    kept = [{key: int(value) if value == int(value) else value for key, value in row.items() if value == value} for row in old
-            if (row["cameras"], row["hosts"]) not in new]
+    kept = [
+        {key: int(value) if value == int(value) else value for key, value in row.items() if value == value}
+        for row in old
+        if (row["cameras"], row["hosts"]) not in new
+    ]
     merged = sorted([*kept, *rows], key=lambda row: (row["hosts"], row["cameras"]))
-    write_table("lab_scale", "lab_scale.py --cameras ... --hosts ...", revision(),
-                [{key: row.get(key) for key in FIELDS} for row in merged])
+    write_table(
+        "lab_scale",
+        "lab_scale.py --cameras ... --hosts ...",
+        revision(),
+        [{key: row.get(key) for key in FIELDS} for row in merged],
+    )
 
 
 def model(rows: List[Dict[str, float]]) -> Dict[str, float]:
@@ -276,12 +332,25 @@ def model(rows: List[Dict[str, float]]) -> Dict[str, float]:
 
     good = [row for row in rows if row["spots_per_s"] > 0]
     fusion = np.polyfit([row["spots_per_s"] for row in good], [row["fusion_core_share"] for row in good], 1)
-    return {"detector": float(np.median([row["detector_ms_per_image"] for row in good])) * RATE / 1e3,
-            "fusion_fixed": float(fusion[1]), "fusion_per_spot": float(fusion[0]),
-            "kB_per_spot": float(np.median([row["cable_kB_per_s"] / row["spots_per_s"] / (1 - 1 / row["hosts"])
-                                            for row in good if row["hosts"] > 1] or [float("nan")])),
-            # as if every image were searched
-            "spots_per_camera": float(np.median([row["spots_per_s"] / row["cameras"] / row["searched_share"] for row in good]))}
+    return {
+        "detector": float(np.median([row["detector_ms_per_image"] for row in good])) * RATE / 1e3,
+        "fusion_fixed": float(fusion[1]),
+        "fusion_per_spot": float(fusion[0]),
+        "kB_per_spot": float(
+            np.median(
+                [
+                    row["cable_kB_per_s"] / row["spots_per_s"] / (1 - 1 / row["hosts"])
+                    for row in good
+                    if row["hosts"] > 1
+                ]
+                or [float("nan")]
+            )
+        ),
+        # as if every image were searched
+        "spots_per_camera": float(
+            np.median([row["spots_per_s"] / row["cameras"] / row["searched_share"] for row in good])
+        ),
+    }
 
 
 def plot() -> None:
@@ -311,8 +380,10 @@ def plot() -> None:
     found = model(rows)
     print({key: round(value, 4) for key, value in found.items()})
     spots = 50 * found["spots_per_camera"]
-    print(f"50 cameras, if every one sees the spot: detectors {50 * found['detector']:.1f} cores on the cameras' computers, fusion"
-          f" {found['fusion_fixed'] + found['fusion_per_spot'] * spots:.2f} of one, network {spots * found['kB_per_spot']:.0f} kB/s")
+    print(
+        f"50 cameras, if every one sees the spot: detectors {50 * found['detector']:.1f} cores on the cameras' computers, fusion"
+        f" {found['fusion_fixed'] + found['fusion_per_spot'] * spots:.2f} of one, network {spots * found['kB_per_spot']:.0f} kB/s"
+    )
 
 
 def main() -> int:
@@ -338,8 +409,12 @@ def main() -> int:
             print("lab_scale: several hosts need root and the right to make network namespaces", file=sys.stderr)
             return 2
     else:
-        for words in (("link", "set", "lo", "up"), ("link", "add", "switch", "type", "bridge"),
-                      ("address", "add", f"{address(0)}/24", "dev", "switch"), ("link", "set", "switch", "up")):
+        for words in (
+            ("link", "set", "lo", "up"),
+            ("link", "add", "switch", "type", "bridge"),
+            ("address", "add", f"{address(0)}/24", "dev", "switch"),
+            ("link", "set", "switch", "up"),
+        ):
             subprocess.run(["ip", *words], check=True)
     # a shell that starts it in the background has interrupts ignored, and the nodes would ignore them too
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -8,6 +8,7 @@ The map is a house of many rooms with doors and table legs, which is harder for 
 median of several borders [ms]. The part with the node has its own ROS master: a real map_integrator, and a subscriber
 that takes the time from the call of add_border to the whole map in its hands.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -100,15 +101,17 @@ def keeper_times(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
                 border = small[added]
                 times.append(timed(lambda: keeper.add(border, 1.0 + added)))
                 added += 1
-            result["borders"].append({
-                "borders": added,
-                "add_ms": median(times),
-                "undo_ms": round(timed(keeper.undo), 3),
-                "redo_ms": round(timed(keeper.redo), 3),
-                "start_with_them_ms": round(again, 3),
-                "store_file_bytes": (Path(folder) / FILE).stat().st_size,
-                "store_write_ms": median(store_times(keeper)),
-            })
+            result["borders"].append(
+                {
+                    "borders": added,
+                    "add_ms": median(times),
+                    "undo_ms": round(timed(keeper.undo), 3),
+                    "redo_ms": round(timed(keeper.redo), 3),
+                    "start_with_them_ms": round(again, 3),
+                    "store_file_bytes": (Path(folder) / FILE).stat().st_size,
+                    "store_write_ms": median(store_times(keeper)),
+                }
+            )
             keeper.close()
             fast = MapIntegrator(IntegratorParams(check_reachability=False), Path(folder))
         fast.close()
@@ -142,9 +145,13 @@ def many_times(count: int = 10_000) -> Dict[str, Any]:
         shown = time.perf_counter()
         adds = [timed(lambda: keeper.add(polygon(grid, random, 0.1), 1.0)) for _ in range(REPEATS)]
         result = {
-            "borders": count, "maps": 20, "borders_on_the_map": count // 20,
-            "open_and_check_s": round(opened - started, 2), "map_and_regions_s": round(shown - opened, 2),
-            "add_ms": median(adds), "rename_ms": median(store_times(keeper)),
+            "borders": count,
+            "maps": 20,
+            "borders_on_the_map": count // 20,
+            "open_and_check_s": round(opened - started, 2),
+            "map_and_regions_s": round(shown - opened, 2),
+            "add_ms": median(adds),
+            "rename_ms": median(store_times(keeper)),
             "database_mb": round((Path(folder) / FILE).stat().st_size / 1e6, 1),
         }
         keeper.close()
@@ -162,7 +169,8 @@ def node_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
         script = TOP / "src" / "vb_map_integration" / "scripts" / "map_integrator"
         node = spawn(
             [sys.executable, str(script), f"_store_dir:={folder}", f"__name:=integrator_{grid.shape[1]}"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
         )
         try:
             maps = rospy.Publisher(names.PHYSICAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)

@@ -1,4 +1,5 @@
 """The map and the borders of the benches of integration: a house of many rooms, polygons and curves in it."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -8,6 +8,7 @@ gives an old map and a new one: turned by up to 180 degrees, shifted, of another
 and rooms that one of the maps lacks. As many pairs again show different places: another home, another floor with the
 same outer walls, the mirrored flat. Writes docs/results/map-registration-HOMES.csv (a row per kind) and prints it.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -89,11 +90,13 @@ def summary(kind: str, rows: List[Dict[str, Any]]) -> Dict[str, Any]:
     right, wrong = (sum(row[key] for row in rows) for key in ("right", "wrong"))
     late = float(np.quantile(errors, 0.95, method="nearest"))
     return {
-        "kind": kind, "pairs": n,
+        "kind": kind,
+        "pairs": n,
         "right_percent": round(100 * right / n, 1) if same else "",
         "right_95": interval(right, n) if same else "",
         "acts_alone_percent": round(100 * sum(row["sure"] for row in rows) / n, 1),
-        "wrongly_sure": wrong, "wrongly_sure_95": interval(wrong, n),
+        "wrongly_sure": wrong,
+        "wrongly_sure_95": interval(wrong, n),
         "sure_but_over_5_cm_or_1_deg": sum(row["sure"] and not row["right"] for row in rows) if same else "",
         "median_error_mm": round(1e3 * float(np.median(errors)), 1) if same else "",
         "p95_error_mm": round(1e3 * late) if same and late < 1e3 else "",

@@ -7,6 +7,7 @@
 One process of each revision does the same operation, now the one, now the other; the ratio is that of the medians of
 wall time. Writes docs/results/map-speed.csv.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -87,7 +88,10 @@ class Runner:
         environment = {**os.environ, "PYTHONPATH": ":".join([*paths, os.environ.get("PYTHONPATH", "")])}
         code = WORKER.format(bench=str(TOP / "bench"), width=width, height=height, there=there)
         self._process = subprocess.Popen(
-            [sys.executable, "-c", code], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            [sys.executable, "-c", code],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
             universal_newlines=True,
         )
         assert self._process.stdout is not None and self._process.stdout.readline().strip() == "ready"
@@ -120,7 +124,7 @@ def main() -> int:
             for what in OPERATIONS:
                 if what == "start" and number % 5:
                     continue
-                for index in ((0, 1) if number % 2 else (1, 0)):
+                for index in (0, 1) if number % 2 else (1, 0):
                     times[what][index].append(runners[index].time(what))
         for runner in runners:
             runner.close()

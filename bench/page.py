@@ -14,6 +14,7 @@
 Each starts a roscore and the nodes that it needs on free ports of loopback, stops by itself, and appends a line to
 docs/results/page.md.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -60,7 +61,9 @@ def start(stack, lab=True, simulation=False):
     launch = folder / "bench.launch"
     launch.write_text(LAUNCH.format(map=LAB_MAP if lab else "", state=folder, port=port))
     simulated = [str(TOP / "launch" / "simulation.launch"), "rviz:=false", f"state:={folder}", f"page_port:={port}"]
-    stack.callback(Child(["roslaunch", "-p", str(master), *(simulated if simulation else [str(launch)])], folder / "out.txt").stop)
+    stack.callback(
+        Child(["roslaunch", "-p", str(master), *(simulated if simulation else [str(launch)])], folder / "out.txt").stop
+    )
     import rosgraph
     import rospy
 
@@ -194,7 +197,9 @@ def links(port, counts):
         if delays:
             median, late = np.percentile(np.array(delays) * 1000.0, [50, 95])
             told = f"; spot's stamp to message {median:.0f} ms, 95 % {late:.0f} ms (n = {len(delays)})"
-            told += f"; {size / count / SECONDS / 1000:.1f} kB/s and {messages / count / SECONDS:.0f} messages/s for each"
+            told += (
+                f"; {size / count / SECONDS / 1000:.1f} kB/s and {messages / count / SECONDS:.0f} messages/s for each"
+            )
         lines.append(f"{count} browsers: {share:.3f} core{told}")
     return lines
 
@@ -238,7 +243,7 @@ def large():
         data = np.zeros((4000, 4000), np.int8)
         for _ in range(400):
             row, column = draw.integers(0, 3900, 2)
-            data[row:row + draw.integers(2, 300), column:column + draw.integers(2, 6)] = 100
+            data[row : row + draw.integers(2, 300), column : column + draw.integers(2, 6)] = 100
         data[:, :4] = data[:, -4:] = data[:4] = data[-4:] = 100
         publisher = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
         publisher.publish(message_from_grid(GridMap(data, 0.025), rospy.Time.now()))
@@ -255,10 +260,19 @@ def large():
             let n = 0; const began = performance.now();
             map.zoom(4); const step = () => { n++; map.view.x += .2; map.touched = true; map.lay();
               performance.now() - began < 5000 ? requestAnimationFrame(step) : done(n / 5) }; step()""")
-        rss = int(next(line for line in Path(f"/proc/{page_pid()}/status").read_text().splitlines() if "VmHWM" in line).split()[1]) / 1024
+        rss = (
+            int(
+                next(
+                    line for line in Path(f"/proc/{page_pid()}/status").read_text().splitlines() if "VmHWM" in line
+                ).split()[1]
+            )
+            / 1024
+        )
         page.driver.get("about:blank")
-        told = (f"4000 x 4000 cells: browser started to map shown {shown:.1f} s, picture {size / 1000:.0f} kB, "
-                f"{frames:.0f} frames/s while it is moved (software rendering), page's highest memory {rss:.0f} MB")
+        told = (
+            f"4000 x 4000 cells: browser started to map shown {shown:.1f} s, picture {size / 1000:.0f} kB, "
+            f"{frames:.0f} frames/s while it is moved (software rendering), page's highest memory {rss:.0f} MB"
+        )
         return [told, *(f"4000 x 4000 cells, {line}" for line in links(port, (BROWSERS,)))]
 
 
@@ -287,7 +301,9 @@ def hostile():
     async def messages(port, texts):
         sent = 0
         while texts:
-            link = await websocket_connect(HTTPRequest(f"ws://127.0.0.1:{port}/link", headers={"Origin": f"http://127.0.0.1:{port}"}))
+            link = await websocket_connect(
+                HTTPRequest(f"ws://127.0.0.1:{port}/link", headers={"Origin": f"http://127.0.0.1:{port}"})
+            )
             try:
                 for _ in range(25):  # the server hangs up after 20 faults
                     if texts:
@@ -316,9 +332,13 @@ def hostile():
         ]
         for _ in range(count):
             connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-            headers = {"Host": draw.choice(["evil.example", "127.0.0.1.evil", "", "localhost:1"]), "Origin": draw.choice(["null", "http://evil.example"]),
-                       "Cookie": "virtual_borders_page=" + "".join(chr(draw.randrange(33, 126)) for _ in range(draw.randrange(300))),
-                       "X-Forwarded-For": "127.0.0.1"}
+            headers = {
+                "Host": draw.choice(["evil.example", "127.0.0.1.evil", "", "localhost:1"]),
+                "Origin": draw.choice(["null", "http://evil.example"]),
+                "Cookie": "virtual_borders_page="
+                + "".join(chr(draw.randrange(33, 126)) for _ in range(draw.randrange(300))),
+                "X-Forwarded-For": "127.0.0.1",
+            }
             try:
                 connection.request(
                     draw.choice(["GET", "POST", "PUT", "DELETE", "OPTIONS", "TRACE"]),
@@ -412,8 +432,15 @@ def pictures(folder):
             ("K\u00fcche \u53a8\u623f", 1.0, 3.2, "mon-fri 08:00-12:30"),
         ):
             corners = [Point(x, y, 0), Point(x + 1.6, y, 0), Point(x + 1.6, y + 1.1, 0), Point(x, y + 1.1, 0)]
-            border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0, points=corners,
-                                   seed=Point(x + 0.8, y + 0.5, 0), schedule=schedule)
+            border = VirtualBorder(
+                name=name,
+                kind=VirtualBorder.POLYGON,
+                enabled=True,
+                occupancy=1.0,
+                points=corners,
+                seed=Point(x + 0.8, y + 0.5, 0),
+                schedule=schedule,
+            )
             add(border=border, frame_id="map", source="bench")
         for language in ("en", "de"):
             for size, kind in ((PHONE, "phone"), (WALL, "wall")):
@@ -426,7 +453,9 @@ def pictures(folder):
                         page.run("window.scrollTo(0, 0)")
                         height = page.run("return document.documentElement.scrollHeight")
                         clip = {"x": 0, "y": 0, "width": size[0], "height": min(height, 2400), "scale": 1}
-                        found = page.driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "clip": clip})
+                        found = page.driver.execute_cdp_cmd(
+                            "Page.captureScreenshot", {"captureBeyondViewport": True, "clip": clip}
+                        )
                         (target / f"{kind}_{language}_{view}.png").write_bytes(base64.b64decode(found["data"]))
 
                     take("ready")
@@ -467,14 +496,18 @@ def carpet():
     with ExitStack() as stack:
         port, _ = start(stack, simulation=True)
         wait(lambda: has_floor(port), "the cameras")
-        for kind, size, language, name, none in (("phone", PHONE, "en", "Rug", "No borders yet"),
-                                                 ("wall", WALL, "de", "Teppich", "Noch keine Grenzen")):
+        for kind, size, language, name, none in (
+            ("phone", PHONE, "en", "Rug", "No borders yet"),
+            ("wall", WALL, "de", "Teppich", "Noch keine Grenzen"),
+        ):
             began = time.monotonic()
             page = Browser(f"http://127.0.0.1:{port}/", size, language, dark=kind == "wall")
 
             def take():
                 clip = {"x": 0, "y": 0, "width": size[0], "height": size[1], "scale": 0.75}
-                found = page.driver.execute_cdp_cmd("Page.captureScreenshot", {"format": "jpeg", "quality": 85, "clip": clip})
+                found = page.driver.execute_cdp_cmd(
+                    "Page.captureScreenshot", {"format": "jpeg", "quality": 85, "clip": clip}
+                )
                 (TOP / "docs" / "images" / "page" / f"{kind}.jpg").write_bytes(base64.b64decode(found["data"]))
 
             try:
@@ -499,8 +532,10 @@ def carpet():
                 page.wait_text("#borders", none)
             finally:
                 page.close()
-            lines.append(f"the carpet of the simulated lab, {size[0]} x {size[1]}, {language}: opened, drawn with a finger, named, saved "
-                         f"after {seconds:.0f} s; by a program, which need not read or think")
+            lines.append(
+                f"the carpet of the simulated lab, {size[0]} x {size[1]}, {language}: opened, drawn with a finger, named, saved "
+                f"after {seconds:.0f} s; by a program, which need not read or think"
+            )
     return lines
 
 
@@ -527,7 +562,9 @@ def main():
     with open(str(RESULTS), "a") as file:
         for line in lines:
             print(line)
-            file.write(f"| `bench/page.py {given.what}` | {time.strftime('%Y-%m-%d %H:%M')}, {revision}, {load:.1f} | {line} |\n")
+            file.write(
+                f"| `bench/page.py {given.what}` | {time.strftime('%Y-%m-%d %H:%M')}, {revision}, {load:.1f} | {line} |\n"
+            )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
 """Tables of results as CSV files, with the command, the date and the revision that made them."""
+
 from __future__ import annotations
 
 import csv
@@ -16,9 +17,16 @@ def revision() -> str:
     A bench that goes on later writes its table into docs meanwhile, and that changes nothing of what it measures.
     """
     git = ["git", "-C", str(FOLDER.parent.parent)]
-    done = subprocess.run([*git, "rev-parse", "--short", "HEAD"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                          universal_newlines=True)
-    differs = subprocess.run([*git, "diff", "--quiet", "HEAD", "--", ".", ":!docs"], stderr=subprocess.DEVNULL).returncode == 1
+    done = subprocess.run(
+        [*git, "rev-parse", "--short", "HEAD"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        universal_newlines=True,
+    )
+    differs = (
+        subprocess.run([*git, "diff", "--quiet", "HEAD", "--", ".", ":!docs"], stderr=subprocess.DEVNULL).returncode
+        == 1
+    )
     return done.stdout.strip() + ("-dirty" if differs else "")
 
 

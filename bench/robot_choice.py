@@ -3,10 +3,11 @@
 
     python3 bench/robot_choice.py
 
-Rooms of 6 m with doors, furniture in some of them, on maps of several sizes; in each place a line half drawn, and a robot
-some metres away in the same room or the next one, or 40 m away. Each time the window is cut out and prepared again: the
-worst case, since it serves for as long as the spot stays in it. Writes docs/results/robots_choice.md.
+Rooms of 6 m with doors, furniture in some of them, on maps of several sizes; in each place a line half drawn, and a
+robot some metres away in the same room or the next one, or 40 m away. Each time the window is cut out and prepared
+again: the worst case, since it serves for as long as the spot stays in it. Writes docs/results/robots_choice.md.
 """
+
 import time
 from pathlib import Path
 

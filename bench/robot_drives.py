@@ -9,17 +9,19 @@
     python3 bench/robot_drives.py --real-time --drives 10               They do not count in the table of all drives.
 
 A robot type drives in the simulated lab (no cameras, no display) with move_base and AMCL as they are shipped here,
-through its driver. The judge sees where the robot truly is. Goals are drawn by a seed: in each scenario a chain of places
-such that the straight line from one to the next leads through the border's area where that is possible, driven forth and
-back, so that both directions come up.
+through its driver. The judge sees where the robot truly is. Goals are drawn by a seed: in each scenario a chain of
+places such that the straight line from one to the next leads through the border's area where that is possible, driven
+forth and back, so that both directions come up.
 
-The idea: simulated time waits for those who drive and for AMCL (the simulator's ~lockstep), so that it runs as fast as this computer
-allows, and a busy one makes drives last longer without changing them. What would change them is a cycle that move_base
+The idea: simulated time waits for those who drive and for AMCL (the simulator's ~lockstep), so that it runs as
+fast as this computer allows, and a busy one makes drives last longer without changing them. What would change
+them is a cycle that move_base
 misses: each drive's row says how many it reported. A border is put before the nose while time runs slowly, because the
 services that put it there take real time; the row says how much simulated time that was.
 
 Writes each drive to out/bench/robot_drives/, and the tables of all of them to docs/results/robots_navigation.md.
 """
+
 import argparse
 import functools
 import itertools
@@ -123,14 +125,19 @@ def places(scenario: str, seed: int):
     while len(chain) <= ROUNDS // 2:
         here = np.array(chain[-1][:2])
         drawn = cells[rng.integers(len(cells), size=300)]
-        drawn = drawn[(np.linalg.norm(drawn - here, axis=1) >= MIN_LEG) & np.isfinite(terrain.shortest_paths(here).lengths_to(drawn))]
+        drawn = drawn[
+            (np.linalg.norm(drawn - here, axis=1) >= MIN_LEG)
+            & np.isfinite(terrain.shortest_paths(here).lengths_to(drawn))
+        ]
         if not len(drawn):
             chain[-1] = (*cells[rng.integers(len(cells))], 0)  # a place that nothing leads to
             continue
         lines = here + np.linspace(0.0, 1.0, 100)[None, :, None] * (drawn - here)[:, None, :]
         through = sample(posterior, restricted, lines.reshape(-1, 2)).reshape(len(drawn), -1).any(axis=1)
         chain.append((*drawn[int(np.argmax(through))], int(yaws[len(chain)])))
-    inside = posterior.cell_to_world(np.argwhere(restricted & (distance_to(~restricted) * posterior.resolution > RADIUS)))
+    inside = posterior.cell_to_world(
+        np.argwhere(restricted & (distance_to(~restricted) * posterior.resolution > RADIUS))
+    )
     inside = [(*inside[rng.integers(len(inside))], 0) for _ in range(INSIDE)]
     return [tuple(float(round(value, 3)) for value in place) for place in (*chain, *inside)]
 
@@ -140,8 +147,11 @@ class Lab:
 
     def __init__(self, robot: str, start, folder: Path, fastest: float, seed: int, lockstep: bool) -> None:
         state = tempfile.mkdtemp(prefix="robot_drives")
-        world = yaml.safe_load((WORLDS / "burger.yaml").read_text()) if robot == "turtlebot3_burger" else {
-            "name": "lab", "robots": yaml.safe_load((WORLDS / "lab.yaml").read_text())["robots"]}
+        world = (
+            yaml.safe_load((WORLDS / "burger.yaml").read_text())
+            if robot == "turtlebot3_burger"
+            else {"name": "lab", "robots": yaml.safe_load((WORLDS / "lab.yaml").read_text())["robots"]}
+        )
         world["like"] = str(WORLDS / "lab.yaml")
         world["robots"][0]["start"] = [float(value) for value in start]
         path = Path(state) / "world.yaml"
@@ -152,10 +162,24 @@ class Lab:
         port = free_port()
         os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
         self.child = Child(
-            ["roslaunch", "-p", str(port), str(TOP / "bench" / "robot_drives.launch"),
-             f"world:={path}", f"state:={state}", f"robot_type:={robot}", "amcl:=true", f"seed:={seed}",
-             f"lockstep:={str(lockstep).lower()}", f"x:={x}", f"y:={y}", f"yaw:={yaw}"],
-            folder / "roslaunch.txt", {**os.environ, "ROS_LOG_DIR": str(folder / "log")})
+            [
+                "roslaunch",
+                "-p",
+                str(port),
+                str(TOP / "bench" / "robot_drives.launch"),
+                f"world:={path}",
+                f"state:={state}",
+                f"robot_type:={robot}",
+                "amcl:=true",
+                f"seed:={seed}",
+                f"lockstep:={str(lockstep).lower()}",
+                f"x:={x}",
+                f"y:={y}",
+                f"yaw:={yaw}",
+            ],
+            folder / "roslaunch.txt",
+            {**os.environ, "ROS_LOG_DIR": str(folder / "log")},
+        )
         if not wait_until(rosgraph.is_master_online, 60.0):
             raise CodedError("not_ready", "no master")
         # before that this program would take wall time for the time of its node
@@ -166,10 +190,16 @@ class Lab:
         self.runner = GoalRunner()
         if not wait_until(lambda: self.observer.posterior is not None and self.observer.lab is not None, 60.0):
             raise CodedError("not_ready", f"no maps, see {folder}")
-        self._truth, self._errors, self._late = deque(maxlen=500), [], 0  # errors: with twice their standard deviation [m]
-        self._subscribers = [rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab),
-                             rospy.Subscriber("/amcl_pose", PoseWithCovarianceStamped, self._on_amcl),
-                             rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver)]
+        self._truth, self._errors, self._late = (
+            deque(maxlen=500),
+            [],
+            0,
+        )  # errors: with twice their standard deviation [m]
+        self._subscribers = [
+            rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab),
+            rospy.Subscriber("/amcl_pose", PoseWithCovarianceStamped, self._on_amcl),
+            rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver),
+        ]
 
     def _on_lab(self, message) -> None:
         pose = message.robot_poses[0]
@@ -191,19 +221,31 @@ class Lab:
         self._late, began = 0, time.monotonic()
         driven = self.runner.drive((goal[0], goal[1], math.radians(goal[2])), LIMIT_S)
         return driven, {
-            "goal": goal, "outcome": driven.outcome, "text": driven.text, "length_m": round(driven.length, 2),
-            "seconds": round(driven.seconds, 1), "wall_s": round(time.monotonic() - began, 1),
+            "goal": goal,
+            "outcome": driven.outcome,
+            "text": driven.text,
+            "length_m": round(driven.length, 2),
+            "seconds": round(driven.seconds, 1),
+            "wall_s": round(time.monotonic() - began, 1),
             "localised_m": round(max((error for error, _ in self._errors), default=math.nan), 3),
-            "errors": np.round(self._errors, 3).tolist(), "missed": self.pace.missed(), "late": self._late,
-            "path": np.round(driven.path[::5], 3).tolist()}
+            "errors": np.round(self._errors, 3).tolist(),
+            "missed": self.pace.missed(),
+            "late": self._late,
+            "path": np.round(driven.path[::5], 3).tolist(),
+        }
 
     def pose(self):
         pose = self.observer.lab.robot_poses[0]
         return pose.x, pose.y, pose.theta
 
     def add(self, points, seed, closed) -> str:
-        border = VirtualBorder(name="drive", kind=VirtualBorder.POLYGON if closed else VirtualBorder.SEPARATING_CURVE,
-                               occupancy=1.0, enabled=True, points=messages.points_from_array(np.array(points)))
+        border = VirtualBorder(
+            name="drive",
+            kind=VirtualBorder.POLYGON if closed else VirtualBorder.SEPARATING_CURVE,
+            occupancy=1.0,
+            enabled=True,
+            points=messages.points_from_array(np.array(points)),
+        )
         border.seed = messages.points_from_array(np.array([seed]))[0]
         before = self.observer.posterior
         reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="bench"), "map_integrator")
@@ -238,7 +280,9 @@ def tasks(seed: int):
             if begin == 0:
                 yield from (("inside", scenario, i, both[10], goal) for i, goal in enumerate(inside))
         share = NOSES * 10 // ROUNDS
-        yield from (("nose", "", i, (7.0, 0.9, 180), None) for i in range(begin // 10 * share, (begin // 10 + 1) * share))
+        yield from (
+            ("nose", "", i, (7.0, 0.9, 180), None) for i in range(begin // 10 * share, (begin // 10 + 1) * share)
+        )
 
 
 def drive_scenario(lab, scenario, todo, keep) -> None:
@@ -250,8 +294,15 @@ def drive_scenario(lab, scenario, todo, keep) -> None:
     try:
         for kind, _, number, _, goal in todo:
             driven, row = lab.drive(goal)
-            keep({"kind": kind, "scenario": scenario, "number": number, **row,
-                  "entered_m": round(lab.entered(driven.path), 3)})
+            keep(
+                {
+                    "kind": kind,
+                    "scenario": scenario,
+                    "number": number,
+                    **row,
+                    "entered_m": round(lab.entered(driven.path), 3),
+                }
+            )
     finally:
         lab.remove(border)
 
@@ -275,7 +326,12 @@ def drive_nose(lab, number, seed, keep) -> None:
             along = half * np.array([math.cos(yaw), math.sin(yaw)])
             across = half * np.array([-math.sin(yaw), math.cos(yaw)])
             middle = np.array([x, y]) + (ahead + half) / half * along
-            corners = [middle - along - across, middle + along - across, middle + along + across, middle - along + across]
+            corners = [
+                middle - along - across,
+                middle + along - across,
+                middle + along + across,
+                middle - along + across,
+            ]
             called = rospy.get_time()
             put["id"] = lab.add(corners, middle, True)
             put["at"], put["after_s"], until = (x, y), round(rospy.get_time() - called, 2), rospy.get_time() + 3.0
@@ -292,10 +348,19 @@ def drive_nose(lab, number, seed, keep) -> None:
     thread.join(130.0)
     path = driven.path
     if "at" in put and len(path):
-        path = path[int(np.argmin(np.linalg.norm(path - put["at"], axis=1))):]
-    keep({"kind": "nose", "scenario": "", "number": number, **row, "gap_m": round(gap, 2), "after_s": put.get("after_s"),
-          "border": put.get("error", "added" if "id" in put else "none"),
-          "entered_m": round(lab.entered(path), 3) if "id" in put else None})
+        path = path[int(np.argmin(np.linalg.norm(path - put["at"], axis=1))) :]
+    keep(
+        {
+            "kind": "nose",
+            "scenario": "",
+            "number": number,
+            **row,
+            "gap_m": round(gap, 2),
+            "after_s": put.get("after_s"),
+            "border": put.get("error", "added" if "id" in put else "none"),
+            "entered_m": round(lab.entered(path), 3) if "id" in put else None,
+        }
+    )
     if "id" in put:
         lab.remove(put["id"])
 
@@ -350,13 +415,20 @@ def table(every) -> str:
         )
     bad = [run for run in runs if not _as_wanted(run)]
     lines += ["", "Not as wanted:" if bad else "Every drive went as wanted.", ""]
-    lines += [f"- seed {run['seed']}, {run['robot']}, {run['kind']} {run['scenario']} {run['number']}, goal "
-              f"{tuple(run['goal'])}: {run['outcome']} after {run['seconds']:.0f} s, {run['length_m']:.1f} m, entered "
-              f"{run['entered_m']} m, {run.get('border', '')} {run['text']}" for run in bad]
+    lines += [
+        f"- seed {run['seed']}, {run['robot']}, {run['kind']} {run['scenario']} {run['number']}, goal "
+        f"{tuple(run['goal'])}: {run['outcome']} after {run['seconds']:.0f} s, {run['length_m']:.1f} m, entered "
+        f"{run['entered_m']} m, {run.get('border', '')} {run['text']}"
+        for run in bad
+    ]
     noses = [run for run in runs if run["kind"] == "nose" and run["border"] == "added"]
     if noses:
-        lines += ["", "Before the nose: " + ", ".join(
-            f"{sum(run['outcome'] == outcome for run in noses)} {outcome}" for outcome in WANTED["nose"]) + "."]
+        lines += [
+            "",
+            "Before the nose: "
+            + ", ".join(f"{sum(run['outcome'] == outcome for run in noses)} {outcome}" for outcome in WANTED["nose"])
+            + ".",
+        ]
     return "\n".join(lines + localisation(runs) + comparison(every)) + "\n"
 
 
@@ -390,18 +462,25 @@ def comparison(runs):
     drives = {}
     for run in runs:
         if "path" in run and len(run["path"]) > 1:
-            way = {(True, 1): "lockstep", (True, 2): "again", (False, 0): "real time"}.get((run["lockstep"], run["repeat"]))
+            way = {(True, 1): "lockstep", (True, 2): "again", (False, 0): "real time"}.get(
+                (run["lockstep"], run["repeat"])
+            )
             drives.setdefault((run["robot"], run["kind"], run["scenario"], run["number"], run["seed"]), {})[way] = run
     ways = ("lockstep", "again", "real time")
     drives = {key: found for key, found in drives.items() if all(way in found for way in ways)}
     if not drives:
         return []
-    lines = ["", "## Lockstep and real time", "",
-             "The same drives three times; revisions "
-             + ", ".join(sorted({run["revision"] for found in drives.values() for run in found.values()}))
-             + ". *Apart*: the largest distance of a place on one path to the other path.", "",
-             "| robot | drive | outcome | length | time | missed | late | apart: lockstep twice | apart: lockstep, real time |",
-             "|---|---|---|---|---|---|---|---|---|"]
+    lines = [
+        "",
+        "## Lockstep and real time",
+        "",
+        "The same drives three times; revisions "
+        + ", ".join(sorted({run["revision"] for found in drives.values() for run in found.values()}))
+        + ". *Apart*: the largest distance of a place on one path to the other path.",
+        "",
+        "| robot | drive | outcome | length | time | missed | late | apart: lockstep twice | apart: lockstep, real time |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
 
     def all_of(found, name, form="{}"):
         return " / ".join(form.format(found[way][name]) for way in ways)
@@ -415,9 +494,13 @@ def comparison(runs):
         lines.append(
             f"| {robot} | {TITLES[kind]}, {scenario} {number} | {all_of(found, 'outcome')} | "
             f"{all_of(found, 'length_m', '{:.1f}')} m | {all_of(found, 'seconds', '{:.0f}')} s | {all_of(found, 'missed')} | "
-            f"{all_of(found, 'late')} | {apart(found, 'again'):.2f} m | {apart(found, 'real time'):.2f} m |")
-    return lines + ["", f"Median apart: {np.median(again):.2f} m in lockstep twice, {np.median(real):.2f} m in lockstep and "
-                    "real time."]
+            f"{all_of(found, 'late')} | {apart(found, 'again'):.2f} m | {apart(found, 'real time'):.2f} m |"
+        )
+    return lines + [
+        "",
+        f"Median apart: {np.median(again):.2f} m in lockstep twice, {np.median(real):.2f} m in lockstep and "
+        "real time.",
+    ]
 
 
 def _as_wanted(run) -> bool:
@@ -437,14 +520,22 @@ def main() -> int:
     parser.add_argument("--only-write", action="store_true", help="the table of what the files have")
     arguments = parser.parse_args()
     OUT.mkdir(parents=True, exist_ok=True)
-    how = {"pace": 1.0 if arguments.real_time else arguments.pace, "lockstep": not arguments.real_time, "repeat": arguments.repeat}
-    out = OUT / (f"{arguments.robot}-{arguments.seed}-{how['pace']:g}" + ("-real" if arguments.real_time else "")
-                 + (f"-{arguments.repeat}" if arguments.repeat else "") + ".json")
+    how = {
+        "pace": 1.0 if arguments.real_time else arguments.pace,
+        "lockstep": not arguments.real_time,
+        "repeat": arguments.repeat,
+    }
+    out = OUT / (
+        f"{arguments.robot}-{arguments.seed}-{how['pace']:g}"
+        + ("-real" if arguments.real_time else "")
+        + (f"-{arguments.repeat}" if arguments.repeat else "")
+        + ".json"
+    )
     runs = json.loads(out.read_text()) if out.exists() else []
     until = time.monotonic() + arguments.seconds
     done = {(run["kind"], run["scenario"], run["number"]) for run in runs}
     todo = [task for task in tasks(arguments.seed) if task[:3] not in done and task[0] in arguments.kinds]
-    todo = todo[:max(0, arguments.drives - len(done))]
+    todo = todo[: max(0, arguments.drives - len(done))]
     if todo and not arguments.only_write:
         lab = Lab(arguments.robot, todo[0][3], OUT / out.stem, how["pace"], arguments.seed, how["lockstep"])
 

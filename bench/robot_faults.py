@@ -5,13 +5,15 @@
     python3 bench/robot_faults.py --fresh
 
 The driver, the guide's servoing, the stand-in for navigation and the simulated base with its own brakes and timeout, in
-one process and in simulated time, as the study drives them. Each fault is put in while the robot follows a spot that leads
-it round in a circle for ever, on the widest free floor, and while it drives under navigation round the carpet; a moment
-later it is mended. The network is the link between the robot's computer and the others: state, spots and maps do not come
+one process and in simulated time, as the study drives them. Each fault is put in while the robot follows a spot
+that leads it round in a circle for ever, on the widest free floor, and while it drives under navigation round
+the carpet; a moment later it is mended. The network is the link between the robot's computer and the others:
+state, spots and maps do not come
 any more. *Nothing* is the control: whatever happens there is not the loss's doing. The driver hears nothing of the
 dispatcher, so that its loss must look like the control.
 Writes each run to out/bench/robot_faults.json, and docs/results/robots_faults.md.
 """
+
 import argparse
 import json
 import math
@@ -38,8 +40,17 @@ OUT = TOP / "out" / "bench" / "robot_faults.json"
 TABLE = TOP / "docs" / "results" / "robots_faults.md"
 STEP = 0.02
 FAULTS = ("nothing", "state", "spots", "dispatcher", "driver", "network", "pose", "scan", "clock")
-TITLES = {"nothing": "nothing", "state": "interaction manager", "spots": "detector", "dispatcher": "dispatcher", "driver": "driver",
-          "network": "network", "pose": "localisation", "scan": "scan", "clock": "clock"}
+TITLES = {
+    "nothing": "nothing",
+    "state": "interaction manager",
+    "spots": "detector",
+    "dispatcher": "dispatcher",
+    "driver": "driver",
+    "network": "network",
+    "pose": "localisation",
+    "scan": "scan",
+    "clock": "clock",
+}
 HELD = 2.5  # [s] for which it is lost
 AHEAD, BEARING, CIRCLE = 1.6, 0.2, 0.56  # [m, rad] where the spot is from the robot; [m] radius of where that leads it
 
@@ -180,7 +191,8 @@ def write(done, times, cell) -> None:
                 + (f"{np.median(seconds):.2f} s | {max(seconds):.2f} s" if seconds else "- | -")
                 + f" | {len(found) - len(seconds)} | {sum(entry[1] > 0 for entry in found)} | "
                 f"{sum(entry[2] > 2 * cell for entry in found)} | {sum(entry[3] is True for entry in found)} | "
-                f"{', '.join(said)} |")
+                f"{', '.join(said)} |"
+            )
     TABLE.parent.mkdir(parents=True, exist_ok=True)
     TABLE.write_text("\n".join(lines) + "\n")
 

@@ -14,6 +14,7 @@ lab's ground truth 50 times a second, none of what the robot believes.
 Leaves out/bench/robot_runs.json (robot_runs_ros.json), one entry per run; bad runs stay in it; with --table also
 docs/results/robots_runs.md. Exits non-zero if a run broke a rule.
 """
+
 import argparse
 import itertools
 import json
@@ -53,8 +54,19 @@ SPEED_TOLERANCE = 0.005  # [m/s] over ROS speeds are differences of positions
 WAIT_GOAL_S = 10.0
 READY_S, RUN_S, AFTER_S = 90.0, 600.0, 6.0
 GOAL_S = 60.0  # [s] for navigation to reach a goal or to give it up
-BAG_TOPICS = [names.SPOTS, names.LAB_STATE, names.STATE, names.PROGRESS, names.DETECTORS, names.NOTICES, names.DRIVERS,
-              "/tf", "/tf_static", "/robot_dispatcher/viewpoint", "/spot_detector_robot/debug_image"]
+BAG_TOPICS = [
+    names.SPOTS,
+    names.LAB_STATE,
+    names.STATE,
+    names.PROGRESS,
+    names.DETECTORS,
+    names.NOTICES,
+    names.DRIVERS,
+    "/tf",
+    "/tf_static",
+    "/robot_dispatcher/viewpoint",
+    "/spot_detector_robot/debug_image",
+]
 
 
 class Judge:
@@ -74,8 +86,13 @@ class Judge:
         self.outcome = ""
         self.doings = []  # (time [s], what the person began to do)
         self.figures = {
-            "least_clearance_m": np.inf, "border_entered_m": 0.0, "max_guided_speed_m_s": 0.0, "max_speed_m_s": 0.0,
-            "longest_hold_s": 0.0, "longest_unseen_s": 0.0, "way_m": 0.0,
+            "least_clearance_m": np.inf,
+            "border_entered_m": 0.0,
+            "max_guided_speed_m_s": 0.0,
+            "max_speed_m_s": 0.0,
+            "longest_hold_s": 0.0,
+            "longest_unseen_s": 0.0,
+            "way_m": 0.0,
         }
 
     def set_maps(self, physical=None, posterior=None) -> None:
@@ -149,8 +166,12 @@ class Judge:
             f"the person waited more than {WAIT_GOAL_S:g} s": f["longest_hold_s"] > WAIT_GOAL_S,
         }
         figures = {key: round(value, 4) if np.isfinite(value) else None for key, value in f.items()}
-        return {**figures, "outcome": self.outcome, "breaches": [rule for rule, broken in rules.items() if broken],
-                "person": self.doings}
+        return {
+            **figures,
+            "outcome": self.outcome,
+            "breaches": [rule for rule, broken in rules.items() if broken],
+            "person": self.doings,
+        }
 
 
 # ----------------------------------------------------------------- in one process
@@ -179,13 +200,21 @@ def run_here(study, scenario: str, method: str, seed: int) -> dict:
     figures = judge.result(study.world.room.resolution)
     if result.collisions and "collision" not in figures["breaches"]:
         figures["breaches"].append("collision")
-    return {"scenario": scenario, "method": method, "seed": seed, **figures, "goals": result.goals,
-            "goals_after": goals_after if result.saved else [], "tries": result.tries,
-            "wall_s": round(time.monotonic() - began, 1)}
+    return {
+        "scenario": scenario,
+        "method": method,
+        "seed": seed,
+        **figures,
+        "goals": result.goals,
+        "goals_after": goals_after if result.saved else [],
+        "tries": result.tries,
+        "wall_s": round(time.monotonic() - began, 1),
+    }
 
 
 def watch(judge: Judge) -> list:
     """Subscribes a judge to what it judges by."""
+
     def on_map(message: OccupancyGridArray, which: str) -> None:
         judge.set_maps(**{which: grid_from_message(message)})
 
@@ -212,8 +241,11 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
     detectors, seen = set(), {"lab": 0}
     state, port = tempfile.mkdtemp(prefix="robot_runs"), free_port()
     os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
-    environment = {**os.environ, "ROS_LOG_DIR": str(log / "ros"),
-                   "ROSCONSOLE_FORMAT": "[${severity}] [${time}] [${node}]: ${message}"}
+    environment = {
+        **os.environ,
+        "ROS_LOG_DIR": str(log / "ros"),
+        "ROSCONSOLE_FORMAT": "[${severity}] [${time}] [${node}]: ${message}",
+    }
 
     def on_detector(message: DetectorStatus) -> None:
         if message.processed:
@@ -223,10 +255,22 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
         seen["lab"] += 1
 
     launched = Child(
-        ["roslaunch", "-p", str(port), str(TOP / "launch" / "simulation.launch"), f"world:={world_path}",
-         f"seed:={seed}", f"cameras:={' '.join(cameras) or 'none'}", f"method:={method}", f"state:={state}",
-         "rviz:=false", "page:=false"],
-        log / "roslaunch.txt", environment)
+        [
+            "roslaunch",
+            "-p",
+            str(port),
+            str(TOP / "launch" / "simulation.launch"),
+            f"world:={world_path}",
+            f"seed:={seed}",
+            f"cameras:={' '.join(cameras) or 'none'}",
+            f"method:={method}",
+            f"state:={state}",
+            "rviz:=false",
+            "page:=false",
+        ],
+        log / "roslaunch.txt",
+        environment,
+    )
     person = bag = None
     try:
         if not wait_until(rosgraph.is_master_online, READY_S):
@@ -235,8 +279,11 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
         subscribers = [
             *watch(judge),
             rospy.Subscriber(names.LAB_STATE, LabState, on_lab),
-            rospy.Subscriber(names.PARTICIPANT_DONE, String,
-                             lambda m: setattr(judge, "outcome", json.loads(m.data).get("outcome", ""))),
+            rospy.Subscriber(
+                names.PARTICIPANT_DONE,
+                String,
+                lambda m: setattr(judge, "outcome", json.loads(m.data).get("outcome", "")),
+            ),
             rospy.Subscriber(names.DETECTORS, DetectorStatus, on_detector),
         ]
         if not wait_until(lambda: detectors >= set(cameras) | {"robot"} and seen["lab"] > 0, READY_S):
@@ -244,8 +291,19 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
         if record:
             bag = Child(["rosbag", "record", "-O", str(log / "run.bag"), *BAG_TOPICS], log / "rosbag.txt", environment)
         person = Child(
-            ["roslaunch", "-p", str(port), str(TOP / "launch" / "parts" / "participant.launch"), f"world:={world_path}",
-             f"scenario:={scenario}", f"method:={method}", f"seed:={seed}"], log / "participant.txt", environment)
+            [
+                "roslaunch",
+                "-p",
+                str(port),
+                str(TOP / "launch" / "parts" / "participant.launch"),
+                f"world:={world_path}",
+                f"scenario:={scenario}",
+                f"method:={method}",
+                f"seed:={seed}",
+            ],
+            log / "participant.txt",
+            environment,
+        )
         wait_until(lambda: judge.outcome or not launched.running, RUN_S)
         until = rospy.get_time() + AFTER_S  # a robot that the border swallowed leaves it now
         wait_until(lambda: rospy.get_time() >= until, 30.0)
@@ -277,17 +335,25 @@ def in_child(world: Path, scenario: str, method: str, seed: int, folder: Path, r
             os._exit(status)
     os.waitpid(child, 0)
     if not result.exists():
-        return {"scenario": scenario, "method": method, "seed": seed,
-                "breaches": ["no border came out: the run failed"], "longest_hold_s": 0.0, "longest_unseen_s": 0.0,
-                "least_clearance_m": 0.0}
+        return {
+            "scenario": scenario,
+            "method": method,
+            "seed": seed,
+            "breaches": ["no border came out: the run failed"],
+            "longest_hold_s": 0.0,
+            "longest_unseen_s": 0.0,
+            "least_clearance_m": 0.0,
+        }
     return json.loads(result.read_text())
 
 
 # ----------------------------------------------------------------- all of them
 def summarise(runs: list) -> str:
     """Makes a table with one line per scenario and method."""
-    lines = [f"{'scenario':9} {'method':10} {'runs':>4} {'saved':>5} {'collisions':>10} {'entries':>7} {'too fast':>8} "
-             f"{'hold median':>11} {'hold max':>8} {'unseen max':>10} {'clearance':>9}"]
+    lines = [
+        f"{'scenario':9} {'method':10} {'runs':>4} {'saved':>5} {'collisions':>10} {'entries':>7} {'too fast':>8} "
+        f"{'hold median':>11} {'hold max':>8} {'unseen max':>10} {'clearance':>9}"
+    ]
     for scenario, method in sorted({(run["scenario"], run["method"]) for run in runs}):
         group = [run for run in runs if (run["scenario"], run["method"]) == (scenario, method)]
 
@@ -300,23 +366,44 @@ def summarise(runs: list) -> str:
             f"{count('entered'):7d} {count('too fast'):8d} "
             f"{np.median(holds):9.1f} s {max(holds):6.1f} s "
             f"{max(run['longest_unseen_s'] for run in group):8.1f} s "
-            f"{min(run['least_clearance_m'] for run in group):7.3f} m")
+            f"{min(run['least_clearance_m'] for run in group):7.3f} m"
+        )
     return "\n".join(lines)
 
 
 def page(runs: list) -> str:
     """Writes the table with what made it, and every run that broke a rule."""
-    keys = {key: " ".join(str(value) for value in sorted({run[key] for run in runs})) for key in ("scenario", "method", "seed")}
+    keys = {
+        key: " ".join(str(value) for value in sorted({run[key] for run in runs}))
+        for key in ("scenario", "method", "seed")
+    }
     command = f"bench/robot_runs.py --scenarios {keys['scenario']} --methods {keys['method']} --seeds {keys['seed']}"
-    lines = ["# Simulated people and a robot", "", f"`python3 {command}`, {time.strftime('%Y-%m-%d', time.gmtime())}, "
-             f"revision {revision()}. *Hold*: the longest time that a person waited for the robot while drawing.", "", "```",
-             summarise(runs), "```", "", "Longest hold of each run, in order of its seed [s]:", ""]
+    lines = [
+        "# Simulated people and a robot",
+        "",
+        f"`python3 {command}`, {time.strftime('%Y-%m-%d', time.gmtime())}, "
+        f"revision {revision()}. *Hold*: the longest time that a person waited for the robot while drawing.",
+        "",
+        "```",
+        summarise(runs),
+        "```",
+        "",
+        "Longest hold of each run, in order of its seed [s]:",
+        "",
+    ]
     for scenario, method in sorted({(run["scenario"], run["method"]) for run in runs}):
-        group = sorted((run for run in runs if (run["scenario"], run["method"]) == (scenario, method)), key=lambda run: run["seed"])
-        lines.append(f"- {scenario}, {method}: " + ", ".join(f"{run['seed']}: {run['longest_hold_s']:.1f}" for run in group))
+        group = sorted(
+            (run for run in runs if (run["scenario"], run["method"]) == (scenario, method)), key=lambda run: run["seed"]
+        )
+        lines.append(
+            f"- {scenario}, {method}: " + ", ".join(f"{run['seed']}: {run['longest_hold_s']:.1f}" for run in group)
+        )
     lines += ["", "Rules broken:", ""]
-    lines += [f"- {run['scenario']}, {run['method']}, seed {run['seed']}: {'; '.join(run['breaches'])}"
-              for run in runs if run["breaches"]] or ["- none"]
+    lines += [
+        f"- {run['scenario']}, {run['method']}, seed {run['seed']}: {'; '.join(run['breaches'])}"
+        for run in runs
+        if run["breaches"]
+    ] or ["- none"]
     return "\n".join(lines) + "\n"
 
 

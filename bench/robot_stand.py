@@ -1,4 +1,5 @@
 """A stand for the robot's driver: the pure parts of driver and navigation without nodes, whose inputs can be taken away."""
+
 from __future__ import annotations
 
 import math
@@ -51,8 +52,11 @@ def standin_navigator(grid: GridMap, profile: RobotProfile) -> Navigator:
     """Makes what vb_sim's navigation node drives with."""
     path = Path(__file__).resolve().parent.parent / "src" / "vb_sim" / "config" / "navigation.yaml"
     settings = yaml.safe_load(path.read_text(encoding="utf-8"))
-    costmap, follower = params_for_robot(profile, CostmapParams.from_mapping(settings.get("costmap"), "costmap"),
-                                  FollowerParams.from_mapping(settings.get("follower"), "follower"))
+    costmap, follower = params_for_robot(
+        profile,
+        CostmapParams.from_mapping(settings.get("costmap"), "costmap"),
+        FollowerParams.from_mapping(settings.get("follower"), "follower"),
+    )
     planner = PlannerParams.from_mapping(settings.get("planner"), "planner")
     navigator = Navigator(NavigatorParams(), costmap, planner, follower)
     navigator.set_map(grid)
@@ -119,8 +123,18 @@ class DrivenRobot:
         hit = np.isfinite(ranges)
         self._obstacles = ranges[hit, None] * np.column_stack([np.cos(angles[hit]), np.sin(angles[hit])])
         model = self._lab.scan_model
-        self.driver.gate.set_scan(Scan(ranges, angles[0], angles[1] - angles[0], self._lab.range_min(self._index),
-                                       model.range_max, np.eye(4), self._profile.radius), now)
+        self.driver.gate.set_scan(
+            Scan(
+                ranges,
+                angles[0],
+                angles[1] - angles[0],
+                self._lab.range_min(self._index),
+                model.range_max,
+                np.eye(4),
+                self._profile.radius,
+            ),
+            now,
+        )
 
     # ------------------------------------------------------------- goals
     @property

@@ -9,11 +9,13 @@ clock, the cameras, the people and the trouble. After each event it compares the
 acknowledged, and the map with an oracle of its own (shapely). It writes out/bench/soak.json,
 and the same as a page to read beside it.
 
-As root it lives in namespaces of its own: the camera "green" is on a second computer whose cable is pulled now and then,
-and the state folder is a small disk that fills up. Without root these two faults are left out, and the result says so.
+As root it lives in namespaces of its own: the camera "green" is on a second computer whose cable is
+pulled now and then, and the state folder is a small disk that fills up. Without root these two faults are
+left out, and the result says so.
 
 Exit status: 0 if every invariant held, 1 if one did not.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -50,7 +52,13 @@ from vb_core.grid_map import GridMap
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, transform_message
 from vb_evaluation.processes import spawn
 from vb_msgs.msg import (
-    BorderProgress, DetectorStatus, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
+    BorderProgress,
+    DetectorStatus,
+    InteractionState,
+    LaserSpot,
+    NoticeArray,
+    VirtualBorder,
+    VirtualBorderArray,
 )
 from vb_msgs.srv import Command, ConfirmMap, ConfirmMapRequest, RemoveBorder
 
@@ -134,8 +142,12 @@ class Soak:
             self._build_network()
         os.environ["ROS_MASTER_URI"] = f"http://{HERE if self.apart else '127.0.0.1'}:{self.port}"
         os.environ["ROS_LOG_DIR"] = str(self.folder / "log")
-        self.core = spawn(["roscore", "-p", str(self.port)], stdout=subprocess.DEVNULL,
-                          stderr=subprocess.DEVNULL, start_new_session=True)
+        self.core = spawn(
+            ["roscore", "-p", str(self.port)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
 
         self.wait(rosgraph.is_master_online, "the ROS master")
 
@@ -154,11 +166,20 @@ class Soak:
         (self.folder / "state").mkdir()
         self._system("mount", "-t", "tmpfs", "-o", f"size={DISK_MIB}m", "soak", str(self.folder / "state"))
         os.environ["ROS_IP"] = HERE
-        environment = {**os.environ, "ROS_IP": THERE, "ROS_MASTER_URI": f"http://{HERE}:{self.port}",
-                       "ROS_LOG_DIR": str(self.folder / "log_there")}
+        environment = {
+            **os.environ,
+            "ROS_IP": THERE,
+            "ROS_MASTER_URI": f"http://{HERE}:{self.port}",
+            "ROS_LOG_DIR": str(self.folder / "log_there"),
+        }
         self.remote = spawn(
-            ["unshare", "--net", sys.executable, __file__, "--camera-host"], env=environment, stdin=subprocess.PIPE,
-            stdout=open(str(self.folder / "camera_host.txt"), "w"), stderr=subprocess.STDOUT, universal_newlines=True)
+            ["unshare", "--net", sys.executable, __file__, "--camera-host"],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=open(str(self.folder / "camera_host.txt"), "w"),
+            stderr=subprocess.STDOUT,
+            universal_newlines=True,
+        )
         pid = self.remote.pid
         own = os.readlink("/proc/self/ns/net")
         self.wait(lambda: os.readlink(f"/proc/{pid}/ns/net") != own, "the second computer")
@@ -166,7 +187,11 @@ class Soak:
         self._system("ip", "link", "add", "cable", "type", "veth", "peer", "name", "cable", "netns", str(pid))
         self._system("ip", "address", "add", f"{HERE}/30", "dev", "cable")
         self._system("ip", "link", "set", "cable", "up")
-        for words in (("address", "add", f"{THERE}/30", "dev", "cable"), ("link", "set", "cable", "up"), ("link", "set", "lo", "up")):
+        for words in (
+            ("address", "add", f"{THERE}/30", "dev", "cable"),
+            ("link", "set", "cable", "up"),
+            ("link", "set", "lo", "up"),
+        ):
             self._system("nsenter", "-t", str(pid), "-n", "ip", *words)
 
     @staticmethod
@@ -178,8 +203,12 @@ class Soak:
         path = self.folder / "soak.launch"
         path.write_text(LAUNCH.format(top=TOP, state=self.folder / "state", cameras=" ".join(CAMERAS)))
         with open(str(self.folder / "roslaunch.txt"), "a") as output:
-            self.launch = spawn(["roslaunch", "-p", str(self.port), str(path)], stdout=output,
-                                stderr=subprocess.STDOUT, start_new_session=True)
+            self.launch = spawn(
+                ["roslaunch", "-p", str(self.port), str(path)],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
 
     def down(self) -> None:
         """Ends the stack, as an evening does."""
@@ -211,8 +240,10 @@ class Soak:
         self.tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
         self.statuses = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=10)
         for key, topic, kind in (
-            ("state", names.STATE, InteractionState), ("progress", names.PROGRESS, BorderProgress),
-            ("borders", names.BORDERS, VirtualBorderArray), ("posterior", names.MAP_WITH_BORDERS, OccupancyGridArray),
+            ("state", names.STATE, InteractionState),
+            ("progress", names.PROGRESS, BorderProgress),
+            ("borders", names.BORDERS, VirtualBorderArray),
+            ("posterior", names.MAP_WITH_BORDERS, OccupancyGridArray),
         ):
             rospy.Subscriber(topic, kind, keep(key), queue_size=5)
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
@@ -238,8 +269,13 @@ class Soak:
             if self.apart and camera == REMOTE:
                 continue  # the second computer reports by itself
             self.received[camera] += 25 if self.plugged[camera] else 0
-            status = DetectorStatus(camera=camera, received=self.received[camera], rate_hz=25.0 * self.plugged[camera],
-                                    rejections=["no_transform"], rejection_counts=[self.lost_pose[camera]])
+            status = DetectorStatus(
+                camera=camera,
+                received=self.received[camera],
+                rate_hz=25.0 * self.plugged[camera],
+                rejections=["no_transform"],
+                rejection_counts=[self.lost_pose[camera]],
+            )
             status.header.stamp = stamp
             self.statuses.publish(status)
         if self.localised:
@@ -274,8 +310,11 @@ class Soak:
         """Waits until every node is there and knows the time and the map."""
         for name in (names.COMMAND, names.GET_DRAWN_BORDER, names.ADD_BORDER, names.LIST_BORDERS):
             self.wait(lambda: self._answers(name), f"service {name}", ticking=True, limit=90.0)
-        self.wait(lambda: self.spots.get_num_connections() > 0 and self.statuses.get_num_connections() > 0,
-                  "listeners", ticking=True)
+        self.wait(
+            lambda: self.spots.get_num_connections() > 0 and self.statuses.get_num_connections() > 0,
+            "listeners",
+            ticking=True,
+        )
         self.wait(self._posterior_is_of_this_floor, "the map with borders", ticking=True)
 
     @staticmethod
@@ -349,9 +388,14 @@ class Soak:
                 self.counts[f"disk full, define_border: {begun.code}"] += 1
                 return
             raise Broken(f"define_border was refused: {begun.message} [{begun.code}]")
-        identity = self.wait(lambda: self.heard("state", lambda state: state.interaction_id), "the interaction", ticking=True)
-        self.wait(lambda: self.heard("progress", lambda progress: progress.interaction_id == identity),
-                  "the point set in Border", ticking=True)
+        identity = self.wait(
+            lambda: self.heard("state", lambda state: state.interaction_id), "the interaction", ticking=True
+        )
+        self.wait(
+            lambda: self.heard("progress", lambda progress: progress.interaction_id == identity),
+            "the point set in Border",
+            ticking=True,
+        )
         path = geometry.resample_chain(np.vstack([corners, corners[:1]]), SPEED / RATE)
         trouble = meanwhile is None and self.rng.random() < 0.25
         half = len(path) // 2
@@ -368,8 +412,11 @@ class Soak:
             return
         self.command("define_seed")
         self.draw(np.tile(corners.mean(axis=0), (25, 1)))
-        self.wait(lambda: self.heard("progress", lambda progress: progress.has_seed or progress.code not in ("", "ok")),
-                  "the seed", ticking=True)
+        self.wait(
+            lambda: self.heard("progress", lambda progress: progress.has_seed or progress.code not in ("", "ok")),
+            "the seed",
+            ticking=True,
+        )
         answer = self.command("save")
         for _ in range(3):
             # what the console tells a person to do then
@@ -382,11 +429,15 @@ class Soak:
             return
         self.counts["saved"] += 1
         identity = self.wait(
-            lambda: self.heard("state", lambda state: state.name == "default" and state.last_border_id), "the border's id",
-            ticking=True)
+            lambda: self.heard("state", lambda state: state.name == "default" and state.last_border_id),
+            "the border's id",
+            ticking=True,
+        )
         border = self.wait(
             lambda: self.heard("borders", lambda array: next((b for b in array.borders if b.id == identity), None)),
-            f"border {identity} among the borders", ticking=True)
+            f"border {identity} among the borders",
+            ticking=True,
+        )
         if border.kind != VirtualBorder.POLYGON:
             if killed != "border_fusion" and meanwhile is None:
                 raise Broken(f"border {identity} was drawn closed and is open, though no spot was lost")
@@ -473,6 +524,7 @@ class Soak:
 
     def lights(self) -> None:
         """Switches the lights while a person draws: for a second and a half both cameras see spots everywhere."""
+
         def flicker() -> None:
             for _ in range(6):
                 self.draw(self.rng.uniform([0.3, 0.3], [7.7, 4.7], (3, 2)))
@@ -563,8 +615,11 @@ class Soak:
         self.wait(self._posterior_is_of_this_floor, f"the map of the {self.floor}", ticking=True)
         self.counts["floor changed"] += 1
         if self.heard("borders", lambda array: array.needs_confirmation):
-            # both floors have the same outer walls: until somebody says which one it is, the other's borders stay in force
-            self.call(names.CONFIRM_MAP, ConfirmMap, answer=ConfirmMapRequest.OTHER_PLACE, name=self.floor, source="soak")
+            # both floors have the same outer walls: until somebody says which one it is, the other's borders stay in
+            # force
+            self.call(
+                names.CONFIRM_MAP, ConfirmMap, answer=ConfirmMapRequest.OTHER_PLACE, name=self.floor, source="soak"
+            )
             self.counts["floor told"] += 1
 
     def tell_map(self) -> None:
@@ -591,7 +646,9 @@ class Soak:
                 return False
             found = {border.id: _points(border) for border in message.borders}
             return set(found) == set(wanted) and all(
-                found[key].shape == wanted[key].shape and np.allclose(found[key], wanted[key], atol=1e-9) for key in wanted)
+                found[key].shape == wanted[key].shape and np.allclose(found[key], wanted[key], atol=1e-9)
+                for key in wanted
+            )
 
         try:
             self.wait(same, "the borders that were acknowledged", ticking=True, limit=15.0)
@@ -600,8 +657,12 @@ class Soak:
             found = sorted(border.id for border in message.borders) if message is not None else None
             raise Broken(f"borders are {found}, acknowledged were {sorted(wanted)}") from None
         sure_inside, sure_outside = self._oracle(list(wanted.values()))
-        self.wait(lambda: self._map_agrees(sure_inside, sure_outside), "a map that agrees with the oracle", ticking=True,
-                  limit=15.0)
+        self.wait(
+            lambda: self._map_agrees(sure_inside, sure_outside),
+            "a map that agrees with the oracle",
+            ticking=True,
+            limit=15.0,
+        )
         self.counts["checked"] += 1
 
     def _oracle(self, polygons: List[Any]) -> Any:
@@ -621,8 +682,11 @@ class Soak:
         # floor that lies inside of a border but cannot be reached from its seed may stay as it was
         free = physical == 0
         restricted_share = (got[inside & free] == 100).mean() if (inside & free).any() else 1.0
-        return bool((got[outside] == physical[outside]).all() and (got[~free] == physical[~free]).all()
-                    and restricted_share > 0.5)
+        return bool(
+            (got[outside] == physical[outside]).all()
+            and (got[~free] == physical[~free]).all()
+            and restricted_share > 0.5
+        )
 
     def sample(self) -> None:
         """Measures the memory of each node and the size of the state folder."""
@@ -635,15 +699,31 @@ class Soak:
             except (OSError, IndexError):
                 continue
         size = sum(path.stat().st_size for path in (self.folder / "state").rglob("*") if path.is_file())
-        self.samples.append({"hour": self.lived / 3600, "memory_mib": memory, "state_kib": size / 1024,
-                             "restarts": self.counts["restarted"], "interactions": self.counts["saved"]})
+        self.samples.append(
+            {
+                "hour": self.lived / 3600,
+                "memory_mib": memory,
+                "state_kib": size / 1024,
+                "restarts": self.counts["restarted"],
+                "interactions": self.counts["saved"],
+            }
+        )
 
     # ------------------------------------------------------------ life
     def live(self) -> None:
         """Hours of events, each followed by a look at all invariants."""
-        events = [(self.interaction, 0.45), (self.edit, 0.12), (self.unplug, 0.07), (self.step_clock, 0.06),
-                  (self.change_floor, 0.08), (lambda: self.kill(str(self.rng.choice(NODES))), 0.08),
-                  (self.lights, 0.04), (self.lose_poses, 0.03), (self.cut_network, 0.04), (self.fill_disk, 0.03)]
+        events = [
+            (self.interaction, 0.45),
+            (self.edit, 0.12),
+            (self.unplug, 0.07),
+            (self.step_clock, 0.06),
+            (self.change_floor, 0.08),
+            (lambda: self.kill(str(self.rng.choice(NODES))), 0.08),
+            (self.lights, 0.04),
+            (self.lose_poses, 0.03),
+            (self.cut_network, 0.04),
+            (self.fill_disk, 0.03),
+        ]
         weights = [weight for _, weight in events]
         assert abs(sum(weights) - 1.0) < 1e-9
         nights, sampled = 0, -1.0
@@ -685,17 +765,25 @@ class Soak:
         slopes = {}
         for name in NODES:
             rows = [(s["hour"], s["memory_mib"][name]) for s in self.samples if name in s["memory_mib"]]
-            rows = rows[len(rows) // 3:]
+            rows = rows[len(rows) // 3 :]
             if len(rows) > 3:
                 slopes[name] = round(float(np.polyfit(*zip(*rows), 1)[0]), 3)
-        rows = [(sample["hour"], sample["state_kib"]) for sample in self.samples][len(self.samples) // 3:]
+        rows = [(sample["hour"], sample["state_kib"]) for sample in self.samples][len(self.samples) // 3 :]
         growth = round(float(np.polyfit(*zip(*rows), 1)[0]), 2) if len(rows) > 3 else None
         return {
             "two computers and a small disk": self.apart,
-            "hours": round(self.lived / 3600, 2), "wall_s": round(seconds), "machine": platform.processor() or platform.machine(),
-            "faults": self.faults, "events": dict(self.counts), "answers": dict(self.codes),
-            "camera_notice_s": {"n": len(self.notice_delays), "largest": round(max(self.notice_delays, default=0.0), 1)},
-            "memory_slope_mib_per_hour": slopes, "state_slope_kib_per_hour": growth,
+            "hours": round(self.lived / 3600, 2),
+            "wall_s": round(seconds),
+            "machine": platform.processor() or platform.machine(),
+            "faults": self.faults,
+            "events": dict(self.counts),
+            "answers": dict(self.codes),
+            "camera_notice_s": {
+                "n": len(self.notice_delays),
+                "largest": round(max(self.notice_delays, default=0.0), 1),
+            },
+            "memory_slope_mib_per_hour": slopes,
+            "state_slope_kib_per_hour": growth,
             "state_kib": [round(sample["state_kib"]) for sample in self.samples[:: max(1, len(self.samples) // 12)]],
             "last_sample": self.samples[-1] if self.samples else None,
         }
@@ -705,16 +793,26 @@ def page(result: Dict[str, Any]) -> str:
     """Writes the result as Markdown."""
 
     def table(counts: Dict[str, Any], first: str, second: str) -> List[str]:
-        return ["", f"| {first} | {second} |", "|---|---|", *(f"| {key} | {value} |" for key, value in sorted(counts.items()))]
+        return [
+            "",
+            f"| {first} | {second} |",
+            "|---|---|",
+            *(f"| {key} | {value} |" for key, value in sorted(counts.items())),
+        ]
 
     lines = [
-        f"# A simulated life of {result['hours']:g} hours", "",
+        f"# A simulated life of {result['hours']:g} hours",
+        "",
         f"`{result['command']}`, {date.today()}, revision {revision()}; {result['wall_s'] / 60:.0f} minutes of wall time; two "
-        f"computers and a small disk: {'yes' if result['two computers and a small disk'] else 'no'}.", "",
-        f"Invariants that did not hold: {len(result['faults'])}.", *(f"- {fault}" for fault in result["faults"]), "",
+        f"computers and a small disk: {'yes' if result['two computers and a small disk'] else 'no'}.",
+        "",
+        f"Invariants that did not hold: {len(result['faults'])}.",
+        *(f"- {fault}" for fault in result["faults"]),
+        "",
         f"A fault was told after {result['camera_notice_s']['largest']} s at most (n = {result['camera_notice_s']['n']}; 5 s are "
         f"wanted). The state folder grows by {result['state_slope_kib_per_hour']} KiB per hour.",
-        *table(result["memory_slope_mib_per_hour"], "node", "memory, MiB per hour"), *table(result["events"], "event", "how often"),
+        *table(result["memory_slope_mib_per_hour"], "node", "memory, MiB per hour"),
+        *table(result["events"], "event", "how often"),
         *table(result["answers"], "command: answer", "how often"),
     ]
     return "\n".join(lines) + "\n"
@@ -779,7 +877,8 @@ def main() -> int:
     folder = Path(tempfile.mkdtemp(prefix="soak_"))
     soak = Soak(chosen.hours, chosen.seed, folder, chosen.port, apart)
     began = time.monotonic()
-    # also where a shell that starts it in the background has them ignored; a life that is ended early counts as far as it went
+    # also where a shell that starts it in the background has them ignored; a life that is ended
+    # early counts as far as it went
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -789,7 +888,10 @@ def main() -> int:
         pass
     finally:
         soak.close()
-    result = {**soak.result(time.monotonic() - began), "command": f"bench/soak.py --hours {chosen.hours:g} --seed {chosen.seed}"}
+    result = {
+        **soak.result(time.monotonic() - began),
+        "command": f"bench/soak.py --hours {chosen.hours:g} --seed {chosen.seed}",
+    }
     chosen.out.parent.mkdir(parents=True, exist_ok=True)
     chosen.out.write_text(json.dumps(result, indent=1))
     chosen.out.with_suffix(".md").write_text(page(result))
@@ -804,5 +906,6 @@ def main() -> int:
 if __name__ == "__main__":
     status = main()
     sys.stdout.flush()
-    # rospy would say goodbye to the second computer, which is gone together with its cable, and wait for an answer for ever
+    # rospy would say goodbye to the second computer, which is gone together with its cable, and wait for an answer for
+    # ever
     os._exit(status)

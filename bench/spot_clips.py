@@ -9,15 +9,17 @@ while it stands; and as a robot sees them that looks around, through a window th
 pictures by a few pixels per image. `--as` changes the pictures (see VARIANTS). Detectors know neither focal length nor
 pose, and confirm nothing.
 
-All versions see the same pictures in turn: the detector as it comes; with `--left-out`, by examples that spot_training.py
-kept, one whose classifier was fitted without the clip (a fourth of all clips is left out at once); with `--confirmed` the
-same with confirmation (then only its false spots say something, for most pulses are shorter than it takes); with
-`--other`, that of another version's packages. Intervals are Wilson's for 95 %, as if frames were independent; they are not.
+All versions see the same pictures in turn: the detector as it comes; with `--left-out`, by examples that
+spot_training.py kept, one whose classifier was fitted without the clip (a fourth of all clips is left out at once);
+with `--confirmed` the same with confirmation (then only its false spots say something, for most pulses are shorter
+than it takes); with `--other`, that of another version's packages. Intervals are Wilson's for 95 %, as if frames
+were independent; they are not.
 
 A spot is right within 10 px (of 640 x 480) of a label of its frame. False spots are counted strictly, and without those
-within that reach of a label up to 2 frames earlier or later, where a pulse's first or last light is seen; how many of them
-are in frames with a pulse that has no label is told too.
+within that reach of a label up to 2 frames earlier or later, where a pulse's first or last light is seen; how many of
+them are in frames with a pulse that has no label is told too.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -45,10 +47,11 @@ from vb_laser_detect.detection.training import fit_without, load_examples  # noq
 REACH_PX, FRINGE = 10.0, 2
 COUNTED = ("frames", "labels", "found", "shots", "shots_found", "false", "false_off_fringe", "false_on_unlabelled")
 ROLES = ("stationary", "mobile", "window")
-# frames with pulses that nobody labelled, looked at one by one: what is found there counts as false, and is told apart too
+# frames with pulses that nobody labelled, looked at one by one: what is found there counts as false, and is told apart
+# too
 UNLABELLED = {
     # 115 and 116 fall on a wall that is white already, and light a disc beside it
-    "logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 115, 116, 126, 127, 222, 223),
+    "logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 115, 116, 126, 127, 222, 223)
 }
 Change = Callable[[np.ndarray], np.ndarray]
 
@@ -164,7 +167,9 @@ class Count:
             distances = [math.hypot(spot.u - label["x"], spot.v - label["y"]) for label in labels]
             best = min((d for d, label in zip(distances, labels) if not label["near"]), default=math.inf)
             if best < self._reach:
-                matched.add(min(range(len(here)), key=lambda k: math.hypot(spot.u - here[k]["x"], spot.v - here[k]["y"])))
+                matched.add(
+                    min(range(len(here)), key=lambda k: math.hypot(spot.u - here[k]["x"], spot.v - here[k]["y"]))
+                )
                 self.errors.append(best)
             else:
                 fringe = bool(distances) and min(distances) < self._reach
@@ -180,8 +185,15 @@ class Count:
 
     def result(self, name: str) -> Dict[str, Any]:
         """Returns the figures."""
-        return {"clip": name, **self.sums, "shots": len(self._shots), "shots_found": len(self._hit), "errors": self.errors,
-                "places": self.places, "ms": 1e3 * self._took / max(1, self.sums["frames"])}
+        return {
+            "clip": name,
+            **self.sums,
+            "shots": len(self._shots),
+            "shots_found": len(self._hit),
+            "errors": self.errors,
+            "places": self.places,
+            "ms": 1e3 * self._took / max(1, self.sums["frames"]),
+        }
 
 
 def measure(folder: Path, name: str, video: dict, role: str, variant: str, detectors: Dict[str, Any]) -> Dict[str, Any]:
@@ -194,7 +206,9 @@ def measure(folder: Path, name: str, video: dict, role: str, variant: str, detec
     return {version: count.result(name) for version, count in counts.items()}
 
 
-def write_crops(clip: Path, places: List[Tuple[int, float, float, bool]], folder: Path, reach: int = 25, around: int = 3) -> None:
+def write_crops(
+    clip: Path, places: List[Tuple[int, float, float, bool]], folder: Path, reach: int = 25, around: int = 3
+) -> None:
     """Writes one picture per clip: a row per place (frame, u, v), with the frames before and after it, for looking at."""
     capture, images = cv2.VideoCapture(str(clip)), []
     while True:
@@ -221,9 +235,13 @@ def figures(clips: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
     errors = [error for clip in clips for error in clip["errors"]]
     recall, false = proportion(sums["found"], sums["labels"]), proportion(sums["false"], sums["frames"])
     return {
-        **sums, "recall": round(sums["found"] / max(1, sums["labels"]), 4), "recall_low": round(recall.low, 3),
-        "recall_high": round(recall.high, 3), "false_per_1000": round(1e3 * sums["false"] / max(1, sums["frames"]), 2),
-        "false_low": round(1e3 * false.low, 2), "false_high": round(1e3 * false.high, 2),
+        **sums,
+        "recall": round(sums["found"] / max(1, sums["labels"]), 4),
+        "recall_low": round(recall.low, 3),
+        "recall_high": round(recall.high, 3),
+        "false_per_1000": round(1e3 * sums["false"] / max(1, sums["frames"]), 2),
+        "false_low": round(1e3 * false.low, 2),
+        "false_high": round(1e3 * false.high, 2),
         "median_error_px": round(float(np.median(errors)), 3) if errors else None,
         "ms_per_frame": round(sum(clip["ms"] * clip["frames"] for clip in clips) / max(1, sums["frames"]), 2),
     }
@@ -238,12 +256,18 @@ def main() -> int:
     parser.add_argument("--left-out", type=Path, metavar="EXAMPLES")
     parser.add_argument("--confirmed", action="store_true", help="also with confirmation")
     parser.add_argument("--other", type=Path, metavar="SRC", help="folder of another version's packages")
-    parser.add_argument("--csv", type=Path, help="append a row for each role, variant, version and clip, and for all clips")
+    parser.add_argument(
+        "--csv", type=Path, help="append a row for each role, variant, version and clip, and for all clips"
+    )
     parser.add_argument("--crops", type=Path, metavar="DIR", help="pictures of all false spots of a camera that stands")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     videos = sorted(json.loads((given.folder / "labels.json").read_text())["videos"].items())
-    judges = fit_without(load_examples(sorted(given.left_out.glob("*.npz"))), [name for name, _ in videos], 4) if given.left_out else {}
+    judges = (
+        fit_without(load_examples(sorted(given.left_out.glob("*.npz"))), [name for name, _ in videos], 4)
+        if given.left_out
+        else {}
+    )
     videos = [(name, video) for name, video in videos if any(word in name for word in given.clips)]
     for variant in VARIANTS if "all" in given.variants else given.variants:
         for role in given.roles:
@@ -255,20 +279,33 @@ def main() -> int:
                 if judges:
                     detectors["left out"] = SpotDetector(at_once, judges[name])
                 if given.confirmed:
-                    detectors[("left out" if judges else "as it comes") + ", confirmed"] = SpotDetector(confirmed, judges.get(name))
+                    detectors[("left out" if judges else "as it comes") + ", confirmed"] = SpotDetector(
+                        confirmed, judges.get(name)
+                    )
                 if given.other:
                     params, detector = other_detector(given.other)[0]
                     detectors["other"] = detector(getattr(params, preset)(confirm_frames=1))
                 for version, c in measure(given.folder, name, video, role, variant, detectors).items():
                     clips.setdefault(version, []).append(c)
-                    print(f"  {name if version == 'as it comes' else '    ' + version:46s} frames {c['found']:3d}/{c['labels']:3d} "
-                          f"shots {c['shots_found']:2d}/{c['shots']:2d} false {c['false']:3d} ({c['false_off_fringe']:3d}) "
-                          f"{c['ms']:.1f} ms {c['places'][:12]}", flush=True)
-                    if given.crops and c["places"] and role != "window" and variant == "plain" and version == "as it comes":
+                    print(
+                        f"  {name if version == 'as it comes' else '    ' + version:46s} frames {c['found']:3d}/{c['labels']:3d} "
+                        f"shots {c['shots_found']:2d}/{c['shots']:2d} false {c['false']:3d} ({c['false_off_fringe']:3d}) "
+                        f"{c['ms']:.1f} ms {c['places'][:12]}",
+                        flush=True,
+                    )
+                    if (
+                        given.crops
+                        and c["places"]
+                        and role != "window"
+                        and variant == "plain"
+                        and version == "as it comes"
+                    ):
                         write_crops(given.folder / "clips" / name, c["places"], given.crops)
-            rows = [{"role": role, "pictures": variant, "version": version, "clip": name, **figures(part)}
-                    for version, counts in clips.items()
-                    for name, part in [("all", counts)] + [(one["clip"], [one]) for one in counts]]
+            rows = [
+                {"role": role, "pictures": variant, "version": version, "clip": name, **figures(part)}
+                for version, counts in clips.items()
+                for name, part in [("all", counts)] + [(one["clip"], [one]) for one in counts]
+            ]
             for row in rows:
                 if row["clip"] == "all":
                     print(json.dumps(row), flush=True)

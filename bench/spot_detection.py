@@ -5,10 +5,11 @@
     bench/spot_detection.py --scenes [WORD ...]    also rendered scenes of every hard case (or those whose name has a WORD)
     bench/spot_detection.py --quiet MINUTES        also false spots without a laser, people walking under three cameras
 
-Labelled clips: spot_clips.py; another version's times: spot_time.py. Writes out/bench/spot_detection.json. Both detectors see the same
-frames in turn, in one run on one thread, and the
-time is that of the thread, so that other programs disturb both alike.
+Labelled clips: spot_clips.py; another version's times: spot_time.py. Writes out/bench/spot_detection.json. Both
+detectors see the same frames in turn, in one run on one thread, and the time is that of the thread, so that
+other programs disturb both alike.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -31,8 +32,14 @@ from spot_versions import append_rows  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
 
 PERIOD_S = 0.04
-SCENE_FIGURES = ("recall", "false_spots_per_hour", "error_median_mm", "error_p95_mm", "error_with_pose_error_median_mm",
-                 "error_with_pose_error_p95_mm")
+SCENE_FIGURES = (
+    "recall",
+    "false_spots_per_hour",
+    "error_median_mm",
+    "error_p95_mm",
+    "error_with_pose_error_median_mm",
+    "error_with_pose_error_p95_mm",
+)
 
 
 class AuthorsDesign:
@@ -96,7 +103,13 @@ def measure_time(frames: int) -> Dict[str, Any]:
 
 
 def measure_scenes(
-    words: List[str], seed: int, other: Optional[Path], left_out: Optional[Path], share: float, without: List[str], table: Optional[Path],
+    words: List[str],
+    seed: int,
+    other: Optional[Path],
+    left_out: Optional[Path],
+    share: float,
+    without: List[str],
+    table: Optional[Path],
 ) -> Dict[str, Any]:
     """Measures recall, false spots and errors on the floor in rendered scenes; prints each as it is done.
 
@@ -105,8 +118,8 @@ def measure_scenes(
         table: gets a row for each scene and version.
         without: no scenes with one of these words in their names.
         other: folder of another version's packages, which see the same pictures.
-        left_out: folder of the examples that spot_training.py kept: the scenes are also searched with classifiers fitted without
-            them, a fifth of all at once.
+        left_out: folder of the examples that spot_training.py kept: the scenes are also searched with classifiers
+            fitted without them, a fifth of all at once.
     """
     from spot_scenes import Camera, CameraModels, Rooms, ceiling_scenes, lab, mobile_scenes, play
     from vb_laser_detect.detection.training import fit_without, load_examples
@@ -129,13 +142,30 @@ def measure_scenes(
         for version, outcome in zip(cameras, play(scene, list(cameras.values()), share)):
             figures = outcome.summary()
             if table is not None:
-                append_rows(table, [{"scene": name, "version": version, "seed": seed, "share": share,
-                                     **{key: figures[key] for key in ("frames", "visible_frames", "false_spots", *SCENE_FIGURES)},
-                                     "missed_because": " ".join(f"{code}:{n}" for code, n in figures["missed_because"].items())}])
+                append_rows(
+                    table,
+                    [
+                        {
+                            "scene": name,
+                            "version": version,
+                            "seed": seed,
+                            "share": share,
+                            **{
+                                key: figures[key] for key in ("frames", "visible_frames", "false_spots", *SCENE_FIGURES)
+                            },
+                            "missed_because": " ".join(f"{code}:{n}" for code, n in figures["missed_because"].items()),
+                        }
+                    ],
+                )
             result.setdefault(name, {})[version] = figures
             numbers = [np.nan if figures[key] is None else figures[key] for key in SCENE_FIGURES]
-            print("{:52s} {:6.3f} {:8.0f} {:8.1f} {:6.1f} ({:.1f}, {:.1f})".format(
-                name if version == "this" else f"    {version}", *numbers), figures["missed_because"] or "", flush=True)
+            print(
+                "{:52s} {:6.3f} {:8.0f} {:8.1f} {:6.1f} ({:.1f}, {:.1f})".format(
+                    name if version == "this" else f"    {version}", *numbers
+                ),
+                figures["missed_because"] or "",
+                flush=True,
+            )
     return result
 
 
@@ -145,7 +175,9 @@ def measure_quiet(minutes: float, seed: int) -> Dict[str, Any]:
 
     result = {name: outcome.summary() for name, outcome in quiet(minutes, seed).items()}
     return {
-        name: {key: figures[key] for key in ("frames", "false_spots", "false_spots_per_hour", "false_at_time_u_v_diameter")}
+        name: {
+            key: figures[key] for key in ("frames", "false_spots", "false_spots_per_hour", "false_at_time_u_v_diameter")
+        }
         for name, figures in result.items()
     }
 
@@ -153,14 +185,22 @@ def measure_quiet(minutes: float, seed: int) -> Dict[str, Any]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=200, help="rendered frames to time")
-    parser.add_argument("--scenes", nargs="*", metavar="WORD", help="rendered scenes; only those with a WORD in their name")
+    parser.add_argument(
+        "--scenes", nargs="*", metavar="WORD", help="rendered scenes; only those with a WORD in their name"
+    )
     parser.add_argument("--without", nargs="+", default=[], metavar="WORD", help="no scenes with a WORD in their name")
     parser.add_argument("--share", type=float, default=1.0, help="of each scene's time, for --scenes")
     parser.add_argument("--quiet", type=float, metavar="MINUTES", help="simulated time without a laser")
     parser.add_argument("--seed", type=int, default=1, help="of textures, noise and, with --quiet, who walks where")
-    parser.add_argument("--other", type=Path, help="folder of another version's packages, for --scenes: on the same pictures")
-    parser.add_argument("--left-out", type=Path, metavar="EXAMPLES",
-                        help="for --scenes: also with classifiers fitted without the scene, by what spot_training.py kept")
+    parser.add_argument(
+        "--other", type=Path, help="folder of another version's packages, for --scenes: on the same pictures"
+    )
+    parser.add_argument(
+        "--left-out",
+        type=Path,
+        metavar="EXAMPLES",
+        help="for --scenes: also with classifiers fitted without the scene, by what spot_training.py kept",
+    )
     parser.add_argument("--csv", type=Path, help="append the scenes to a table")
     parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "spot_detection.json")
     parser.add_argument("--no-times", action="store_true")
@@ -171,19 +211,30 @@ def main() -> int:
     result: Dict[str, Any] = {} if arguments.no_times else {"time_per_1080p_frame": measure_time(arguments.frames)}
     timing = result.get("time_per_1080p_frame")
     for name in ("authors_bgr8", "bgr8", "bayer_rggb8") if timing else ():
-        print(f"{name:14s} {timing[name]['median_ms']:6.2f} ms per 1080p frame (95th percentile {timing[name]['p95_ms']:.2f})")
+        print(
+            f"{name:14s} {timing[name]['median_ms']:6.2f} ms per 1080p frame (95th percentile {timing[name]['p95_ms']:.2f})"
+        )
     if timing:
         print(
             f"faster than the authors' design: {timing['times_faster_bgr8']:.1f} times (bgr8), "
             f"{timing['times_faster_bayer_rggb8']:.1f} times (Bayer)"
         )
     if arguments.scenes is not None:
-        result["scenes"] = measure_scenes(arguments.scenes, arguments.seed, arguments.other, arguments.left_out, arguments.share,
-                                          arguments.without, arguments.csv)
+        result["scenes"] = measure_scenes(
+            arguments.scenes,
+            arguments.seed,
+            arguments.other,
+            arguments.left_out,
+            arguments.share,
+            arguments.without,
+            arguments.csv,
+        )
     if arguments.quiet:
         result["no_laser"] = measure_quiet(arguments.quiet, arguments.seed)
         for name, figures in result["no_laser"].items():
-            print(f"no laser, {arguments.quiet:g} minutes, camera {name}: {figures['frames']} frames, {figures['false_spots']} false spots")
+            print(
+                f"no laser, {arguments.quiet:g} minutes, camera {name}: {figures['frames']} frames, {figures['false_spots']} false spots"
+            )
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     arguments.out.write_text(json.dumps(result, indent=2) + "\n")
     print(f"written to {arguments.out}")

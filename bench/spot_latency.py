@@ -11,6 +11,7 @@ the cores that detectors and player took. The first spots of a stroke, which wai
 
 The stamp is the moment of sending: exposure and readout of a real camera come on top.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -105,14 +106,24 @@ def main() -> int:
     os.environ.update({"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_LOG_DIR": str(folder / "log")})
     cameras = [camera.name for camera in lab().cameras]
     with contextlib.ExitStack() as stack:
-        launch = Child(["roslaunch", "-p", str(port), str(TOP / "launch/parts/perception.launch"),
-                        f"cameras:={' '.join(cameras)}"], folder / "roslaunch.txt")
+        launch = Child(
+            [
+                "roslaunch",
+                "-p",
+                str(port),
+                str(TOP / "launch/parts/perception.launch"),
+                f"cameras:={' '.join(cameras)}",
+            ],
+            folder / "roslaunch.txt",
+        )
         stack.callback(launch.stop)
         if not wait_until(rosgraph.is_master_online, 60.0):
             print("the master did not come up", file=sys.stderr)
             return 1
-        player = Child([sys.executable, __file__, "--play", "--seconds", str(given.seconds), "--rate", str(given.rate)],
-                       folder / "player.txt")
+        player = Child(
+            [sys.executable, __file__, "--play", "--seconds", str(given.seconds), "--rate", str(given.rate)],
+            folder / "player.txt",
+        )
         stack.callback(player.stop)
         rospy.init_node("spot_latency", disable_signals=True)
         stack.callback(rospy.signal_shutdown, "measured")
@@ -133,8 +144,13 @@ def main() -> int:
         cores = {node: (cpu_seconds(node) - old) / took for node, old in before.items()}
         sent = rospy.get_param("/player/sent", 0)
         wait_until(lambda: False, 1.5)  # the last counts come
-        result = {"rate_hz": given.rate, "cores_detectors": round(sum(cores[node] for node in detectors), 3),
-                  "cores_player": round(cores["/player"], 3), "load": os.getloadavg()[0], "cameras": {}}
+        result = {
+            "rate_hz": given.rate,
+            "cores_detectors": round(sum(cores[node] for node in detectors), 3),
+            "cores_player": round(cores["/player"], 3),
+            "load": os.getloadavg()[0],
+            "cameras": {},
+        }
         for name in cameras:
             searched = int(status[name].processed) if name in status else 0
             result["cameras"][name] = {"sent": sent, "searched": searched, **summary(delays[name])}

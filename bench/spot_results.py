@@ -11,6 +11,7 @@
 
 Of long tables only the rows that are not perfect are shown; all are in the CSV files.
 """
+
 from __future__ import annotations
 
 import csv
@@ -18,7 +19,11 @@ from pathlib import Path
 from typing import Dict, List, Sequence
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "results"
-ROLES = {"stationary": "ceiling camera", "mobile": "robot's camera, standing", "window": "window that pans, tilts, rolls"}
+ROLES = {
+    "stationary": "ceiling camera",
+    "mobile": "robot's camera, standing",
+    "window": "window that pans, tilts, rolls",
+}
 Row = Dict[str, str]
 
 
@@ -46,21 +51,48 @@ def clips() -> List[str]:
     rows = [row for row in rows_of("clips") if row["pictures"] == "plain"]
 
     def line(row: Row, first: Sequence[str]) -> List[str]:
-        return [*first, f"{row['found']} of {row['labels']}", f"{row['recall_low']} to {row['recall_high']}",
-                f"{row['shots_found']} of {row['shots']}", row["false"], row["false_on_unlabelled"],
-                f"{row['false_per_1000']} ({row['false_low']} to {row['false_high']})", row["median_error_px"], row["revision"]]
+        return [
+            *first,
+            f"{row['found']} of {row['labels']}",
+            f"{row['recall_low']} to {row['recall_high']}",
+            f"{row['shots_found']} of {row['shots']}",
+            row["false"],
+            row["false_on_unlabelled"],
+            f"{row['false_per_1000']} ({row['false_low']} to {row['false_high']})",
+            row["median_error_px"],
+            row["revision"],
+        ]
 
-    head = ["labelled frames", "recall, 95 %", "shots", "false", "of them unlabelled pulses", "false per 1000 frames, 95 %",
-            "error [px]", "revision"]
+    head = [
+        "labelled frames",
+        "recall, 95 %",
+        "shots",
+        "false",
+        "of them unlabelled pulses",
+        "false per 1000 frames, 95 %",
+        "error [px]",
+        "revision",
+    ]
     every = [line(row, (ROLES[row["role"]], row["version"])) for row in rows if row["clip"] == "all"]
     # of each clip the last measurement
-    each = {(row["clip"], row["role"]): line(row, (row["clip"].split(".")[0], f"{ROLES[row['role']]}, {row['version']}"))
-            for row in rows if row["clip"] != "all" and row["version"].startswith("left out")}
-    return ["## Real clips", "", "Sixteen webcam clips, 5536 frames. *Left out*: judged by a classifier that was fitted without "
-            "the clip. *Confirmed*: with the confirmation that the nodes use; most pulses are shorter than it "
-            "takes, so only its false spots say something. Frames of a clip resemble each other, so the intervals are too "
-            "narrow.", "", *table(["role", "classifier", *head], every), "Clip by clip, the last measurement of each:", "",
-            *table(["clip", "role, classifier", *head], list(each.values()))]
+    each = {
+        (row["clip"], row["role"]): line(row, (row["clip"].split(".")[0], f"{ROLES[row['role']]}, {row['version']}"))
+        for row in rows
+        if row["clip"] != "all" and row["version"].startswith("left out")
+    }
+    return [
+        "## Real clips",
+        "",
+        "Sixteen webcam clips, 5536 frames. *Left out*: judged by a classifier that was fitted without "
+        "the clip. *Confirmed*: with the confirmation that the nodes use; most pulses are shorter than it "
+        "takes, so only its false spots say something. Frames of a clip resemble each other, so the intervals are too "
+        "narrow.",
+        "",
+        *table(["role", "classifier", *head], every),
+        "Clip by clip, the last measurement of each:",
+        "",
+        *table(["clip", "role, classifier", *head], list(each.values())),
+    ]
 
 
 def _paint(row: Row) -> bool:
@@ -70,18 +102,33 @@ def _paint(row: Row) -> bool:
 def left_out() -> List[str]:
     """Reports the classifier alone, on clips and scenes that it was not fitted on."""
     rows = rows_of("left_out")
-    kinds = {"clips": [row for row in rows if ":" not in row["left_out"]],
-             "ceiling scenes": [row for row in rows if row["left_out"].startswith("ceiling") and not _paint(row)],
-             "robot scenes": [row for row in rows if row["left_out"].startswith("robot") and not _paint(row)],
-             "paint, which only training shows": [row for row in rows if _paint(row)]}
-    sums = [[name, *(str(sum(int(row[key]) for row in some)) for key in ("found", "spots", "taken_for_spots", "others"))]
-            for name, some in kinds.items()]
-    odd = [[row["left_out"], row["found"], row["spots"], row["taken_for_spots"], row["others"]] for row in rows
-           if row["found"] != row["spots"] or row["taken_for_spots"] != "0"]
+    kinds = {
+        "clips": [row for row in rows if ":" not in row["left_out"]],
+        "ceiling scenes": [row for row in rows if row["left_out"].startswith("ceiling") and not _paint(row)],
+        "robot scenes": [row for row in rows if row["left_out"].startswith("robot") and not _paint(row)],
+        "paint, which only training shows": [row for row in rows if _paint(row)],
+    }
+    sums = [
+        [name, *(str(sum(int(row[key]) for row in some)) for key in ("found", "spots", "taken_for_spots", "others"))]
+        for name, some in kinds.items()
+    ]
+    odd = [
+        [row["left_out"], row["found"], row["spots"], row["taken_for_spots"], row["others"]]
+        for row in rows
+        if row["found"] != row["spots"] or row["taken_for_spots"] != "0"
+    ]
     head = ["found", "of spots", "taken for spots", "of other things"]
-    return ["## The classifier on what it was not fitted on", "", "A fifth of all clips and scenes is left out at a time, each "
-            f"as a whole; each thing that the detector examined counts once. Measured at {revisions(rows)}.", "",
-            *table(["left out", *head], sums), "Not perfect:", "", *table(["left out", *head], odd)]
+    return [
+        "## The classifier on what it was not fitted on",
+        "",
+        "A fifth of all clips and scenes is left out at a time, each "
+        f"as a whole; each thing that the detector examined counts once. Measured at {revisions(rows)}.",
+        "",
+        *table(["left out", *head], sums),
+        "Not perfect:",
+        "",
+        *table(["left out", *head], odd),
+    ]
 
 
 def scenes() -> List[str]:
@@ -92,16 +139,42 @@ def scenes() -> List[str]:
             measured.append({"this": row})
         measured[-1][row["version"]] = row
     odd = [one for one in measured if float(one["this"]["recall"]) < 1.0 or one["this"]["false_spots"] != "0"]
-    shown = [[one["this"]["scene"] + (", left out" if "left out" in one else ""), one["this"]["share"], one["this"]["recall"],
-              one["this"]["false_spots"], one["this"]["missed_because"], one.get("other", {}).get("recall", ""),
-              one.get("other", {}).get("false_spots", ""), one["this"]["revision"]] for one in odd]
+    shown = [
+        [
+            one["this"]["scene"] + (", left out" if "left out" in one else ""),
+            one["this"]["share"],
+            one["this"]["recall"],
+            one["this"]["false_spots"],
+            one["this"]["missed_because"],
+            one.get("other", {}).get("recall", ""),
+            one.get("other", {}).get("false_spots", ""),
+            one["this"]["revision"],
+        ]
+        for one in odd
+    ]
     revision_of = [one["this"]["revision"] for one in measured]
     by_revision = ", ".join(f"{revision_of.count(name)} at {name}" for name in dict.fromkeys(revision_of))
-    return ["## Rendered scenes", "", f"{len({one['this']['scene'] for one in measured})} scenes of a ceiling's and a robot's camera, "
-            f"{len(measured)} measurements ({by_revision}), beside revision 3655b17 on the same pictures. {len(measured) - len(odd)} "
-            "have every spot and no false one; the others:", "",
-            *table(["scene", "share of its time", "recall", "false spots", "missed because", "recall of 3655b17", "its false spots",
-                    "revision"], shown)]
+    return [
+        "## Rendered scenes",
+        "",
+        f"{len({one['this']['scene'] for one in measured})} scenes of a ceiling's and a robot's camera, "
+        f"{len(measured)} measurements ({by_revision}), beside revision 3655b17 on the same pictures. {len(measured) - len(odd)} "
+        "have every spot and no false one; the others:",
+        "",
+        *table(
+            [
+                "scene",
+                "share of its time",
+                "recall",
+                "false spots",
+                "missed because",
+                "recall of 3655b17",
+                "its false spots",
+                "revision",
+            ],
+            shown,
+        ),
+    ]
 
 
 def cameras() -> List[str]:
@@ -114,8 +187,13 @@ def cameras() -> List[str]:
     def shown(some: Sequence[Row]) -> List[str]:
         if not some:
             return []
-        return table(["camera", "role", "recall", "false", "median error"], [
-            [row["camera"], row["role"], row["recall"], row["false"], f"{row['median_error']} {row['unit']}"] for row in some])
+        return table(
+            ["camera", "role", "recall", "false", "median error"],
+            [
+                [row["camera"], row["role"], row["recall"], row["false"], f"{row['median_error']} {row['unit']}"]
+                for row in some
+            ],
+        )
 
     return [
         "## Kinds of cameras",
@@ -134,9 +212,17 @@ def cameras() -> List[str]:
 def times() -> List[str]:
     """Times of a search."""
     rows = rows_of("time")
-    return ["## Time of a search", "", f"One thread, paired rounds with revision 3655b17, measured at {revisions(rows)} on two busy "
-            "cores: the ratios count.", "", *table(["case", "this [ms]", "3655b17 [ms]", "ratio"], [
-                [row["case"], row["this_ms"], row["other_ms"], row["this_over_other"]] for row in rows])]
+    return [
+        "## Time of a search",
+        "",
+        f"One thread, paired rounds with revision 3655b17, measured at {revisions(rows)} on two busy "
+        "cores: the ratios count.",
+        "",
+        *table(
+            ["case", "this [ms]", "3655b17 [ms]", "ratio"],
+            [[row["case"], row["this_ms"], row["other_ms"], row["this_over_other"]] for row in rows],
+        ),
+    ]
 
 
 def robots() -> List[str]:
@@ -144,7 +230,9 @@ def robots() -> List[str]:
     rows, shares = rows_of("robots"), {}
     for row in rows:
         line = shares.setdefault((row["what"], row["localisation_error_cm"], row["n"], row["hidden_anyway"]), {})
-        line[row["margin_cm"]] = "{:.1f} % ({:.1f} to {:.1f})".format(*(100 * float(row[key]) for key in ("share", "low", "high")))
+        line[row["margin_cm"]] = "{:.1f} % ({:.1f} to {:.1f})".format(
+            *(100 * float(row[key]) for key in ("share", "low", "high"))
+        )
     return [
         "## Robots",
         "",
@@ -162,8 +250,13 @@ def robots() -> List[str]:
 
 
 def main() -> None:
-    lines = ["# Seeing the spot: results", "", "Written by `bench/spot_results.py` from the `detection_*.csv` beside it; its docstring "
-             "names the commands. What the figures mean for a lab: [How a spot is detected](../explanation/detection.md).", ""]
+    lines = [
+        "# Seeing the spot: results",
+        "",
+        "Written by `bench/spot_results.py` from the `detection_*.csv` beside it; its docstring "
+        "names the commands. What the figures mean for a lab: [How a spot is detected](../explanation/detection.md).",
+        "",
+    ]
     for part in (clips, left_out, scenes, cameras, robots, times):
         lines += part()
     (FOLDER / "detection.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")

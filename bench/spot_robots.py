@@ -3,18 +3,19 @@
 
     bench/spot_robots.py [--places 1500] [--rounds 8] [--csv docs/results/detection_robots.csv]
 
-Robots at random places of the simulated lab, seen by its three ceiling cameras, with a localisation that is off by 0, 5 or
-10 cm in a random direction:
+Robots at random places of the simulated lab, seen by its three ceiling cameras, with a localisation that is off by 0, 5
+or 10 cm in a random direction:
 
-- *laser beside*: a spot at a random place beyond the robot's rim. Of those that the camera sees (the rendered robot hides less
-  than half of the light), how many are refused? Places that the robot hides say how often there was nothing to lose.
-  *By all cameras*: refused by each of those that see it, so that only the robot's own camera is left.
-- *light on it*: a point anywhere on the robot's side or top that faces the camera, as for a button or an LED. How many are
-  refused?
+- *laser beside*: a spot at a random place beyond the robot's rim. Of those that the camera sees (the rendered robot
+  hides less than half of the light), how many are refused? Places that the robot hides say how often there was nothing
+  to lose. *By all cameras*: refused by each of those that see it, so that only the robot's own camera is left.
+- *light on it*: a point anywhere on the robot's side or top that faces the camera, as for a button
+  or an LED. How many are refused?
 
 Both for the margin that the detectors use, and for none and twice as much. Then the time of a search with and without a
 robot, paired. Intervals are Wilson's for 95 %.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -62,9 +63,17 @@ def around(random: np.random.Generator, distance: float) -> np.ndarray:
 def share(what: str, error: float, margin: float, refused: List[bool], hidden: int) -> Dict[str, Any]:
     """Makes a row of the table."""
     found = proportion(sum(refused), len(refused))
-    return {"what": what, "localisation_error_cm": round(100 * error), "margin_cm": round(100 * margin), "n": len(refused),
-            "hidden_anyway": hidden, "refused": sum(refused), "share": round(found.estimate, 4),
-            "low": round(found.low, 4), "high": round(found.high, 4)}
+    return {
+        "what": what,
+        "localisation_error_cm": round(100 * error),
+        "margin_cm": round(100 * margin),
+        "n": len(refused),
+        "hidden_anyway": hidden,
+        "refused": sum(refused),
+        "share": round(found.estimate, 4),
+        "low": round(found.low, 4),
+        "high": round(found.high, 4),
+    }
 
 
 def on_surface(random: np.random.Generator, origin: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -83,8 +92,10 @@ def geometry_rows(places: int) -> List[Dict[str, Any]]:
     """Shares of what is refused."""
     random, world = np.random.default_rng(13), load_world(TOP / "src/vb_sim/worlds/lab.yaml")
     floor, mesh = render_floor(world, 1), world_mesh(world)
-    views = [CeilingView(camera, {"robot": PROFILE.radius}, floor, mesh, CameraModels(), 1, noise=False)
-             for camera in world.cameras]
+    views = [
+        CeilingView(camera, {"robot": PROFILE.radius}, floor, mesh, CameraModels(), 1, noise=False)
+        for camera in world.cameras
+    ]
     beside: Dict[Tuple, List[bool]] = defaultdict(list)
     on_it: Dict[Tuple, List[bool]] = {(error, margin): [] for error in ERRORS for margin in MARGINS}
     hidden: Counter = Counter()
@@ -116,8 +127,10 @@ def geometry_rows(places: int) -> List[Dict[str, Any]]:
         for error, margin in on_it:
             on_it[error, margin].append(refused(error, margin, origin, seen))
     words = {ring: f"laser beside, {100 * ring[0]:.0f} to {100 * ring[1]:.0f} cm from the rim" for ring in RINGS}
-    rows = [share(f"{words[ring]}, by {who}", error, margin, some, hidden[ring, who])
-            for (ring, who, error, margin), some in sorted(beside.items(), key=lambda one: one[0][:2])]
+    rows = [
+        share(f"{words[ring]}, by {who}", error, margin, some, hidden[ring, who])
+        for (ring, who, error, margin), some in sorted(beside.items(), key=lambda one: one[0][:2])
+    ]
     return rows + [share("light on it", error, margin, some, 0) for (error, margin), some in on_it.items()]
 
 
@@ -126,7 +139,9 @@ def time_ratio(rounds: int) -> Tuple[float, float]:
     knowing the place.
     """
     world = load_world(TOP / "src/vb_sim/worlds/lab.yaml")
-    view = CeilingView(world.cameras[1], {"robot": PROFILE.radius}, render_floor(world, 1), world_mesh(world), CameraModels(), 1)
+    view = CeilingView(
+        world.cameras[1], {"robot": PROFILE.radius}, render_floor(world, 1), world_mesh(world), CameraModels(), 1
+    )
     x, y = view.pose[:2, 3]
     detectors = {hides: SpotDetector(DetectorParams.stationary()) for hides in (False, True)}
     projector, times = FloorProjection(), {False: [], True: []}

@@ -1,8 +1,9 @@
 """Rendered scenes for the spot detector: every hard case that a room has, with and without a laser.
 
-Used by spot_detection.py. A scene says at each time where everything is; `play` renders it, searches the pictures as the
-node does, and compares with the truth.
+Used by spot_detection.py. A scene says at each time where everything is; `play` renders it, searches the pictures as
+the node does, and compares with the truth.
 """
+
 from __future__ import annotations
 
 import math
@@ -135,7 +136,9 @@ class Rooms:
 
 
 def _same_floor(a: World, b: World) -> bool:
-    return all(getattr(a, part) == getattr(b, part) for part in ("room", "floor", "walls", "furniture", "patches", "lights"))
+    return all(
+        getattr(a, part) == getattr(b, part) for part in ("room", "floor", "walls", "furniture", "patches", "lights")
+    )
 
 
 class SeenFrame(ImageGeometry):
@@ -190,7 +193,9 @@ class Camera:
             image, pose, model = view.frame(snapshot), view.pose, view.model
         return image, SeenFrame(snapshot, model, lambda: pose, self._projector, depth), view
 
-    def pictures(self, scene: Scene, quiet_s: float, draw_s: float) -> Iterator[Tuple[float, np.ndarray, SeenFrame, Any, Snapshot]]:
+    def pictures(
+        self, scene: Scene, quiet_s: float, draw_s: float
+    ) -> Iterator[Tuple[float, np.ndarray, SeenFrame, Any, Snapshot]]:
         """Renders a scene: the disturbance alone, then with the laser."""
         for t, index, snapshot in course(scene, quiet_s, draw_s):
             yield (t, *self.picture(t, index, snapshot), snapshot)
@@ -318,8 +323,16 @@ class Walk:
         glint: [grey levels] brightness of what shines on the right shoe; 0: nothing does.
     """
 
-    def __init__(self, world: World, seed: int, shirt: Sequence[int] = DARK, shoes: Sequence[int] = DARK,
-                 speed: float = 1.0, glint: float = 0.0, seconds: float = 60.0) -> None:
+    def __init__(
+        self,
+        world: World,
+        seed: int,
+        shirt: Sequence[int] = DARK,
+        shoes: Sequence[int] = DARK,
+        speed: float = 1.0,
+        glint: float = 0.0,
+        seconds: float = 60.0,
+    ) -> None:
         self._shirt, self._shoes, self._speed, self._glint = tuple(shirt), tuple(shoes), speed, glint
         clearance, random = DistanceField(physical_map(world)).clearance, np.random.default_rng(seed)
 
@@ -360,7 +373,9 @@ def walking(*walks: Walk) -> Callable[[float], SceneConditions]:
 
     def at(t: float) -> SceneConditions:
         states = [walk.at(t) for walk in walks]
-        return SceneConditions(bystanders=tuple(who for who, _ in states), glints=sum((glints for _, glints in states), ()))
+        return SceneConditions(
+            bystanders=tuple(who for who, _ in states), glints=sum((glints for _, glints in states), ())
+        )
 
     return at
 
@@ -381,10 +396,14 @@ def with_camera(world: World, name: str = "green", **changes: Any) -> World:
     return replace(world, cameras=tuple(replace(c, **changes) if c.name == name else c for c in world.cameras))
 
 
-def dots(places: Sequence[Place], colors: Sequence[Tuple[int, int, int]], size: float = 0.018) -> Tuple[FloorPatch, ...]:
+def dots(
+    places: Sequence[Place], colors: Sequence[Tuple[int, int, int]], size: float = 0.018
+) -> Tuple[FloorPatch, ...]:
     """Returns printed dots [m] on the floor."""
     return tuple(
-        FloorPatch.from_mapping({"name": "dot", "x": x, "y": y, "size": [size, size], "color": list(color), "contrast": 0.0})
+        FloorPatch.from_mapping(
+            {"name": "dot", "x": x, "y": y, "size": [size, size], "color": list(color), "contrast": 0.0}
+        )
         for (x, y), color in zip(places, colors)
     )
 
@@ -419,24 +438,37 @@ def ceiling_scenes(room: World) -> List[Scene]:
         Scene("nothing else", border, (room,)),
         Scene("moved chair", border, (room, moved), every(4.0, 0, 1), walking(walkers[0])),
         Scene("light switched", border, (room,), around_at=every(3.0, SceneConditions(), SceneConditions(light=0.4))),
-        Scene("exposure step", border, (room,), around_at=every(
-            3.0, SceneConditions(), SceneConditions(exposure=1.5), SceneConditions(exposure=0.7))),
+        Scene(
+            "exposure step",
+            border,
+            (room,),
+            around_at=every(3.0, SceneConditions(), SceneConditions(exposure=1.5), SceneConditions(exposure=0.7)),
+        ),
         Scene("sun patch, moving edge", border, (room,), around_at=sun),
         Scene("walking people", border, (room,), around_at=walking(*walkers)),
         Scene("printed dots, always there", border, (printed,)),
         Scene("printed dots, laid down and taken away", border, (room, printed), every(4.0, 1, 0)),
         Scene("white dots, laid down and taken away", border, (room, whites), every(4.0, 1, 0)),
         Scene("shiny shoes", border, (room,), around_at=walking(*shiny)),
-        Scene("lamp's reflection, comes and goes", border, (room,), around_at=every(
-            1.5, SceneConditions(), SceneConditions(glints=(lamp,)))),
+        Scene(
+            "lamp's reflection, comes and goes",
+            border,
+            (room,),
+            around_at=every(1.5, SceneConditions(), SceneConditions(glints=(lamp,))),
+        ),
         Scene("held still", still(3.6, 2.2), (room,)),
         Scene("held in a hand", still(3.6, 2.2, 0.007), (room,)),
     ]
     scenes += [Scene(f"drawn at {speed} m/s", along(CARPET, speed), (room,)) for speed in (0.2, 0.5, 1.0, 1.5)]
-    scenes += [Scene(f"{name} floor, {color}", border, (world,), color=color)
-               for name, world in floors.items() for color in ("red", "green")]
+    scenes += [
+        Scene(f"{name} floor, {color}", border, (world,), color=color)
+        for name, world in floors.items()
+        for color in ("red", "green")
+    ]
     scenes += [Scene(f"camera {height} m high", border, (with_camera(room, height=height),)) for height in (2.2, 4.0)]
-    scenes += [Scene(f"{encoding} images", border, (with_camera(room, encoding=encoding),)) for encoding in ("bgr8", "mono8")]
+    scenes += [
+        Scene(f"{encoding} images", border, (with_camera(room, encoding=encoding),)) for encoding in ("bgr8", "mono8")
+    ]
     scenes.append(Scene("strong distortion", border, (with_camera(room, distortion=(-0.28, 0.08, 0.0, 0.0, 0.0)),)))
     return scenes
 
@@ -449,15 +481,29 @@ def training_scenes(room: World) -> List[Scene]:
     """
     colours = ((40, 60, 220), (240, 220, 40), (240, 120, 200), (250, 130, 30), (30, 200, 210))
     scenes = []
-    for name, floor, size in (("grey", room.floor, 0.012), ("pale", replace(room.floor, kind="tiles", color=(170, 165, 155)), 0.025),
-                              ("brown", replace(room.floor, kind="tiles", color=(120, 85, 60)), 0.018)):
+    for name, floor, size in (
+        ("grey", room.floor, 0.012),
+        ("pale", replace(room.floor, kind="tiles", color=(170, 165, 155)), 0.025),
+        ("brown", replace(room.floor, kind="tiles", color=(120, 85, 60)), 0.018),
+    ):
         bare = lab(floor=floor, patches=())
-        for mobile, places in ((False, ((3.3, 2.3), (4.4, 2.5), (5.2, 1.6), (3.9, 1.4), (4.8, 1.1))),
-                               (True, ((5.9, 1.2), (5.6, 0.8), (5.3, 1.1), (5.7, 1.0), (5.5, 1.3)))):
+        for mobile, places in (
+            (False, ((3.3, 2.3), (4.4, 2.5), (5.2, 1.6), (3.9, 1.4), (4.8, 1.1))),
+            (True, ((5.9, 1.2), (5.6, 0.8), (5.3, 1.1), (5.7, 1.0), (5.5, 1.3))),
+        ):
             printed = replace(bare, patches=dots(places, colours, size))
             # twice within the time that is learnt from; a robot stands still, so that they are new to it
-            scenes.append(Scene(f"dots on a {name} floor", still(4.0, 3.0) if not mobile else still(5.8, 0.9), (bare, printed),
-                                every(1.0, 1, 0), mobile=mobile, person=False, robot_at=lambda t: (6.9, 1.0, math.pi)))
+            scenes.append(
+                Scene(
+                    f"dots on a {name} floor",
+                    still(4.0, 3.0) if not mobile else still(5.8, 0.9),
+                    (bare, printed),
+                    every(1.0, 1, 0),
+                    mobile=mobile,
+                    person=False,
+                    robot_at=lambda t: (6.9, 1.0, math.pi),
+                )
+            )
     return scenes
 
 
@@ -480,9 +526,15 @@ def mobile_scenes(room: World) -> List[Scene]:
     def common(name: str, laser: Callable[[float], Place], world: World = room, **more: Any) -> Scene:
         return Scene(name, laser, (world,), mobile=True, **{"robot_at": lambda t: start, "person": False, **more})
 
-    scenes = [common(f"{distance} m, {color}", ahead(distance), color=color)
-              for distance in (0.5, 1.0, 1.5, 2.0, 2.5) for color in ("red", "green")]
-    scenes += [common(f"drawn at {speed} m/s, 1.2 m", along(np.array([[5.6, 0.7], [5.6, 1.3]]), speed, False)) for speed in (0.5, 1.0)]
+    scenes = [
+        common(f"{distance} m, {color}", ahead(distance), color=color)
+        for distance in (0.5, 1.0, 1.5, 2.0, 2.5)
+        for color in ("red", "green")
+    ]
+    scenes += [
+        common(f"drawn at {speed} m/s, 1.2 m", along(np.array([[5.6, 0.7], [5.6, 1.3]]), speed, False))
+        for speed in (0.5, 1.0)
+    ]
     lights = (Light.from_mapping({"name": "lamp", "x": 5.7, "y": 1.25, "radius": 0.05, "brightness": 220.0}),)
     people = Walk(room, 8, WHITE, WHITE), Walk(room, 9, DARK, DARK, glint=400.0)
     scenes += [
@@ -492,8 +544,15 @@ def mobile_scenes(room: World) -> List[Scene]:
         common("bright floor, green", ahead(1.2), bright, color="green"),
         common("dark floor, red", ahead(1.2), dark),
         common("dark floor, green", ahead(1.2), dark, color="green"),
-        common("printed dots", ahead(1.2), lab(patches=room.patches + dots(
-            ((5.9, 1.2), (5.6, 0.8), (5.3, 1.1)), ((235, 30, 40), (40, 230, 60), (250, 250, 250)))), robot_at=turn),
+        common(
+            "printed dots",
+            ahead(1.2),
+            lab(
+                patches=room.patches
+                + dots(((5.9, 1.2), (5.6, 0.8), (5.3, 1.1)), ((235, 30, 40), (40, 230, 60), (250, 250, 250)))
+            ),
+            robot_at=turn,
+        ),
         common("lamp's reflection", ahead(1.2), lab(lights=lights), robot_at=turn),
         common("walking people, shiny shoes", ahead(1.2), around_at=walking(*people)),
         common("light switched", ahead(1.2), around_at=every(3.0, SceneConditions(), SceneConditions(light=0.4))),
@@ -505,8 +564,10 @@ def quiet(minutes: float, seed: int) -> Dict[str, Outcome]:
     """Measures the lab without a laser: three people walk, one with shiny shoes, and a robot drives, under all ceiling cameras."""
     room, seconds, rooms = lab(), 60.0 * minutes, Rooms(CameraModels(), seed)
     people = walking(
-        Walk(room, 10 * seed, WHITE, DARK, 0.9, 0.0, seconds), Walk(room, 10 * seed + 1, (150, 40, 40), WHITE, 1.1, 0.0, seconds),
-        Walk(room, 10 * seed + 2, DARK, DARK, 0.6, 300.0, seconds))
+        Walk(room, 10 * seed, WHITE, DARK, 0.9, 0.0, seconds),
+        Walk(room, 10 * seed + 1, (150, 40, 40), WHITE, 1.1, 0.0, seconds),
+        Walk(room, 10 * seed + 2, DARK, DARK, 0.6, 300.0, seconds),
+    )
     driver = Walk(room, 10 * seed + 3, speed=0.3, seconds=seconds)
     scenes = {camera.name: Scene("no laser", still(0, 0), (room,), camera=camera.name) for camera in room.cameras}
     cameras = {name: Camera(scene, rooms) for name, scene in scenes.items()}

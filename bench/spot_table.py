@@ -3,12 +3,13 @@
 
     python3 bench/spot_table.py [--other SRC] [--rows WORD ...] [--csv docs/results/detection_table.csv]
 
-Rendered floors with a spot that is drawn across at the same speed per second, 1.5 s without and 4 s (at least 24 images)
-with it (large images: .5 s and 1 s), as each detector comes, spots that are given back included. A robot's camera looks round
-meanwhile, by up to 3 px
-per image. With --other another version's packages see the same pictures. The last rows tell errors on the floor [mm], 2.95 m
-under the camera, for lenses; the others errors in the image [px].
+Rendered floors with a spot that is drawn across at the same speed per second, 1.5 s without and 4 s (at least 24
+images)
+with it (large images: .5 s and 1 s), as each detector comes, spots that are given back included. A robot's camera looks
+round meanwhile, by up to 3 px per image. With --other another version's packages see the same pictures. The last rows
+tell errors on the floor [mm], 2.95 m under the camera, for lenses; the others errors in the image [px].
 """
+
 from __future__ import annotations
 
 import argparse
@@ -88,7 +89,11 @@ def rows() -> Iterator[Row]:
         for width, height in ((320, 240), (1920, 1080), (3840, 2160)):
             yield Row(f"{kind}, {width} x {height}", bayer=bayer, width=width, height=height)
     for encoding in SENT:
-        yield Row(f"{encoding} images{' of 12 bits' if encoding.endswith('16') else ''}", encoding=encoding, bayer="bayer" in encoding)
+        yield Row(
+            f"{encoding} images{' of 12 bits' if encoding.endswith('16') else ''}",
+            encoding=encoding,
+            bayer="bayer" in encoding,
+        )
     yield Row("bgr8, JPEG of quality 60", jpeg=60)
     yield Row("bgr8, JPEG of quality 60, red laser", RED, jpeg=60)
     for lens in ("raw", "rectified", "fisheye"):
@@ -100,7 +105,11 @@ def camera_of(row: Row) -> Optional[CameraModel]:
     if not row.lens:
         return None
     matrix = CameraModel.ideal(row.width, row.height, 0.6 * row.width).matrix
-    distortion = {"raw": [-0.33, 0.12, 0.0, 0.0, 0.0], "rectified": [0.0] * 5, "fisheye": [-0.02, 0.004, -0.001, 0.0002]}
+    distortion = {
+        "raw": [-0.33, 0.12, 0.0, 0.0, 0.0],
+        "rectified": [0.0] * 5,
+        "fisheye": [-0.02, 0.004, -0.001, 0.0002],
+    }
     return CameraModel(row.width, row.height, matrix, np.array(distortion[row.lens]), row.lens == "fisheye")
 
 
@@ -119,7 +128,9 @@ def pictures(row: Row, moving: bool) -> Iterator[Tuple[float, np.ndarray, Option
         if i >= quiet:
             angle = 0.8 * t
             spot = (row.width * (0.5 + 0.33 * math.cos(angle)), row.height * (0.5 + 0.33 * math.sin(angle)))
-        image = scene.render([spot] if spot else [], sigma=max(1.3, 2.0 * size), colour=row.colour, floor=floor, bayer=row.bayer)
+        image = scene.render(
+            [spot] if spot else [], sigma=max(1.3, 2.0 * size), colour=row.colour, floor=floor, bayer=row.bayer
+        )
         image = cv2.convertScaleAbs(image, alpha=row.white / 255.0)
         if row.jpeg:
             image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, row.jpeg])[1], cv2.IMREAD_COLOR)
@@ -150,9 +161,13 @@ def measure(row: Row, role: str, other: Optional[Path]) -> Dict[str, Dict[str, A
                     raise
                 spots = []
             count["images"] += spot is not None
-            for at, one in [(t, one) for one in spots] + [(earlier.stamp, earlier.spot) for earlier in detector.backfilled]:
+            for at, one in [(t, one) for one in spots] + [
+                (earlier.stamp, earlier.spot) for earlier in detector.backfilled
+            ]:
                 where = truth[at]
-                if where is None or math.hypot(one.u - where[0], one.v - where[1]) > NEAR_PX * max(1.0, row.width / 640.0):
+                if where is None or math.hypot(one.u - where[0], one.v - where[1]) > NEAR_PX * max(
+                    1.0, row.width / 640.0
+                ):
                     count["false"] += 1
                     continue
                 count["told"] += 1
@@ -160,9 +175,16 @@ def measure(row: Row, role: str, other: Optional[Path]) -> Dict[str, Dict[str, A
                 if camera is not None:
                     ends = 1e3 * floor_points(camera, pose, ends)[:, :2]
                 count["errors"].append(float(np.hypot(*(ends[0] - ends[1]))))
-    return {version: {"images": c["images"], "recall": round(c["told"] / c["images"], 3), "false": c["false"],
-                      "median_error": round(float(np.median(c["errors"])), 3) if c["errors"] else None,
-                      "unit": "mm" if row.lens else "px"} for version, c in counts.items()}
+    return {
+        version: {
+            "images": c["images"],
+            "recall": round(c["told"] / c["images"], 3),
+            "false": c["false"],
+            "median_error": round(float(np.median(c["errors"])), 3) if c["errors"] else None,
+            "unit": "mm" if row.lens else "px",
+        }
+        for version, c in counts.items()
+    }
 
 
 def main() -> int:
@@ -175,8 +197,10 @@ def main() -> int:
     for row, role in ((row, role) for row in rows() for role in ("ceiling", "robot")):
         if not any(word in row.name for word in given.rows) or role == "robot" and row.width > 1920:
             continue
-        lines = [{"camera": row.name, "role": role, "version": version, **figures}
-                 for version, figures in measure(row, role, given.other).items()]
+        lines = [
+            {"camera": row.name, "role": role, "version": version, **figures}
+            for version, figures in measure(row, role, given.other).items()
+        ]
         for line in lines:
             print(*line.values(), sep="  ", flush=True)
         if given.csv:

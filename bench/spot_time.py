@@ -3,9 +3,10 @@
 
     bench/spot_time.py [--other SRC] [--rounds 6] [--cases WORD ...]
 
-Two processes search the same rendered images in turn, ten at a time, each on one thread; times are the thread's own, so that
-what else runs disturbs both alike. Tells the median per image [ms], and the median of the ratios of paired rounds.
+Two processes search the same rendered images in turn, ten at a time, each on one thread; times are the thread's own, so
+that what else runs disturbs both alike. Tells the median per image [ms], and the median of the ratios of paired rounds.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -23,7 +24,13 @@ from spot_versions import append_rows
 
 TOP = Path(__file__).resolve().parent.parent
 IMAGES = 10
-CASES = ("ceiling bgr8 1080p", "ceiling bayer 1080p", "ceiling bgr8 4K", "robot 640x480, standing", "robot 640x480, turning")
+CASES = (
+    "ceiling bgr8 1080p",
+    "ceiling bayer 1080p",
+    "ceiling bgr8 4K",
+    "robot 640x480, standing",
+    "robot 640x480, turning",
+)
 
 
 def pictures(case: str) -> list:
@@ -87,8 +94,15 @@ def main() -> int:
         cases = [case for case in CASES if any(word in case for word in given.cases)]
         for case in cases:
             np.save(Path(folder) / f"{CASES.index(case)}.npy", np.array(pictures(case)))
-        workers = {name: subprocess.Popen([sys.executable, __file__, "--work", str(source), folder], text=True,
-                                          stdin=subprocess.PIPE, stdout=subprocess.PIPE) for name, source in sources.items()}
+        workers = {
+            name: subprocess.Popen(
+                [sys.executable, __file__, "--work", str(source), folder],
+                text=True,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+            )
+            for name, source in sources.items()
+        }
         for case in cases:
             times = {name: [] for name in workers}
             for _ in range(given.rounds + 1):

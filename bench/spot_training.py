@@ -11,14 +11,16 @@
                                                        again, so the command goes on where it was stopped. Delete the
                                                        folder when the detector has changed
 
-Validates on clips, scenes and recordings that were left out, each as a whole. --compare FILE tells how far the result is
-from another classifier's numbers: everything is seeded, so on one machine it is the same; another processor may round
-rendered images differently.
+Validates on clips, scenes and recordings that were left out, each as a whole. --compare FILE tells how far the result
+is from another classifier's numbers: everything is seeded, so on one machine it is the same; another processor may
+round rendered images differently.
 
-A recording holds the images TOPIC and clicks TOPIC_mouse_left, which rqt_image_view publishes. Until 3 s before the first
-click there must be no laser: people may walk, lights be switched. Then hold the spot still on some places, and click on it
-in the image each time. What is seen within half a second of a click counts; the rest says nothing.
+A recording holds the images TOPIC and clicks TOPIC_mouse_left, which rqt_image_view publishes. Until 3 s before the
+first
+click there must be no laser: people may walk, lights be switched. Then hold the spot still on some places, and click on
+it in the image each time. What is seen within half a second of a click counts; the rest says nothing.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -41,7 +43,16 @@ from spot_versions import append_rows  # noqa: E402
 from vb_laser_detect.detection import classifier  # noqa: E402
 from vb_laser_detect.detector import DetectorParams  # noqa: E402
 from vb_laser_detect.detection.training import (  # noqa: E402
-    Examples, LabelledFrame, collect, fit, load_examples, logits, save, save_examples, validate)
+    Examples,
+    LabelledFrame,
+    collect,
+    fit,
+    load_examples,
+    logits,
+    save,
+    save_examples,
+    validate,
+)
 
 SCENES_SHARE, SCENES_SEED = 0.2, 7  # of each scene's time; other rooms than spot_detection's
 NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the first ones, tell enough
@@ -54,7 +65,9 @@ def from_clip(folder: Path, name: str, video: dict) -> Examples:
 
     def frames() -> Iterator[LabelledFrame]:
         shots = np.array([one["frame"] for one in video["labels"]])
-        for number, (stamp, image, labels) in enumerate(spot_clips.frames_of(folder / "clips" / name, video, "stationary", "plain")):
+        for number, (stamp, image, labels) in enumerate(
+            spot_clips.frames_of(folder / "clips" / name, video, "stationary", "plain")
+        ):
             if len(shots) and number > FIRST_FRAMES and np.abs(shots - number).min() > NEAR_FRAMES:
                 continue
             here = [(one["x"], one["y"]) for one in labels if not one["near"]]
@@ -73,8 +86,10 @@ def from_recording(bag_file: str, topic: str) -> Examples:
     from vb_laser_detect.detection.image_format import PixelReader
 
     with rosbag.Bag(bag_file) as bag:
-        clicks = [(stamp.to_sec(), message.x, message.y)
-                  for _, message, stamp in bag.read_messages(topics=[topic + "_mouse_left"])]
+        clicks = [
+            (stamp.to_sec(), message.x, message.y)
+            for _, message, stamp in bag.read_messages(topics=[topic + "_mouse_left"])
+        ]
         encoding = next((message.encoding for _, message, _ in bag.read_messages(topics=[topic])), "")
         if not clicks or not encoding:
             raise SystemExit(f"{bag_file}: there are no images {topic}, or no clicks {topic}_mouse_left")
@@ -146,14 +161,26 @@ def main() -> int:
             print(f"made {file.name}", flush=True)
         files.append(file)
     examples = load_examples(files)
-    print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(np.unique(examples.groups))} clips and scenes")
+    print(
+        f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(np.unique(examples.groups))} clips and scenes"
+    )
     if not given.no_validation:
         rows = []
         for group, truth, score in validate(examples):
-            rows.append({"left_out": group, "spots": int(truth.sum()), "found": int((score[truth] > 0).sum()),
-                         "others": int((~truth).sum()), "taken_for_spots": int((score[~truth] > 0).sum())})
-            print(f"left out: {group:56s} spots found {int((score[truth] > 0).sum()):5d} of {int(truth.sum()):5d}, "
-                  f"others taken for one {int((score[~truth] > 0).sum()):4d} of {int((~truth).sum()):5d}", flush=True)
+            rows.append(
+                {
+                    "left_out": group,
+                    "spots": int(truth.sum()),
+                    "found": int((score[truth] > 0).sum()),
+                    "others": int((~truth).sum()),
+                    "taken_for_spots": int((score[~truth] > 0).sum()),
+                }
+            )
+            print(
+                f"left out: {group:56s} spots found {int((score[truth] > 0).sum()):5d} of {int(truth.sum()):5d}, "
+                f"others taken for one {int((score[~truth] > 0).sum()):4d} of {int((~truth).sum()):5d}",
+                flush=True,
+            )
         if given.csv:
             append_rows(given.csv, rows)
     if given.out:
@@ -179,12 +206,19 @@ def parts_of(given: argparse.Namespace) -> Iterator[Tuple[str, Callable[[], Exam
 
 def compare(made: classifier.SpotClassifier, other: classifier.SpotClassifier, examples: Examples) -> None:
     """Prints how much two classifiers differ."""
-    same = made.intercept == other.intercept and set(made.curves) == set(other.curves) and all(
-        np.array_equal(made.curves[name][part], other.curves[name][part]) for name in made.curves for part in (0, 1))
+    same = (
+        made.intercept == other.intercept
+        and set(made.curves) == set(other.curves)
+        and all(
+            np.array_equal(made.curves[name][part], other.curves[name][part]) for name in made.curves for part in (0, 1)
+        )
+    )
     scores = logits(made, examples), logits(other, examples)
-    print(f"{'the same numbers' if same else 'other numbers'} as the one compared with: logits differ by up to "
-          f"{np.abs(scores[0] - scores[1]).max():.3f}, {int(((scores[0] > 0) != (scores[1] > 0)).sum())} of "
-          f"{len(scores[0])} examples are judged otherwise")
+    print(
+        f"{'the same numbers' if same else 'other numbers'} as the one compared with: logits differ by up to "
+        f"{np.abs(scores[0] - scores[1]).max():.3f}, {int(((scores[0] > 0) != (scores[1] > 0)).sum())} of "
+        f"{len(scores[0])} examples are judged otherwise"
+    )
 
 
 if __name__ == "__main__":

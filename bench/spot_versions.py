@@ -1,4 +1,5 @@
 """Another version of the detector beside this one, in one process: both look at the same pictures; and tables of results."""
+
 from __future__ import annotations
 
 import csv
@@ -25,6 +26,7 @@ def append_rows(path: Path, rows: Sequence[Dict[str, Any]]) -> None:
 @lru_cache(maxsize=None)
 def other_detector(source: Path) -> Tuple[Tuple[Any, Any], Callable]:
     """Loads (DetectorParams, SpotDetector) and `search` of another version of the packages beside this one."""
+
     def ours() -> List[str]:
         return [name for name in sys.modules if name.split(".")[0] in ("vb_core", "vb_laser_detect")]
 
@@ -40,7 +42,9 @@ def other_detector(source: Path) -> Tuple[Tuple[Any, Any], Callable]:
             detector.SpotDetector.backfilled = property(lambda self: self.recalled)
         if not hasattr(detector.Spot, "rejection"):
             detector.Spot.rejection = property(lambda self: self.refusal)
-        return (detector.DetectorParams, detector.SpotDetector), importlib.import_module(f"vb_laser_detect.{geometry}").search
+        return (detector.DetectorParams, detector.SpotDetector), importlib.import_module(
+            f"vb_laser_detect.{geometry}"
+        ).search
     finally:
         del sys.path[:2]
         for name in ours():

@@ -9,6 +9,7 @@ speeds and uneven sides are in these two curves. Beside them: the tempo of each 
 cut, negative), and how far a closed figure's end lies beyond its start (or short of it, negative). Nothing is fitted.
 The strokes were made on screens: they say nothing about a laser pointer's tremor, and their scale is none of a floor's.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -26,8 +27,10 @@ SAMPLES = 17
 TOLERANCE, TURN = 0.06, math.radians(30.0)  # [diagonal] and angle from which a bend is a corner
 LONGEST_STEP = 0.25  # [diagonal] beyond which a part of the stroke is missing in the data (the data's own note)
 SHORTEST_SIDE = 0.12  # [diagonal] shorter ones are the hook of a pen
-ATTRIBUTION = ("Derived from the Quick, Draw! dataset, (c) Google, Inc., CC BY 4.0 "
-               "(https://creativecommons.org/licenses/by/4.0/): cut into sides, resampled in time, scaled to unit length")
+ATTRIBUTION = (
+    "Derived from the Quick, Draw! dataset, (c) Google, Inc., CC BY 4.0 "
+    "(https://creativecommons.org/licenses/by/4.0/): cut into sides, resampled in time, scaled to unit length"
+)
 
 
 def main() -> None:
@@ -38,23 +41,36 @@ def main() -> None:
     given = parser.parse_args()
     known = [stroke for stroke in json.loads(given.strokes.read_text()) if stroke["shape"] in CORNERS]
     people = [person for person in map(measure, known) if person is not None]
-    text = json.dumps({"attribution": ATTRIBUTION, "command": f"python3 bench/strokes.py {given.strokes.name}",
-                       "strokes": len(known), "people": people}, separators=(",", ":"))
+    text = json.dumps(
+        {
+            "attribution": ATTRIBUTION,
+            "command": f"python3 bench/strokes.py {given.strokes.name}",
+            "strokes": len(known),
+            "people": people,
+        },
+        separators=(",", ":"),
+    )
     given.out.write_text(text.replace('{"id"', '\n{"id"') + "\n")
-    print(f"{len(people)} of {len(known)} polygonal strokes taken, the others have other corners than their shape or lack a part")
+    print(
+        f"{len(people)} of {len(known)} polygonal strokes taken, the others have other corners than their shape or lack a part"
+    )
     sides = [side for person in people for side in person["sides"]]
     deviation = [math.sqrt(np.mean(np.square(side["lateral"]))) for side in sides]
     speeds = [np.diff(side["along"]) * (SAMPLES - 1) for side in sides]
     gaps = [person["gap"] for person in people if person["gap"] is not None]
     for name, values in (
-        ("rms deviation of a side [share of its length]", deviation), ("peak speed over the mean", [np.max(one) for one in speeds]),
+        ("rms deviation of a side [share of its length]", deviation),
+        ("peak speed over the mean", [np.max(one) for one in speeds]),
         ("speed at a side's ends over the mean", [np.mean(one[[0, -1]]) for one in speeds]),
         ("share of time below a fifth of the mean speed", [np.mean(one < 0.2) for one in speeds]),
         ("overshoot of a corner [share of the side]", [one for person in people for one in person["overshoot"]]),
-        ("end beyond the start [share of the diagonal]", gaps), ("size of that gap", np.abs(gaps)),
+        ("end beyond the start [share of the diagonal]", gaps),
+        ("size of that gap", np.abs(gaps)),
     ):
-        print(f"{name}: median {np.median(values):.3f}, 10 to 90 % {np.percentile(values, 10):.3f} to {np.percentile(values, 90):.3f},"
-              f" n = {len(values)}")
+        print(
+            f"{name}: median {np.median(values):.3f}, 10 to 90 % {np.percentile(values, 10):.3f} to {np.percentile(values, 90):.3f},"
+            f" n = {len(values)}"
+        )
 
 
 def measure(stroke: Dict[str, Any]) -> Optional[Dict[str, Any]]:
@@ -75,15 +91,27 @@ def measure(stroke: Dict[str, Any]) -> Optional[Dict[str, Any]]:
         direction = (points[end] - points[begin]) / length
         offset = points[begin : end + 1] - points[begin]
         times = np.linspace(stamps[begin], stamps[end], SAMPLES)
-        along, lateral = (np.interp(times, stamps[begin : end + 1], values / length) for values in (
-            offset @ direction, offset @ np.array([-direction[1], direction[0]])))
-        sides.append({"along": _rounded(along), "lateral": _rounded(lateral),
-                      "tempo": round(float(np.sum(lengths) / np.dot(tempo, lengths) * slowness), 3)})
+        along, lateral = (
+            np.interp(times, stamps[begin : end + 1], values / length)
+            for values in (offset @ direction, offset @ np.array([-direction[1], direction[0]]))
+        )
+        sides.append(
+            {
+                "along": _rounded(along),
+                "lateral": _rounded(lateral),
+                "tempo": round(float(np.sum(lengths) / np.dot(tempo, lengths) * slowness), 3),
+            }
+        )
     for before, corner, after in zip(corners, corners[1:], corners[2:]):
         found = _overshoot(points[before : corner + 1], points[corner : after + 1])
         overshoots += [found] if found is not None else []
-    return {"id": stroke["id"], "shape": stroke["shape"], "gap": _gap(points, corners, diagonal) if stroke["closed"] else None,
-            "overshoot": _rounded(overshoots), "sides": sides}
+    return {
+        "id": stroke["id"],
+        "shape": stroke["shape"],
+        "gap": _gap(points, corners, diagonal) if stroke["closed"] else None,
+        "overshoot": _rounded(overshoots),
+        "sides": sides,
+    }
 
 
 def _corners(points: np.ndarray, diagonal: float) -> List[int]:

@@ -8,11 +8,12 @@
     bench/voice.py --share 0.3             a random part of it, the same each time
     bench/voice.py --seconds 200           stops then; the next call goes on
 
-Commands, other sentences and near misses are said by synthetic voices and streamed as from a microphone, at 10 dB: in steady
-noise, half of it with reverberation; over music; while eight people talk. The groups share neither voices nor sentences, noises
-and styles of music.
-Needs espeak-ng, flite, festival and the recordings of bench/voice_recordings.py; voices that are missing are left out.
+Commands, other sentences and near misses are said by synthetic voices and streamed as from a microphone, at 10 dB: in
+steady noise, half of it with reverberation; over music; while eight people talk. The groups share neither voices nor
+sentences, noises and styles of music. Needs espeak-ng, flite, festival and the recordings of bench/voice_recordings.py;
+voices that are missing are left out.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -39,7 +40,8 @@ from vb_evaluation.statistics import proportion
 from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, SileroVoiceActivityDetector
 from vb_voice_wizard.recognizer import EVEN, CommandRecognizer, RecognizerParams
 
-# done when heard once: it stops robots, or does nothing before somebody points with the laser too; the rest is said twice
+# done when heard once: it stops robots, or does nothing before somebody points with the laser too; the rest is said
+# twice
 AT_ONCE = ("stop", "define_border", "define_seed", "guide_robot")
 ON_PAGE = ("ordinary", "evaluation")
 
@@ -100,7 +102,11 @@ def strongest(results: List[dict]) -> Tuple[np.ndarray, np.ndarray]:
     """The most evidence for the command that was meant, and for any command in each near miss."""
     nothing = {"best": "", "evidence": -1e9}
     found = [(one, max(one["found"], key=lambda heard: heard["evidence"], default=nothing)) for one in results]
-    right = [heard["evidence"] if heard["best"] == one["command"] else -1e9 for one, heard in found if one["kind"] == "command"]
+    right = [
+        heard["evidence"] if heard["best"] == one["command"] else -1e9
+        for one, heard in found
+        if one["kind"] == "command"
+    ]
     return np.array(right), np.array([heard["evidence"] for one, heard in found if one["kind"] == "near_miss"])
 
 
@@ -152,7 +158,9 @@ def table(columns: Dict[str, Dict[str, Tuple[int, int]]]) -> str:
         for figures in columns.values():
             count, total = figures[name]
             share = proportion(count, total).scaled(100.0)
-            cells.append(f"{count} of {total}: {share.estimate:.1f} % ({share.low:.1f} to {share.high:.1f})" if total else "-")
+            cells.append(
+                f"{count} of {total}: {share.estimate:.1f} % ({share.low:.1f} to {share.high:.1f})" if total else "-"
+            )
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -167,13 +175,18 @@ def write_page() -> str:
             continue
         report = json.loads(path.read_text())
         results = report["utterances"]
-        for name, kinds in (("steady noise", NOISES[group]), ("music", MUSIC[group]), ("eight people talking", ("babble",))):
+        for name, kinds in (
+            ("steady noise", NOISES[group]),
+            ("music", MUSIC[group]),
+            ("eight people talking", ("babble",)),
+        ):
             columns[f"{name}, {group}"] = summarise([one for one in results if one["noise"] in kinds], accepted)
         missed = [one for one in results if one["kind"] == "command" and taken(one, accepted)["best"] != one["command"]]
         wrong = [(one, taken(one, accepted)) for one in results if one["kind"] != "command"]
         lines = sorted(
             f"- {one['text']} ({one['voice']}, {one['noise']}): {what['best']}, {what['evidence']:.1f}"
-            for one, what in wrong if what["best"]
+            for one, what in wrong
+            if what["best"]
         )
         listed = "\n".join(lines) or "- none"
         answers = [one["answer_s"] for one in results if one["kind"] == "command"]
@@ -230,7 +243,9 @@ def main() -> int:
     """See the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--group", choices=tuple(speech.VOICES), default="evaluation")
-    parser.add_argument("--takes", type=int, default=1, help="how often each command is said by each voice, in each kind of noise")
+    parser.add_argument(
+        "--takes", type=int, default=1, help="how often each command is said by each voice, in each kind of noise"
+    )
     parser.add_argument("--share", type=float, default=1.0, help="of all that could be said")
     parser.add_argument("--snr", type=float, default=10.0, help="[dB]")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
@@ -257,10 +272,17 @@ def main() -> int:
     if not results:
         print("no voice could be synthesised: install espeak-ng", file=sys.stderr)
         return 1
-    revision = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE).stdout.decode().strip()
+    revision = (
+        subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE)
+        .stdout.decode()
+        .strip()
+    )
     report = {
-        "command": " ".join(["bench/voice.py", *sys.argv[1:]]), "date": time.strftime("%Y-%m-%d"), "revision": revision,
-        **plan, "utterances": results,
+        "command": " ".join(["bench/voice.py", *sys.argv[1:]]),
+        "date": time.strftime("%Y-%m-%d"),
+        "revision": revision,
+        **plan,
+        "utterances": results,
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(report, indent=2) + "\n")

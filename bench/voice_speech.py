@@ -1,14 +1,15 @@
 """Synthetic speech in room noise, for judging the voice recogniser.
 
-Three groups of voices, sentences, noises and styles of music that share none: "development" chooses what has to be chosen,
-"ordinary" (American and British) and "evaluation" (speakers of other languages) judge once, when all is frozen. Near misses are
-words that sound like commands, from a dictionary by phonetic distance and by hand.
+Three groups of voices, sentences, noises and styles of music that share none: "development" chooses what has to be
+chosen, "ordinary" (American and British) and "evaluation" (speakers of other languages) judge once, when all is frozen.
+Near misses are words that sound like commands, from a dictionary by phonetic distance and by hand.
 
-Formant voices are from espeak-ng (accents and variants), recorded people's from flite (diphones and clusters) and festival
-(diphones, hidden Markov model), all Debian packages: apt-get install espeak-ng flite festival festvox-kdlpc16k festvox-kallpc16k
-festvox-us-slt-hts. A voice "recorded" is a folder out/bench/recordings/NAME with WAV files TEXT-NUMBER.wav: voice_recordings.py
-fills some with neural voices; people may fill others.
+Formant voices are from espeak-ng (accents and variants), recorded people's from flite (diphones and clusters) and
+festival (diphones, hidden Markov model), all Debian packages: apt-get install espeak-ng flite festival festvox-kdlpc16k
+festvox-kallpc16k festvox-us-slt-hts. A voice "recorded" is a folder out/bench/recordings/NAME with WAV files
+TEXT-NUMBER.wav: voice_recordings.py fills some with neural voices; people may fill others.
 """
+
 from __future__ import annotations
 
 import io
@@ -41,19 +42,65 @@ def _espeak(accent: str, *variants: str) -> List[Voice]:
     return [("espeak-ng", accent + (f"+{variant}" if variant else "")) for variant in variants]
 
 
-# Kokoro's voices, by the letters of their names: American, British, and speakers of other languages who speak English here.
-# Left out, as nobody would give commands with them: those that whisper (af_nicole) and Father Christmas (.._santa).
+# Kokoro's voices, by the letters of their names: American, British, and speakers of other languages who
+# speak English here. Left out, as nobody would give commands with them: those that whisper (af_nicole) and
+# Father Christmas (.._santa).
 KOKORO = {
     "development": (
-        "af_aoede", "af_kore", "af_sky", "am_echo", "am_fenrir", "bf_isabella", "bm_lewis", "jf_alpha", "jf_gongitsune", "jf_nezumi",
-        "jf_tebukuro", "jm_kumo", "af_alloy", "af_jessica", "af_river", "af_sarah", "am_eric", "am_liam", "am_onyx", "bf_alice",
-        "bm_fable", "ef_dora", "em_alex", "ff_siwis", "hf_alpha", "hm_omega", "if_sara", "im_nicola", "pm_alex", "zf_xiaobei", "zm_yunjian",
+        "af_aoede",
+        "af_kore",
+        "af_sky",
+        "am_echo",
+        "am_fenrir",
+        "bf_isabella",
+        "bm_lewis",
+        "jf_alpha",
+        "jf_gongitsune",
+        "jf_nezumi",
+        "jf_tebukuro",
+        "jm_kumo",
+        "af_alloy",
+        "af_jessica",
+        "af_river",
+        "af_sarah",
+        "am_eric",
+        "am_liam",
+        "am_onyx",
+        "bf_alice",
+        "bm_fable",
+        "ef_dora",
+        "em_alex",
+        "ff_siwis",
+        "hf_alpha",
+        "hm_omega",
+        "if_sara",
+        "im_nicola",
+        "pm_alex",
+        "zf_xiaobei",
+        "zm_yunjian",
     ),
     "ordinary": (
-        "af_heart", "af_bella", "af_nova", "am_michael", "am_adam", "am_puck", "bf_emma", "bf_lily", "bm_george", "bm_daniel",
+        "af_heart",
+        "af_bella",
+        "af_nova",
+        "am_michael",
+        "am_adam",
+        "am_puck",
+        "bf_emma",
+        "bf_lily",
+        "bm_george",
+        "bm_daniel",
     ),
     "evaluation": (
-        "hf_beta", "hm_psi", "pf_dora", "zf_xiaoni", "zf_xiaoxiao", "zf_xiaoyi", "zm_yunxi", "zm_yunxia", "zm_yunyang",
+        "hf_beta",
+        "hm_psi",
+        "pf_dora",
+        "zf_xiaoni",
+        "zf_xiaoxiao",
+        "zf_xiaoyi",
+        "zm_yunxi",
+        "zm_yunxia",
+        "zm_yunyang",
     ),
 }
 NEURAL = {  # what bench/voice_recordings.py records for each group
@@ -62,11 +109,22 @@ NEURAL = {  # what bench/voice_recordings.py records for each group
     "evaluation": KOKORO["evaluation"],
 }
 FORMANT = [  # and of diphones: other kinds of synthesiser, for development alone
-    *_espeak("en-gb-scotland", "f3"), *_espeak("en-us-nyc", "edward"), *_espeak("en-gb-x-gbclan", "david"), *_espeak("en-us", "benjamin"),
-    ("flite", "awb"), ("flite", "kal16"), ("flite", "rms"), ("flite", "slt"), ("festival", "ked_diphone"),
-    ("festival", "kal_diphone"), ("festival", "cmu_us_slt_arctic_hts"),
+    *_espeak("en-gb-scotland", "f3"),
+    *_espeak("en-us-nyc", "edward"),
+    *_espeak("en-gb-x-gbclan", "david"),
+    *_espeak("en-us", "benjamin"),
+    ("flite", "awb"),
+    ("flite", "kal16"),
+    ("flite", "rms"),
+    ("flite", "slt"),
+    ("festival", "ked_diphone"),
+    ("festival", "kal_diphone"),
+    ("festival", "cmu_us_slt_arctic_hts"),
 ]
-VOICES = {group: [("recorded", name) for name in names] + (FORMANT if group == "development" else []) for group, names in NEURAL.items()}
+VOICES = {
+    group: [("recorded", name) for name in names] + (FORMANT if group == "development" else [])
+    for group, names in NEURAL.items()
+}
 # no group hears the noises or music of another, but for "babble"
 NOISES = {
     "development": ("white", "pink", "brown", "hoth", "fan", "office", "vacuum", "shower", "street"),
@@ -78,7 +136,6 @@ MUSIC = {
     "ordinary": ("flute", "banjo"),
     "evaluation": ("harp", "accordion"),
 }
-
 
 
 def sentences(name: str) -> List[str]:
@@ -101,10 +158,22 @@ def synthesise(voice: Voice, text: str, speed: float = 1.0, pitch: int = 50) -> 
     else:
         with tempfile.NamedTemporaryFile(suffix=".wav") as file:
             if program == "flite":
-                command = ["flite", "-voice", name, "--setf", f"duration_stretch={1 / speed:.3f}", "-t", text, "-o", file.name]
+                command = [
+                    "flite",
+                    "-voice",
+                    name,
+                    "--setf",
+                    f"duration_stretch={1 / speed:.3f}",
+                    "-t",
+                    text,
+                    "-o",
+                    file.name,
+                ]
             else:
                 command = ["text2wave", "-eval", f"(voice_{name})", "-o", file.name]
-            subprocess.run(command, input=text.encode(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+            subprocess.run(
+                command, input=text.encode(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True
+            )
             data = Path(file.name).read_bytes()
     with wave.open(io.BytesIO(data)) as file:
         rate = file.getframerate()
@@ -134,8 +203,23 @@ def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequenc
         return noise
     if any(kind in styles for styles in MUSIC.values()):
         return music(rng, count, kind)
-    colours = {"white": 0.0, "pink": 1.0, "brown": 2.0, "hoth": 1.6, "fan": 1.3, "office": 1.2, "vacuum": 0.7, "shower": 0.3, "street": 1.8,
-               "rain": 0.5, "train": 1.5, "kettle": 1.0, "fridge": 2.2, "hairdryer": 0.4, "sea": 0.9}
+    colours = {
+        "white": 0.0,
+        "pink": 1.0,
+        "brown": 2.0,
+        "hoth": 1.6,
+        "fan": 1.3,
+        "office": 1.2,
+        "vacuum": 0.7,
+        "shower": 0.3,
+        "street": 1.8,
+        "rain": 0.5,
+        "train": 1.5,
+        "kettle": 1.0,
+        "fridge": 2.2,
+        "hairdryer": 0.4,
+        "sea": 0.9,
+    }
     noise = _coloured(rng, count, colours[kind])
     if kind == "street":
         # cars pass
@@ -187,10 +271,22 @@ def music(rng: np.random.Generator, count: int, style: str) -> np.ndarray:
     def play(at: int, semitone: float, seconds: float, loudness: float) -> None:
         length = min(int(seconds * RATE), count - at)
         time = np.arange(length) / RATE
-        envelope = np.minimum(time / attack_s, 1.0) * np.exp(-time / decay_s) * np.minimum((length - np.arange(length)) / 200.0, 1.0)
-        phase = 2 * np.pi * 261.63 * 2 ** (semitone / 12) * (time + 0.0008 * np.sin(2 * np.pi * 5.5 * time) * (decay_s > 1))
-        sound[at : at + length] += loudness * envelope * sum(
-            share * np.sin((k + 1) * phase) for k, share in enumerate(overtones) if 261.63 * 2 ** (semitone / 12) * (k + 1) < RATE / 2
+        envelope = (
+            np.minimum(time / attack_s, 1.0)
+            * np.exp(-time / decay_s)
+            * np.minimum((length - np.arange(length)) / 200.0, 1.0)
+        )
+        phase = (
+            2 * np.pi * 261.63 * 2 ** (semitone / 12) * (time + 0.0008 * np.sin(2 * np.pi * 5.5 * time) * (decay_s > 1))
+        )
+        sound[at : at + length] += (
+            loudness
+            * envelope
+            * sum(
+                share * np.sin((k + 1) * phase)
+                for k, share in enumerate(overtones)
+                if 261.63 * 2 ** (semitone / 12) * (k + 1) < RATE / 2
+            )
         )
 
     beat = int(60.0 / rng.uniform(80, 140) * RATE)
@@ -211,7 +307,9 @@ def music(rng: np.random.Generator, count: int, style: str) -> np.ndarray:
         if drums:
             play(at, chord[0] - 24, beat / RATE, 1.2)
             length = min(int(0.12 * RATE), count - at)
-            sound[at : at + length] += (1.5 if number % 2 else 0.7) * rng.normal(size=length) * np.exp(-np.arange(length) / 500)
+            sound[at : at + length] += (
+                (1.5 if number % 2 else 0.7) * rng.normal(size=length) * np.exp(-np.arange(length) / 500)
+            )
     return sound / max(sound.std(), 1e-9)
 
 
@@ -263,7 +361,9 @@ class Plan:
         """(N,) int16; the same plan gives the same sound. None if the voice is not installed or has no such recording."""
         rng = np.random.default_rng(zlib.crc32(repr(self).encode()))
         try:
-            speech = synthesise(self.voice, self.text, rng.uniform(0.8, 1.25), self.take + int(rng.integers(15, 36)) * 2)
+            speech = synthesise(
+                self.voice, self.text, rng.uniform(0.8, 1.25), self.take + int(rng.integers(15, 36)) * 2
+            )
         except (OSError, subprocess.CalledProcessError, wave.Error, EOFError):
             return None
         return in_a_room(rng, speech, lambda count: room_noise(rng, count, self.noise, talkers), self.snr_db)
@@ -283,7 +383,10 @@ def plans(group: str, voices: Sequence[Voice], takes: int, noises: Sequence[str]
 
     result = [
         Plan("command", text, voice, noise(), take, snr_db)
-        for text in MEANING for voice in voices if can_say(voice, text) for take in range(takes)
+        for text in MEANING
+        for voice in voices
+        if can_say(voice, text)
+        for take in range(takes)
     ]
     for kind, name in (("other", "others"), ("near_miss", "near_misses")):
         for text in sentences(f"{group}_{name}"):
@@ -295,24 +398,35 @@ def plans(group: str, voices: Sequence[Voice], takes: int, noises: Sequence[str]
     return result
 
 
-def everything(group: str, takes: int = 1, share: float = 1.0, snr_db: float = 10.0) -> Tuple[List[Plan], List[np.ndarray]]:
+def everything(
+    group: str, takes: int = 1, share: float = 1.0, snr_db: float = 10.0
+) -> Tuple[List[Plan], List[np.ndarray]]:
     """What a group is judged by: in steady noise, over music, while people talk; and the talkers.
 
     Args:
         share: of the plans, at random, the same each time.
 
     Returns:
-        The plans in a random order, but commands, near misses and others in turn: what is stopped early has as many of each;
-        talkers' sound.
+        The plans in a random order, but commands, near misses and others in turn: what is stopped early has
+        as many of each; talkers' sound.
     """
     voices = VOICES[group]
     # the neural voices have not recorded such long sentences
-    people = [voice for voice in voices if voice[0] != "recorded"] or [("flite", "awb"), ("flite", "slt"), ("festival", "ked_diphone")]
+    people = [voice for voice in voices if voice[0] != "recorded"] or [
+        ("flite", "awb"),
+        ("flite", "slt"),
+        ("festival", "ked_diphone"),
+    ]
     texts, rng = sentences(f"{group}_others"), np.random.default_rng(0)
     talkers = [
-        synthesise(people[index % len(people)], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, min(40, len(texts)), 2)
+        synthesise(people[index % len(people)], f"{texts[index]}, {texts[-index - 1]}")
+        for index in range(0, min(40, len(texts)), 2)
     ]
-    planned = [plan for noises in (NOISES[group], MUSIC[group], ("babble",)) for plan in plans(group, voices, takes, noises, snr_db)]
+    planned = [
+        plan
+        for noises in (NOISES[group], MUSIC[group], ("babble",))
+        for plan in plans(group, voices, takes, noises, snr_db)
+    ]
     drawn = [planned[index] for index in rng.permutation(len(planned)) if rng.random() < share]
     kinds = [[plan for plan in drawn if plan.kind == kind] for kind in ("command", "near_miss", "other")]
     return [plan for together in zip_longest(*kinds) for plan in together if plan is not None], talkers

@@ -2,6 +2,7 @@
 
 On GitHub the same links lead to the files.
 """
+
 import posixpath
 import re
 
@@ -15,6 +16,7 @@ def name_outside_files(markdown: str, page: str) -> str:
         markdown: text of the page.
         page: its path below docs/.
     """
+
     def name(match: "re.Match") -> str:
         path = posixpath.normpath(posixpath.join("docs", posixpath.dirname(page), match.group(2)))
         if path.startswith("docs/"):

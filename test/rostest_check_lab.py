@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """check_lab and lab_monitor beside a newcomer's lab: real topics, and every mistake in it is named."""
+
 import json
 import os
 import subprocess
@@ -67,8 +68,9 @@ class CheckLab(unittest.TestCase):
     @classmethod
     def on_diagnostics(cls, message):
         with cls.changed:
-            cls.diagnosed.update((status.name, mapping_from_values(status.values).get("code"), status.level)
-                                 for status in message.status)
+            cls.diagnosed.update(
+                (status.name, mapping_from_values(status.values).get("code"), status.level) for status in message.status
+            )
             cls.changed.notify_all()
 
     @classmethod
@@ -87,20 +89,30 @@ class CheckLab(unittest.TestCase):
         cls.infos.publish(CameraInfo(height=48, width=64))
 
     def check(self, *arguments):
-        done = subprocess.run(["rosrun", "vb_bringup", "check_lab", "--seconds", "2", *arguments],
-                              stdout=subprocess.PIPE, universal_newlines=True, timeout=300)
+        done = subprocess.run(
+            ["rosrun", "vb_bringup", "check_lab", "--seconds", "2", *arguments],
+            stdout=subprocess.PIPE,
+            universal_newlines=True,
+            timeout=300,
+        )
         return done.returncode, done.stdout
 
     def test_each_fault_is_a_line_for_programs(self):
         status, text = self.check("--json")
         self.assertEqual(status, 1)
         lines = {(line["subject"], line["code"]) for line in json.loads(text)}
-        self.assertLessEqual({
-            ("camera north", "lab_camera_not_calibrated"), ("camera north", "lab_camera_no_pose"),
-            ("camera south", "lab_camera_no_detector"),
-            ("nodes", "lab_node_missing"), ("map", "lab_map_without_borders"), ("robot", "lab_robot_no_pose"),
-            ("move_base", "lab_navigation_missing"),
-        }, lines)
+        self.assertLessEqual(
+            {
+                ("camera north", "lab_camera_not_calibrated"),
+                ("camera north", "lab_camera_no_pose"),
+                ("camera south", "lab_camera_no_detector"),
+                ("nodes", "lab_node_missing"),
+                ("map", "lab_map_without_borders"),
+                ("robot", "lab_robot_no_pose"),
+                ("move_base", "lab_navigation_missing"),
+            },
+            lines,
+        )
         self.assertNotIn(("camera north", "lab_camera_silent"), lines)
 
     def test_people_read_what_cures_it(self):
@@ -113,7 +125,9 @@ class CheckLab(unittest.TestCase):
         for name in rosnode.get_node_names():
             uri = rosgraph.Master("/check_lab").lookupNode(name)
             nodes += 1
-            self.assertEqual(listening_beyond_loopback(xmlrpc.client.ServerProxy(uri).getPid("/check_lab")[2]), [], name)
+            self.assertEqual(
+                listening_beyond_loopback(xmlrpc.client.ServerProxy(uri).getPid("/check_lab")[2]), [], name
+            )
         self.assertGreaterEqual(nodes, 4)
 
     def wait(self, arrived):
@@ -126,8 +140,12 @@ class CheckLab(unittest.TestCase):
     def test_what_another_node_tells_people_is_in_the_result_and_in_the_terminal(self):
         notices = NoticePublisher()
         try:
-            notices.set([Notice("page_full_of_rain", Severity.ERROR),
-                         Notice("strokes_left_out", Severity.WARNING, values={"spots": "4711"})])
+            notices.set(
+                [
+                    Notice("page_full_of_rain", Severity.ERROR),
+                    Notice("strokes_left_out", Severity.WARNING, values={"spots": "4711"}),
+                ]
+            )
             status, text = self.check("--json")
             self.assertEqual(status, 1)
             found = {line["code"]: (line["state"], line["from_notice"]) for line in json.loads(text)}

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The same drawing makes the same border, no matter who gives the commands, and how."""
+
 import json
 import shutil
 import sys
@@ -112,7 +113,8 @@ class InputMethods(unittest.TestCase):
         stroke = drawn()
         self.point(stroke)
         self.progress.wait(
-            lambda message: message.interaction_id == identity and message.border_spots == len(stroke), f"{way}: the stroke"
+            lambda message: message.interaction_id == identity and message.border_spots == len(stroke),
+            f"{way}: the stroke",
         )
         give(COMMANDS[1])
         self.state.wait(lambda message: message.name == "seed", f"{way}: the seed state")
@@ -123,9 +125,13 @@ class InputMethods(unittest.TestCase):
             lambda message: message.interaction_id == identity and message.available, f"{way}: the preview"
         )
         give(COMMANDS[2])
-        saved = self.state.wait(lambda message: message.last_outcome == "saved" and message.name == "default", f"{way}: the save")
+        saved = self.state.wait(
+            lambda message: message.last_outcome == "saved" and message.name == "default", f"{way}: the save"
+        )
         stored = self.borders.wait(lambda message: len(message.borders) == 1, f"{way}: the border").borders[0]
-        cells = np.array(self.maps.wait(lambda message: (message.data != room().data.ravel()).any(), f"{way}: the map").data)
+        cells = np.array(
+            self.maps.wait(lambda message: (message.data != room().data.ravel()).any(), f"{way}: the map").data
+        )
         self.assertEqual(stored.id, saved.last_border_id)
         # what was promised is what came
         self.assertTrue(promised.success, promised.message)
@@ -150,11 +156,15 @@ class InputMethods(unittest.TestCase):
 
     # ------------------------------------------------------------------ the ways
     def test_all_ways_end_in_the_same_border(self):
-        self.interact("service", lambda command: rospy.ServiceProxy(names.COMMAND, Command)(command=command, source="service"))
+        self.interact(
+            "service", lambda command: rospy.ServiceProxy(names.COMMAND, Command)(command=command, source="service")
+        )
         self.interact("buttons", self.press)
         terminal = Terminal()
         terminal.shows("READY")
-        self.interact("wizard", lambda command: terminal.press({"define_border": "b", "define_seed": "d", "save": "s"}[command]))
+        self.interact(
+            "wizard", lambda command: terminal.press({"define_border": "b", "define_seed": "d", "save": "s"}[command])
+        )
         self.assertEqual(terminal.leave(), (0, True), terminal.text[-2000:])
         if shutil.which("espeak-ng"):
             self.interact("voice", self.speak)
@@ -180,7 +190,8 @@ class InputMethods(unittest.TestCase):
             # a single short word is asked about if it was not quite clear; a person says it once more
             answered = self.state.wait(
                 lambda message: message.confirm_save or (message.name == "default" and message.last_outcome == "saved"),
-                "an answer to the spoken save")
+                "an answer to the spoken save",
+            )
             if answered.confirm_save:
                 self.utter(command)
 

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """A simulated person excludes a room: cameras, detection, fusion, interaction, integration, navigation."""
+
 import math
 import unittest
 

@@ -1,4 +1,5 @@
 """check_lab's judgement: each mistake that people made is named, with what cures it."""
+
 import dataclasses
 import struct
 from types import SimpleNamespace
@@ -8,18 +9,43 @@ import pytest
 
 from vb_bringup import lab_observation
 from vb_bringup.lab import (
-    CameraInfoObservation, CameraObservation, CheckLine, CheckState, MapObservation, NavigationObservation, RobotObservation,
-    check_cameras, check_disk, check_map, check_navigation, check_nodes, check_robot, drop_recovered, lines_from_notices,
-    notices_from_lines, worst_state,
+    CameraInfoObservation,
+    CameraObservation,
+    CheckLine,
+    CheckState,
+    MapObservation,
+    NavigationObservation,
+    RobotObservation,
+    check_cameras,
+    check_disk,
+    check_map,
+    check_navigation,
+    check_nodes,
+    check_robot,
+    drop_recovered,
+    lines_from_notices,
+    notices_from_lines,
+    worst_state,
 )
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
 
 GOOD = CameraObservation(
-    name="north", topic="/north/image_raw", publishers=["/north/usb_cam"], rate=15.0, age=0.03, width=640, height=480,
-    encoding="rgb8", frame="north_optical_frame", info=CameraInfoObservation(640, 480, 500.0), detector="/spot_detector_north",
-    has_pose=True, file="/lab/north.yaml", file_frame="north_optical_frame",
+    name="north",
+    topic="/north/image_raw",
+    publishers=["/north/usb_cam"],
+    rate=15.0,
+    age=0.03,
+    width=640,
+    height=480,
+    encoding="rgb8",
+    frame="north_optical_frame",
+    info=CameraInfoObservation(640, 480, 500.0),
+    detector="/spot_detector_north",
+    has_pose=True,
+    file="/lab/north.yaml",
+    file_frame="north_optical_frame",
 )
 
 
@@ -32,28 +58,34 @@ def test_a_good_camera_is_one_line():
     assert len(lines) == 1 and lines[0].state is CheckState.OK
 
 
-@pytest.mark.parametrize("changes, code", [
-    (dict(detector=""), "lab_camera_no_detector"),
-    (dict(publishers=[]), "lab_camera_no_publisher"),
-    (dict(publishers=[], others=["/north/image_rect_color"]), "lab_camera_other_topic"),
-    (dict(rate=0.0), "lab_camera_silent"),
-    (dict(publishers=["/a", "/b"]), "lab_camera_many_publishers"),
-    (dict(rate=2.0), "lab_camera_slow"),
-    (dict(age=3600.0), "lab_camera_clock"),
-    (dict(age=-4.0), "lab_camera_clock"),
-    (dict(bright=0.3), "lab_camera_too_bright"),
-    (dict(info=None), "lab_camera_no_info"),
-    (dict(info=CameraInfoObservation(640, 480, 0.0)), "lab_camera_not_calibrated"),
-    (dict(info=CameraInfoObservation(1280, 720, 500.0)), "lab_camera_info_size"),
-    (dict(frame=""), "lab_camera_no_frame"),
-    (dict(file_error="there is no '/lab/north.yaml'.", file_missing=True, has_pose=False), "lab_camera_no_calibration"),
-    (dict(file_error="there is no '/lab/north.yaml'.", file_missing=True), "lab_camera_file_broken"),
-    (dict(file_error="it is no YAML", has_pose=False), "lab_camera_file_broken"),
-    (dict(file_error="of another", file_camera="south"), "lab_camera_wrong_file"),
-    (dict(file_frame="head_camera"), "lab_camera_frame_differs"),
-    (dict(file_focal=1.04 * GOOD.info.focal), "lab_camera_other_lens"),
-    (dict(file="", file_frame="", has_pose=False), "lab_camera_no_pose"),
-])
+@pytest.mark.parametrize(
+    "changes, code",
+    [
+        (dict(detector=""), "lab_camera_no_detector"),
+        (dict(publishers=[]), "lab_camera_no_publisher"),
+        (dict(publishers=[], others=["/north/image_rect_color"]), "lab_camera_other_topic"),
+        (dict(rate=0.0), "lab_camera_silent"),
+        (dict(publishers=["/a", "/b"]), "lab_camera_many_publishers"),
+        (dict(rate=2.0), "lab_camera_slow"),
+        (dict(age=3600.0), "lab_camera_clock"),
+        (dict(age=-4.0), "lab_camera_clock"),
+        (dict(bright=0.3), "lab_camera_too_bright"),
+        (dict(info=None), "lab_camera_no_info"),
+        (dict(info=CameraInfoObservation(640, 480, 0.0)), "lab_camera_not_calibrated"),
+        (dict(info=CameraInfoObservation(1280, 720, 500.0)), "lab_camera_info_size"),
+        (dict(frame=""), "lab_camera_no_frame"),
+        (
+            dict(file_error="there is no '/lab/north.yaml'.", file_missing=True, has_pose=False),
+            "lab_camera_no_calibration",
+        ),
+        (dict(file_error="there is no '/lab/north.yaml'.", file_missing=True), "lab_camera_file_broken"),
+        (dict(file_error="it is no YAML", has_pose=False), "lab_camera_file_broken"),
+        (dict(file_error="of another", file_camera="south"), "lab_camera_wrong_file"),
+        (dict(file_frame="head_camera"), "lab_camera_frame_differs"),
+        (dict(file_focal=1.04 * GOOD.info.focal), "lab_camera_other_lens"),
+        (dict(file="", file_frame="", has_pose=False), "lab_camera_no_pose"),
+    ],
+)
 def test_each_mistake_with_a_camera_is_named(changes, code):
     assert codes(check_cameras([dataclasses.replace(GOOD, **changes)])) == [code]
 
@@ -85,38 +117,53 @@ def test_no_camera_at_all_is_a_warning():
     assert check_cameras([])[0].state is CheckState.WARNING
 
 
-@pytest.mark.parametrize("seen, code", [
-    (RobotObservation("", None, scan_deg=270.0), "lab_robot_no_pose"),
-    (RobotObservation("", 8.0, scan_deg=270.0), "lab_robot_old_pose"),
-    (RobotObservation("", 0.1), "lab_robot_no_scan"),
-    (RobotObservation("", 0.1, scan_deg=30.0), "lab_robot_narrow_scan"),
-    (RobotObservation("", 0.1, scan_deg=270.0, color_frame="rgb", depth_frame="ir"), "lab_robot_depth_not_registered"),
-])
+@pytest.mark.parametrize(
+    "seen, code",
+    [
+        (RobotObservation("", None, scan_deg=270.0), "lab_robot_no_pose"),
+        (RobotObservation("", 8.0, scan_deg=270.0), "lab_robot_old_pose"),
+        (RobotObservation("", 0.1), "lab_robot_no_scan"),
+        (RobotObservation("", 0.1, scan_deg=30.0), "lab_robot_narrow_scan"),
+        (
+            RobotObservation("", 0.1, scan_deg=270.0, color_frame="rgb", depth_frame="ir"),
+            "lab_robot_depth_not_registered",
+        ),
+    ],
+)
 def test_each_mistake_with_a_robot_is_named(seen, code):
     assert codes(check_robot(seen)) == [code]
 
 
-@pytest.mark.parametrize("changes, code", [
-    (dict(shape=None), "lab_map_missing"),
-    (dict(shape=None, file="room.yaml"), "lab_map_not_served"),
-    (dict(publishers=["/a", "/b"]), "lab_map_many_publishers"),
-    (dict(with_borders=False), "lab_map_without_borders"),
-    (dict(needs_confirmation=True), "lab_borders_need_confirmation"),
-    (dict(borders=3, in_force=2), "lab_borders_not_in_force"),
-])
+@pytest.mark.parametrize(
+    "changes, code",
+    [
+        (dict(shape=None), "lab_map_missing"),
+        (dict(shape=None, file="room.yaml"), "lab_map_not_served"),
+        (dict(publishers=["/a", "/b"]), "lab_map_many_publishers"),
+        (dict(with_borders=False), "lab_map_without_borders"),
+        (dict(needs_confirmation=True), "lab_borders_need_confirmation"),
+        (dict(borders=3, in_force=2), "lab_borders_not_in_force"),
+    ],
+)
 def test_each_mistake_with_the_map_is_named(changes, code):
     good = MapObservation((100, 200), 0.05, ["/map_server"], True, 2, 2)
     assert not codes(check_map(good))
     assert codes(check_map(dataclasses.replace(good, **changes))) == [code]
 
 
-@pytest.mark.parametrize("seen, code", [
-    (NavigationObservation("move_base"), "lab_navigation_missing"),
-    (NavigationObservation("move_base", True, ["/map"]), "lab_navigation_without_borders"),
-    (NavigationObservation("move_base", True, ["/map", "/virtual_borders/map"]), "lab_navigation_physical_map"),
-    (NavigationObservation("move_base", True, ["/virtual_borders/map"]), "lab_navigation_without_keep_out"),
-    (NavigationObservation("move_base", True, ["/virtual_borders/map", "/robot_driver/keep_out"], True), "lab_navigation_clears_plans"),
-])
+@pytest.mark.parametrize(
+    "seen, code",
+    [
+        (NavigationObservation("move_base"), "lab_navigation_missing"),
+        (NavigationObservation("move_base", True, ["/map"]), "lab_navigation_without_borders"),
+        (NavigationObservation("move_base", True, ["/map", "/virtual_borders/map"]), "lab_navigation_physical_map"),
+        (NavigationObservation("move_base", True, ["/virtual_borders/map"]), "lab_navigation_without_keep_out"),
+        (
+            NavigationObservation("move_base", True, ["/virtual_borders/map", "/robot_driver/keep_out"], True),
+            "lab_navigation_clears_plans",
+        ),
+    ],
+)
 def test_navigation_that_ignores_borders_is_named(seen, code):
     assert codes(check_navigation(seen)) == [code]
     maps = ["/r1/virtual_borders/map", "/r1/robot_driver/keep_out"]
@@ -126,18 +173,24 @@ def test_navigation_that_ignores_borders_is_named(seen, code):
 def test_errors_that_no_node_reports_are_reported():
     slow = CheckLine("x", CheckState.WARNING, "lab_camera_slow")
     lines = [check_disk("/x", 10.0), *check_cameras([dataclasses.replace(GOOD, rate=0.0)]), slow]
-    assert [(notice.code, notice.severity) for notice in notices_from_lines(lines)] == [("lab_disk_full", Severity.ERROR)]
+    assert [(notice.code, notice.severity) for notice in notices_from_lines(lines)] == [
+        ("lab_disk_full", Severity.ERROR)
+    ]
     assert notices_from_lines(lines)[0].sentence() == lines[0].sentence()
 
 
 def test_what_the_nodes_tell_people_is_part_of_the_result():
-    apart = Notice("cameras_disagree", Severity.ERROR, camera="south", values={"first": "north", "second": "south", "cm": "9"})
+    apart = Notice(
+        "cameras_disagree", Severity.ERROR, camera="south", values={"first": "north", "second": "south", "cm": "9"}
+    )
     everyday = Notice("robot_leaves_border", Severity.INFO)
     doubt = Notice("strokes_left_out", Severity.WARNING, values={"spots": "7"})
     fine = check_cameras([GOOD])
     found = lines_from_notices([apart, everyday, doubt], fine)
     assert [(line.subject, line.state, line.code) for line in found] == [
-        ("camera south", CheckState.ERROR, "cameras_disagree"), ("lab", CheckState.WARNING, "strokes_left_out")]
+        ("camera south", CheckState.ERROR, "cameras_disagree"),
+        ("lab", CheckState.WARNING, "strokes_left_out"),
+    ]
     assert "9 cm" in found[0].sentence() and worst_state(fine + found) is CheckState.ERROR
     assert not notices_from_lines(found)  # the node that told it goes on telling it
 
@@ -145,11 +198,17 @@ def test_what_the_nodes_tell_people_is_part_of_the_result():
 def test_what_a_check_says_more_exactly_is_not_reported_twice():
     south = dataclasses.replace(GOOD, name="south", frame="south", file_frame="head_camera")
     lines = check_cameras([dataclasses.replace(GOOD, rate=0.0), south])
-    told = [Notice("camera_silent", Severity.ERROR, camera="north"), Notice("camera_no_pose", Severity.ERROR, camera="south"),
-            *notices_from_lines(lines)]
+    told = [
+        Notice("camera_silent", Severity.ERROR, camera="north"),
+        Notice("camera_no_pose", Severity.ERROR, camera="south"),
+        *notices_from_lines(lines),
+    ]
     assert lines_from_notices(told, lines) == []
     assert [line.code for line in lines_from_notices(told, check_cameras([GOOD]))] == [
-        "camera_silent", "camera_no_pose", "lab_camera_frame_differs"]
+        "camera_silent",
+        "camera_no_pose",
+        "lab_camera_frame_differs",
+    ]
 
 
 def test_a_node_that_is_back_is_no_longer_missing():
@@ -173,8 +232,11 @@ def test_every_line_has_a_sentence_in_every_language():
 
     import vb_bringup.lab as lab
 
-    used = {node.value for node in ast.walk(ast.parse(Path(lab.__file__).read_text()))
-            if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith("lab_")}
+    used = {
+        node.value
+        for node in ast.walk(ast.parse(Path(lab.__file__).read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith("lab_")
+    }
     assert len(used) > 30
     for language in sentences.languages():
         assert used <= set(sentences.catalogue(language)), language
@@ -212,7 +274,10 @@ def test_a_detector_that_is_gone_is_reported():
     assert [(notice.code, notice.camera) for notice in watch.notices(6.0)] == [("detector_missing", "north")]
     # one that was not heard yet may still be starting
     found = watch.notices(16.0)
-    assert {(notice.code, notice.camera) for notice in found} == {("detector_missing", "north"), ("detector_missing", "south")}
+    assert {(notice.code, notice.camera) for notice in found} == {
+        ("detector_missing", "north"),
+        ("detector_missing", "south"),
+    }
     assert all(notice.severity is Severity.ERROR for notice in found)
 
 
@@ -221,7 +286,10 @@ def test_spots_without_a_pose_are_reported():
     for now in range(1, 5):
         watch.update("north", now * 15, {"no_transform": now * 3}, float(now))
         watch.update("south", now * 15, {"no_camera_info": now * 3}, float(now))
-    assert {(n.code, n.camera) for n in watch.notices(4.0)} == {("camera_no_pose", "north"), ("camera_no_lens", "south")}
+    assert {(n.code, n.camera) for n in watch.notices(4.0)} == {
+        ("camera_no_pose", "north"),
+        ("camera_no_lens", "south"),
+    }
 
 
 def test_a_shared_frame_hides_the_pose_that_it_prevents():
@@ -248,7 +316,9 @@ def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agr
     found = comparison.notices(231.0)
     assert {(one.values["first"], one.values["second"]) for one in found} == {("east", "south"), ("north", "south")}
     assert {one.code for one in found} == {"cameras_disagree"} and all(8 < int(one.values["cm"]) < 14 for one in found)
-    comparison.clear("south", 232.0)  # calibrated again; the laser is still on, and the detector has the former pose a moment longer
+    comparison.clear(
+        "south", 232.0
+    )  # calibrated again; the laser is still on, and the detector has the former pose a moment longer
     draw(230.5, 0.11, lasts=5.5)
     assert comparison.notices(237.0) == []
     draw(300.0, 0.0)

@@ -1,9 +1,11 @@
 """Whatever comes from outside is taken or refused with a code: examples drawn from the inputs' own schemas.
 
-The idea: no list of attacks. A message's strategy follows its definition (genpy's slots), a parameter class's its fields,
-a launch file's its arguments, a file's the bytes of a good one with some of them changed; a new field or argument is in
-the examples by itself. FUZZ_EXAMPLES says how many per test: few in `make test`, thousands in `make soak`.
+The idea: no list of attacks. A message's strategy follows its definition (genpy's slots), a parameter
+class's its fields, a launch file's its arguments, a file's the bytes of a good one with some of them
+changed; a new field or argument is in the examples by itself. FUZZ_EXAMPLES says how many per test: few in
+`make test`, thousands in `make soak`.
 """
+
 import dataclasses
 import importlib
 import json
@@ -47,16 +49,25 @@ EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 
 def bounded(share=1.0):
     """Returns the settings of one test; `share` for those whose examples cost more or less than others'."""
-    return settings(max_examples=max(3, int(EXAMPLES * share)), deadline=None, database=None,
-                    suppress_health_check=list(HealthCheck))
+    return settings(
+        max_examples=max(3, int(EXAMPLES * share)),
+        deadline=None,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+    )
 
 
 # ---------------------------------------------------------------------- strategies from schemas
 SCALARS = {
-    "bool": st.booleans(), "string": st.text(max_size=20), "time": st.builds(rospy.Time, st.integers(0, 2**32 - 1)),
-    "duration": st.builds(rospy.Duration, st.integers(-2**31, 2**31 - 1)),
-    "float32": st.floats(width=32), "float64": st.floats(), "char": st.integers(0, 255), "byte": st.integers(-128, 127),
-    **{f"int{bits}": st.integers(-2 ** (bits - 1), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    "bool": st.booleans(),
+    "string": st.text(max_size=20),
+    "time": st.builds(rospy.Time, st.integers(0, 2**32 - 1)),
+    "duration": st.builds(rospy.Duration, st.integers(-(2**31), 2**31 - 1)),
+    "float32": st.floats(width=32),
+    "float64": st.floats(),
+    "char": st.integers(0, 255),
+    "byte": st.integers(-128, 127),
+    **{f"int{bits}": st.integers(-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
     **{f"uint{bits}": st.one_of(st.integers(0, 9), st.integers(0, 2**bits - 1)) for bits in (8, 16, 32, 64)},
 }
 
@@ -80,7 +91,9 @@ def message(cls):
 
 ANYTHING = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4), max_leaves=8)
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    max_leaves=8,
+)
 
 
 def damaged(good):
@@ -98,8 +111,12 @@ def damaged(good):
 
 # ---------------------------------------------------------------------- messages
 CONVERSIONS = [
-    (messages.grid_from_message, OccupancyGrid), (messages.pose_to_2d, Pose), (messages.matrix_from_transform, Transform),
-    (images.image_array, Image), (images.compressed_image_array, CompressedImage), (cameras.camera_from_info, CameraInfo),
+    (messages.grid_from_message, OccupancyGrid),
+    (messages.pose_to_2d, Pose),
+    (messages.matrix_from_transform, Transform),
+    (images.image_array, Image),
+    (images.compressed_image_array, CompressedImage),
+    (cameras.camera_from_info, CameraInfo),
     (border_messages.border_from_message, VirtualBorder),
 ]
 
@@ -118,8 +135,14 @@ def test_messages(convert, cls):
 
 
 @bounded()
-@given(st.sampled_from(["mono8", "bgr8", "bayer_rggb8", "16UC1", "32FC1", "rgba16"]), st.integers(0, 5), st.integers(0, 5),
-       st.integers(0, 60), st.binary(max_size=160), st.booleans())
+@given(
+    st.sampled_from(["mono8", "bgr8", "bayer_rggb8", "16UC1", "32FC1", "rgba16"]),
+    st.integers(0, 5),
+    st.integers(0, 5),
+    st.integers(0, 60),
+    st.binary(max_size=160),
+    st.booleans(),
+)
 def test_images_of_known_encodings(encoding, height, width, step, data, big):
     image = Image(height=height, width=width, encoding=encoding, step=step, data=data, is_bigendian=big)
     try:
@@ -129,8 +152,10 @@ def test_images_of_known_encodings(encoding, height, width, step, data, big):
 
 
 @bounded()
-@given(damaged(cv2.imencode(".png", np.arange(300, dtype=np.uint8).reshape(10, 10, 3))[1].tobytes())
-       | damaged(cv2.imencode(".jpg", np.arange(300, dtype=np.uint8).reshape(10, 10, 3))[1].tobytes()))
+@given(
+    damaged(cv2.imencode(".png", np.arange(300, dtype=np.uint8).reshape(10, 10, 3))[1].tobytes())
+    | damaged(cv2.imencode(".jpg", np.arange(300, dtype=np.uint8).reshape(10, 10, 3))[1].tobytes())
+)
 def test_compressed_images(data):
     try:
         assert images.compressed_image_array(CompressedImage(format="jpeg", data=data)).size
@@ -146,8 +171,12 @@ def parameter_classes():
             module = importlib.import_module(".".join(path.relative_to(TOP / "src").with_suffix("").parts[2:]))
             for value in vars(module).values():
                 # the base of all has no fields
-                if isinstance(value, type) and issubclass(value, Parameters) and value.__module__ == module.__name__ \
-                        and value is not Parameters:
+                if (
+                    isinstance(value, type)
+                    and issubclass(value, Parameters)
+                    and value.__module__ == module.__name__
+                    and value is not Parameters
+                ):
                     yield value
 
 
@@ -179,11 +208,18 @@ LAUNCH_FILES = sorted(TOP.glob("launch/*.launch"))
 def test_launch_arguments(path):
     import roslaunch
 
-    names = [one.get("name") for one in ElementTree.parse(str(path)).getroot().findall("arg") if one.get("value") is None]
+    names = [
+        one.get("name") for one in ElementTree.parse(str(path)).getroot().findall("arg") if one.get("value") is None
+    ]
 
     @bounded(0.1)
-    @given(st.dictionaries(st.sampled_from(names), st.sampled_from(["", "true", "false", "none", "a b", "x=y", "7", "/no/such", "ä"]),
-                           max_size=3))
+    @given(
+        st.dictionaries(
+            st.sampled_from(names),
+            st.sampled_from(["", "true", "false", "none", "a b", "x=y", "7", "/no/such", "ä"]),
+            max_size=3,
+        )
+    )
     def check(values):
         loader = roslaunch.xmlloader.XmlLoader(resolve_anon=False)
         config = roslaunch.config.ROSLaunchConfig()
@@ -200,8 +236,15 @@ def test_launch_arguments(path):
 WORLD = (TOP / "src/vb_sim/worlds/lab.yaml").read_bytes()
 BORDERS = [square(20, 20, id="b1", name="rug"), square(60, 60, id="b2", zone="slow", max_speed=0.2)]
 PROFILE = (TOP / "robots/turtlebot2.yaml").read_bytes()
-POSE = yaml.safe_dump({"camera": "red", "frame": "map", "child_frame": "red_optical_frame", "position": [1.0, 2.0, 2.5],
-                       "orientation": [1.0, 0.0, 0.0, 0.0]}).encode()
+POSE = yaml.safe_dump(
+    {
+        "camera": "red",
+        "frame": "map",
+        "child_frame": "red_optical_frame",
+        "position": [1.0, 2.0, 2.5],
+        "orientation": [1.0, 0.0, 0.0, 0.0],
+    }
+).encode()
 
 
 def _by_text(read):
@@ -281,9 +324,14 @@ def test_a_damaged_database_loses_nothing_that_its_twin_has(tmp_path):
 
 # ---------------------------------------------------------------------- the page's websocket
 @bounded(2.0)
-@given(st.text(max_size=80) | ANYTHING.map(json.dumps) | st.fixed_dictionaries(
-    {"id": st.just("r1"), "do": st.sampled_from(sorted(requests.ACTIONS)) | ANYTHING},
-    optional={key: ANYTHING for key in sorted({name for fields in requests.ACTIONS.values() for name in fields})}).map(json.dumps))
+@given(
+    st.text(max_size=80)
+    | ANYTHING.map(json.dumps)
+    | st.fixed_dictionaries(
+        {"id": st.just("r1"), "do": st.sampled_from(sorted(requests.ACTIONS)) | ANYTHING},
+        optional={key: ANYTHING for key in sorted({name for fields in requests.ACTIONS.values() for name in fields})},
+    ).map(json.dumps)
+)
 def test_websocket_messages(text):
     for bounds in (None, requests.Bounds((-1.0, -1.0), (9.0, 9.0))):
         try:

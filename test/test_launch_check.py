@@ -1,4 +1,5 @@
 """What cannot work is refused before roslaunch starts anything, in one sentence."""
+
 import contextlib
 import os
 import re
@@ -10,7 +11,14 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
-from vb_bringup.launch_check import KINDS, check_alone, check_arguments, check_installed, check_values, declared_arguments
+from vb_bringup.launch_check import (
+    KINDS,
+    check_alone,
+    check_arguments,
+    check_installed,
+    check_values,
+    declared_arguments,
+)
 from vb_core.errors import CodedError
 
 LAUNCH = Path(__file__).resolve().parents[1] / "launch"
@@ -28,7 +36,9 @@ def code_of(check, *arguments):
 def lab():
     """The URI of a ROS master that knows a lab, whose roslaunch and node answer at the same address."""
     with served() as (server, uri):
-        server.register_function(lambda caller, key: (1, "", {"host_1": "http://127.0.0.1:1", "host_2": uri}), "getParam")
+        server.register_function(
+            lambda caller, key: (1, "", {"host_1": "http://127.0.0.1:1", "host_2": uri}), "getParam"
+        )
         server.register_function(lambda: (1, "", ["north/usb_cam-2", "map_integrator-9"]), "get_node_names")
         server.register_function(lambda: (1, "", 4712), "get_pid")
         yield uri
@@ -60,8 +70,9 @@ def served():
 
 def run(*words, uri):
     environment = {**os.environ, "ROS_MASTER_URI": uri}
-    return subprocess.run([*map(str, words)], env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                          universal_newlines=True)
+    return subprocess.run(
+        [*map(str, words)], env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True
+    )
 
 
 def test_a_mistyped_argument_is_refused_with_the_one_that_was_meant_or_all_of_them():
@@ -77,14 +88,23 @@ def test_a_mistyped_argument_is_refused_with_the_one_that_was_meant_or_all_of_th
 
 def test_only_a_files_own_arguments_count(tmp_path):
     path = tmp_path / "lab.launch"
-    path.write_text('<launch><arg name="rviz" default="true"/><arg name="fixed" value="1"/><group><arg name="inner" default=""/>'
-                    '</group><include file="x"><arg name="cameras" value="north"/></include></launch>')
+    path.write_text(
+        '<launch><arg name="rviz" default="true"/><arg name="fixed" value="1"/><group><arg name="inner" default=""/>'
+        '</group><include file="x"><arg name="cameras" value="north"/></include></launch>'
+    )
     assert declared_arguments([path]) == ["inner", "rviz"]
 
 
-@pytest.mark.parametrize("navigation, robot, code", [
-    ("move_base", "false", "launch_navigation_without_robot"), ("move_base", "0", "launch_navigation_without_robot"),
-    ("none", "perhaps", "launch_bad_choice"), ("move_base", "true", ""), ("none", "false", "")])
+@pytest.mark.parametrize(
+    "navigation, robot, code",
+    [
+        ("move_base", "false", "launch_navigation_without_robot"),
+        ("move_base", "0", "launch_navigation_without_robot"),
+        ("none", "perhaps", "launch_bad_choice"),
+        ("move_base", "true", ""),
+        ("none", "false", ""),
+    ],
+)
 def test_navigation_needs_a_robot(navigation, robot, code):
     assert code_of(check_values, {"navigation": navigation, "robot": robot}) == code
 
@@ -93,31 +113,60 @@ def test_navigation_needs_a_robot(navigation, robot, code):
 def files(tmp_path):
     """Good and bad files, by the words that stand for their paths below."""
     for name, text in (
-            ("good.yaml", "image: x\ndetector: {hold_s: 12}"), ("empty.yaml", "{}"), ("mistyped.yaml", "detector: {noise: 3}"),
-            ("list.yaml", "[1, 2]"), ("broken.yaml", "a: [1"), ("robot.yaml", "shape: {radius: 0.2}"), ("wheels.yaml", "wheels: 3"),
-            ("map.yaml", "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]"), ("map.pgm", "P5 2 1 255 ~ "),
-            ("lost.yaml", "image: lost.pgm\nresolution: 0.05\norigin: [0, 0, 0]")):
+        ("good.yaml", "image: x\ndetector: {hold_s: 12}"),
+        ("empty.yaml", "{}"),
+        ("mistyped.yaml", "detector: {noise: 3}"),
+        ("list.yaml", "[1, 2]"),
+        ("broken.yaml", "a: [1"),
+        ("robot.yaml", "shape: {radius: 0.2}"),
+        ("wheels.yaml", "wheels: 3"),
+        ("map.yaml", "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]"),
+        ("map.pgm", "P5 2 1 255 ~ "),
+        ("lost.yaml", "image: lost.pgm\nresolution: 0.05\norigin: [0, 0, 0]"),
+    ):
         (tmp_path / name).write_text(text)
     return tmp_path
 
 
-@pytest.mark.parametrize("argument, value, code", [
-    ("map", "", ""), ("map", "@map.yaml", ""), ("map", "@none.yaml", "bad_map_file"), ("map", "@lost.yaml", "bad_map_file"),
-    ("map", "@broken.yaml", "bad_map_file"),
-    ("language", "de", ""), ("language", "gr", "launch_bad_choice"),
-    ("cameras", "north south_2", ""), ("cameras", "", ""), ("cameras", "north, south", "launch_bad_names"),
-    ("cameras", "/north", "launch_bad_names"), ("robots", "r1;r2", "launch_bad_names"),
-    ("config", "@good.yaml", ""), ("config", "@mistyped.yaml", "bad_parameter"), ("config", "@list.yaml", "launch_bad_file"),
-    ("config", "@broken.yaml", "launch_bad_file"), ("config", "@none.yaml", "launch_no_file"),
-    ("configs", "north=@good.yaml south=@empty.yaml", ""), ("configs", "north=@none.yaml", "launch_no_file"),
-    ("configs", "north=@good.yaml south=@mistyped.yaml", "bad_parameter"), ("configs", "@good.yaml", "launch_bad_pairs"),
-    ("configs", "north= @good.yaml", "launch_bad_pairs"),
-    ("machines", "north=loft", ""), ("machines", "north", "launch_bad_pairs"), ("machines_file", "@none", "launch_no_file"),
-    ("robot_types", "turtlebot2 @robot.yaml", ""), ("robot_types", "turtle", "unknown_robot_type"),
-    ("robot_types", "@wheels.yaml", "bad_parameter"), ("robot_types", "@none.yaml", "launch_no_file"),
-    ("page_port", "8420", ""), ("page_port", "80a", "launch_bad_number"), ("occupancy", "1.5", "launch_bad_number"),
-    ("rviz", "yes", "launch_bad_choice"), ("projector", "@none", "launch_no_file"),
-])
+@pytest.mark.parametrize(
+    "argument, value, code",
+    [
+        ("map", "", ""),
+        ("map", "@map.yaml", ""),
+        ("map", "@none.yaml", "bad_map_file"),
+        ("map", "@lost.yaml", "bad_map_file"),
+        ("map", "@broken.yaml", "bad_map_file"),
+        ("language", "de", ""),
+        ("language", "gr", "launch_bad_choice"),
+        ("cameras", "north south_2", ""),
+        ("cameras", "", ""),
+        ("cameras", "north, south", "launch_bad_names"),
+        ("cameras", "/north", "launch_bad_names"),
+        ("robots", "r1;r2", "launch_bad_names"),
+        ("config", "@good.yaml", ""),
+        ("config", "@mistyped.yaml", "bad_parameter"),
+        ("config", "@list.yaml", "launch_bad_file"),
+        ("config", "@broken.yaml", "launch_bad_file"),
+        ("config", "@none.yaml", "launch_no_file"),
+        ("configs", "north=@good.yaml south=@empty.yaml", ""),
+        ("configs", "north=@none.yaml", "launch_no_file"),
+        ("configs", "north=@good.yaml south=@mistyped.yaml", "bad_parameter"),
+        ("configs", "@good.yaml", "launch_bad_pairs"),
+        ("configs", "north= @good.yaml", "launch_bad_pairs"),
+        ("machines", "north=loft", ""),
+        ("machines", "north", "launch_bad_pairs"),
+        ("machines_file", "@none", "launch_no_file"),
+        ("robot_types", "turtlebot2 @robot.yaml", ""),
+        ("robot_types", "turtle", "unknown_robot_type"),
+        ("robot_types", "@wheels.yaml", "bad_parameter"),
+        ("robot_types", "@none.yaml", "launch_no_file"),
+        ("page_port", "8420", ""),
+        ("page_port", "80a", "launch_bad_number"),
+        ("occupancy", "1.5", "launch_bad_number"),
+        ("rviz", "yes", "launch_bad_choice"),
+        ("projector", "@none", "launch_no_file"),
+    ],
+)
 def test_each_argument_is_judged_by_its_kind(files, argument, value, code):
     assert code_of(check_values, {argument: value.replace("@", f"{files}/")}) == code
 
@@ -130,10 +179,14 @@ def test_a_misspelt_parameter_is_named_with_its_file_and_all_known_ones(files):
     assert {"image", "detector", "projection"} <= set(re.findall(r"\w+", caught.value.message))
 
 
-@pytest.mark.parametrize("name, free", [
-    ("lab", {"state", "calibration", "record", "map_name", "page_address"}),
-    ("simulation", {"world", "seed", "state", "record", "maps", "page_address"}),
-    ("borders_only", {"state", "robot_frame", "page_address"})])
+@pytest.mark.parametrize(
+    "name, free",
+    [
+        ("lab", {"state", "calibration", "record", "map_name", "page_address"}),
+        ("simulation", {"world", "seed", "state", "record", "maps", "page_address"}),
+        ("borders_only", {"state", "robot_frame", "page_address"}),
+    ],
+)
 def test_every_argument_of_a_launch_file_is_judged(name, free):
     """Those of no kind are folders that are made, and names: anything goes."""
     path = LAUNCH / f"{name}.launch"
@@ -154,11 +207,14 @@ def test_a_lab_runs_alone_on_its_master(lab, node_of_a_lab):
     assert code_of(check_alone, "http://127.0.0.1:1") == ""
 
 
-@pytest.mark.parametrize("words, code", [
-    ([LAUNCH / "lab.launch", "navigation:=move_base", "robot:=false"], "launch_navigation_without_robot"),
-    (["vb_bringup", "borders_only.launch", "maps:=room.yaml"], "launch_mistyped_argument"),
-    ([LAUNCH / "simulation.launch"], "lab_already_running"),
-])
+@pytest.mark.parametrize(
+    "words, code",
+    [
+        ([LAUNCH / "lab.launch", "navigation:=move_base", "robot:=false"], "launch_navigation_without_robot"),
+        (["vb_bringup", "borders_only.launch", "maps:=room.yaml"], "launch_mistyped_argument"),
+        ([LAUNCH / "simulation.launch"], "lab_already_running"),
+    ],
+)
 def test_roslaunch_ends_before_it_starts_a_node(lab, words, code):
     done = run("roslaunch", *words, uri=lab)
     # our sentence is the last that people read

@@ -1,4 +1,5 @@
 """What linters find: unused code, unclear names, missing docstrings, misspelt words, packages that catkin would not install."""
+
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import pytest
 TOP = Path(__file__).resolve().parents[1]
 LINTERS = {
     "ruff": ["ruff", "check", "--no-cache", "--quiet", "--output-format", "concise"],
+    "format": ["ruff", "format", "--check", "--no-cache", "--quiet"],
     "codespell": ["codespell_lib"],
     # rosdep's keys are checked in test_repository.py: its list would have to be fetched
     "catkin_lint": ["catkin_lint", "--offline", "--strict", "src"],
@@ -18,7 +20,12 @@ LINTERS = {
 @pytest.mark.parametrize("name", LINTERS)
 def test_lint(name):
     module, *options = LINTERS[name]
-    done = subprocess.run([sys.executable, "-m", module, *options], cwd=str(TOP), stdout=subprocess.PIPE,
-                          stderr=subprocess.STDOUT, universal_newlines=True,
-                          env={**os.environ, "ROS_DISTRO": "noetic"})
+    done = subprocess.run(
+        [sys.executable, "-m", module, *options],
+        cwd=str(TOP),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        universal_newlines=True,
+        env={**os.environ, "ROS_DISTRO": "noetic"},
+    )
     assert done.returncode == 0, done.stdout

@@ -3,6 +3,7 @@
 The real stack takes a misspelt parameter in silence and goes on with its default, which for borders is the wrong one.
 The names are those of ros-planning/navigation, branch noetic-devel at 9ad6441 (1.17.3), where the files say.
 """
+
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -170,7 +171,9 @@ def test_the_launch_file_gives_each_node_its_map():
     amcl = {param.get("name"): param.get("value") for param in nodes["amcl"].iter("param")}
     assert set(amcl) - {"prefix"} <= AMCL and amcl["use_map_topic"] == amcl["first_map_only"] == "true"
     # the corrected model takes them as variances: the defaults, meant for the other, are half of each motion
-    assert amcl["odom_model_type"] == "diff-corrected" and all(float(amcl[f"odom_alpha{i}"]) <= 0.05 for i in (1, 2, 3, 4))
+    assert amcl["odom_model_type"] == "diff-corrected" and all(
+        float(amcl[f"odom_alpha{i}"]) <= 0.05 for i in (1, 2, 3, 4)
+    )
     assert ("map", "/map") in {(remap.get("from"), remap.get("to")) for remap in nodes["amcl"].iter("remap")}
     loaded = [(param.get("file").rsplit("/", 1)[1], param.get("ns")) for param in nodes["move_base"].iter("rosparam")]
     # what is common comes first: what is loaded later wins

@@ -1,4 +1,5 @@
 """A lab's own folder: launch files that roslaunch can read, nothing overwritten."""
+
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -34,7 +35,9 @@ def test_a_lab_of_two_cameras(tmp_path, profiles):
     copy = read_map(lab / "map.yaml")
     assert copy.origin == grid.origin and (copy.data == grid.data).all()
     drivers = list(ElementTree.parse(str(lab / "cameras.launch")).iter("node"))
-    frames = {param.get("value") for node in drivers for param in node.iter("param") if param.get("name") == "camera_frame_id"}
+    frames = {
+        param.get("value") for node in drivers for param in node.iter("param") if param.get("name") == "camera_frame_id"
+    }
     assert frames == {"north_optical_frame", "south_optical_frame"}
     for name in ("north", "south"):
         assert yaml.safe_load((lab / "detectors" / f"{name}.yaml").read_text()) == {}
@@ -49,8 +52,10 @@ def test_every_argument_of_its_launch_file_exists(tmp_path, profiles):
     assert given <= {arg.get("name") for arg in ElementTree.parse(str(stack)).getroot().findall("arg")}
 
 
-@pytest.mark.parametrize("cameras, robot, code", [
-    (["1st"], "", "bad_camera_name"), (["a", "a"], "", "bad_camera_name"), (["a"], "r2d2", "unknown_robot_type")])
+@pytest.mark.parametrize(
+    "cameras, robot, code",
+    [(["1st"], "", "bad_camera_name"), (["a", "a"], "", "bad_camera_name"), (["a"], "r2d2", "unknown_robot_type")],
+)
 def test_what_cannot_be_is_refused_before_anything_is_written(tmp_path, profiles, cameras, robot, code):
     with pytest.raises(CodedError) as caught:
         write_lab(tmp_path / "lab", cameras, robot, None, profiles)

@@ -1,4 +1,5 @@
 """Rules that hold across all packages (docs/explanation/architecture.md)."""
+
 import ast
 import importlib.machinery
 import importlib.util
@@ -13,7 +14,15 @@ import pytest
 from vb_core import sentences
 
 TOP = Path(__file__).resolve().parents[1]
-FEATURES = ("vb_laser_detect", "vb_fusion", "vb_map_integration", "vb_voice_wizard", "vb_robot", "vb_feedback", "vb_web")
+FEATURES = (
+    "vb_laser_detect",
+    "vb_fusion",
+    "vb_map_integration",
+    "vb_voice_wizard",
+    "vb_robot",
+    "vb_feedback",
+    "vb_web",
+)
 PACKAGES = sorted(path.parent.name for path in TOP.glob("src/*/package.xml"))
 
 
@@ -63,8 +72,12 @@ def test_feature_packages_meet_at_vb_msgs_only(package):
 
 def test_a_fault_in_a_thread_is_never_silent():
     """A thread that `vb_core.ros.node` starts ends its node at a fault, with a traceback; a raw one would end alone."""
-    raw = {path.name for package in ("vb_voice_wizard", "vb_feedback", "vb_web")
-           for path in TOP.glob(f"src/{package}/src/**/*.py") if "Thread(" in path.read_text(encoding="utf-8")}
+    raw = {
+        path.name
+        for package in ("vb_voice_wizard", "vb_feedback", "vb_web")
+        for path in TOP.glob(f"src/{package}/src/**/*.py")
+        if "Thread(" in path.read_text(encoding="utf-8")
+    }
     # one only empties a pipe, one hands its fault to the node
     assert raw == {"audio_sources.py", "server.py"}
 
@@ -117,16 +130,36 @@ def test_no_manifest_at_the_top():
 def test_requirements_are_pinned():
     lines = (TOP / "requirements.txt").read_text().splitlines()
     wanted = [line for line in lines if line.strip() and not line.startswith("#")]
-    assert wanted and all(re.fullmatch(r"[A-Za-z0-9_.-]+==[0-9][A-Za-z0-9.+]*", line.strip()) for line in wanted), wanted
+    assert wanted and all(
+        re.fullmatch(r"[A-Za-z0-9_.-]+==[0-9][A-Za-z0-9.+]*", line.strip()) for line in wanted
+    ), wanted
 
 
 # ------------------------------------------------------------ pure modules
-ROS = ("rospy", "roslib", "rosgraph", "rosbag", "roslaunch", "tf2_ros", "cv_bridge", "actionlib", "dynamic_reconfigure",
-       "interactive_markers", "message_filters")
+ROS = (
+    "rospy",
+    "roslib",
+    "rosgraph",
+    "rosbag",
+    "roslaunch",
+    "tf2_ros",
+    "cv_bridge",
+    "actionlib",
+    "dynamic_reconfigure",
+    "interactive_markers",
+    "message_filters",
+)
 # what other programs may import on a machine without ROS (docs/explanation/architecture.md)
-PROMISED = ("vb_core.grid_map", "vb_laser_detect.detector", "vb_fusion.extraction", "vb_map_integration.border",
-            "vb_map_integration.integration", "vb_voice_wizard.recognizer", "vb_voice_wizard.interaction",
-            "vb_evaluation.metrics")
+PROMISED = (
+    "vb_core.grid_map",
+    "vb_laser_detect.detector",
+    "vb_fusion.extraction",
+    "vb_map_integration.border",
+    "vb_map_integration.integration",
+    "vb_voice_wizard.recognizer",
+    "vb_voice_wizard.interaction",
+    "vb_evaluation.metrics",
+)
 IMPORT_WITHOUT_ROS = """
 import importlib, sys
 
@@ -167,8 +200,11 @@ def pure_modules(package):
 def test_pure_modules_load_without_ros(package):
     modules = pure_modules(package)
     assert {name for name in PROMISED if name.split(".")[0] == package} <= set(modules)
-    done = subprocess.run([sys.executable, "-c", IMPORT_WITHOUT_ROS, ",".join(ROS), *modules],
-                          stderr=subprocess.PIPE, universal_newlines=True)
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORT_WITHOUT_ROS, ",".join(ROS), *modules],
+        stderr=subprocess.PIPE,
+        universal_newlines=True,
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -197,8 +233,9 @@ def test_what_was_removed_from_a_launch_file_is_gone_at_the_next_start():
 
 
 def test_reference_is_that_of_the_code():
-    done = subprocess.run([sys.executable, str(TOP / "scripts" / "reference"), "--check"],
-                          stdout=subprocess.PIPE, universal_newlines=True)
+    done = subprocess.run(
+        [sys.executable, str(TOP / "scripts" / "reference"), "--check"], stdout=subprocess.PIPE, universal_newlines=True
+    )
     assert done.returncode == 0, done.stdout
 
 
@@ -206,34 +243,56 @@ def test_a_parameter_that_is_not_set_is_listed_in_its_section(tmp_path):
     """A copied name of the table must be accepted: a commented parameter belongs where it would stand if it were set."""
     reference = load_script("reference")
     path = tmp_path / "node.yaml"
-    path.write_text("# image: raw   # topic\nempty: {}\n  # low: 1   # in empty\nfull:\n  high: 2   # in full\n  # higher: 3   # in full\n"
-                    "  deep:\n    # lowest: 4   # in deep\n  # middle: 5   # in full\n# frame: map   # of the node\n")
+    path.write_text(
+        "# image: raw   # topic\nempty: {}\n  # low: 1   # in empty\nfull:\n  high: 2   # in full\n  # higher: 3   # in full\n"
+        "  deep:\n    # lowest: 4   # in deep\n  # middle: 5   # in full\n# frame: map   # of the node\n"
+    )
     assert [row[:2] for row in reference.read_comments(path)] == [
-        ("", "image"), ("", "empty"), ("empty", "low"), ("full", "high"), ("full", "higher"), ("full.deep", "lowest"), ("full", "middle"),
-        ("", "frame")]
+        ("", "image"),
+        ("", "empty"),
+        ("empty", "low"),
+        ("full", "high"),
+        ("full", "higher"),
+        ("full.deep", "lowest"),
+        ("full", "middle"),
+        ("", "frame"),
+    ]
 
 
 def test_reference_names_every_fixed_topic_and_service():
     text = (TOP / "docs" / "reference" / "nodes.md").read_text(encoding="utf-8")
     names = fixed_names()
     assert len(names) > 30
-    missing = {name: str(module) for name, module in names.items() if f"`{name}`" not in text and f"`{name}/" not in text}
+    missing = {
+        name: str(module) for name, module in names.items() if f"`{name}`" not in text and f"`{name}/" not in text
+    }
     assert not missing, f"no node's docstring names {missing}"
 
 
 # ------------------------------------------------------------ words
 def own_sentences(tree):
     """Lists the codes of the catalogue that a file raises, or reports, with a sentence of its own."""
-    calls = [(getattr(node.func, "attr", getattr(node.func, "id", "")), node.args) for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    calls = [
+        (getattr(node.func, "attr", getattr(node.func, "id", "")), node.args)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+    ]
     raised = [given for name, given in calls if name.endswith("Error") and len(given) > 1]
     reported = [given[1:] for name, given in calls if name == "Issue" and len(given) > 2]
-    return [code.value for code, *_ in raised + reported if isinstance(code, ast.Constant) and code.value in sentences.catalogue()]
+    return [
+        code.value
+        for code, *_ in raised + reported
+        if isinstance(code, ast.Constant) and code.value in sentences.catalogue()
+    ]
 
 
 def test_a_code_has_one_sentence():
     files = [path for pattern in ("src/*/src/**/*.py", "bench/*.py", "scripts/*.py") for path in TOP.glob(pattern)]
-    found = [f"{path.relative_to(TOP)}: {code}" for path in files
-             for code in own_sentences(ast.parse(path.read_text(encoding="utf-8")))]
+    found = [
+        f"{path.relative_to(TOP)}: {code}"
+        for path in files
+        for code in own_sentences(ast.parse(path.read_text(encoding="utf-8")))
+    ]
     assert not found, "\n".join(["the sentence for a code stands in vb_core/languages; pass its values", *found])
     assert own_sentences(ast.parse("raise CodedError('no_map', f'no map in {folder}')")) == ["no_map"]
     assert own_sentences(ast.parse("Issue(WARNING, 'no_effect', 'it has none')")) == ["no_effect"]
@@ -248,10 +307,20 @@ def read_glossary():
 
 def texts():
     """Yields what people read: code, interfaces, documentation, messages."""
-    found = subprocess.run(["git", "ls-files", "*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "scripts", "src/*/scripts"],
-                           cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True, check=True).stdout.split()
-    return [TOP / name for name in found
-            if "/de/" not in name and not name.startswith(("docs/glossary", "CHANGELOG", "docs/results")) and (TOP / name).is_file()]
+    found = subprocess.run(
+        ["git", "ls-files", "*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "scripts", "src/*/scripts"],
+        cwd=str(TOP),
+        stdout=subprocess.PIPE,
+        universal_newlines=True,
+        check=True,
+    ).stdout.split()
+    return [
+        TOP / name
+        for name in found
+        if "/de/" not in name
+        and not name.startswith(("docs/glossary", "CHANGELOG", "docs/results"))
+        and (TOP / name).is_file()
+    ]
 
 
 def test_replaced_words_stay_away():
@@ -259,15 +328,24 @@ def test_replaced_words_stay_away():
     assert len(words) > 8
     # also in names, which join words by an underscore or a hyphen
     pattern = re.compile(rf"(?<![^\W_])({'|'.join(words).replace(' ', '[ _-]')})(?![^\W_])", re.I)
-    found = [f"{path.relative_to(TOP)}:{number}: {match.group(0)}" for path in texts()
-             for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) for match in [pattern.search(line)] if match]
+    found = [
+        f"{path.relative_to(TOP)}:{number}: {match.group(0)}"
+        for path in texts()
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        for match in [pattern.search(line)]
+        if match
+    ]
     assert not found, "\n".join(["docs/glossary.md says what to write instead", *found])
 
 
 def test_links_lead_somewhere():
     broken = []
     for path in texts():
-        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)", path.read_text(encoding="utf-8")) if path.suffix == ".md" else ():
+        for target in (
+            re.findall(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)", path.read_text(encoding="utf-8"))
+            if path.suffix == ".md"
+            else ()
+        ):
             if not re.match(r"[a-z]+:", target) and not (path.parent / target).exists():
                 broken.append(f"{path.relative_to(TOP)}: {target}")
         for page in re.findall(r"\bdocs/[\w/-]+\.md", path.read_text(encoding="utf-8")):
@@ -290,22 +368,34 @@ def test_the_site_has_no_link_out_of_its_folder():
     assert named > 5
     links = "[a](../../src/a.py#b), [`c.py`](../../src/c.py), [here](../glossary.md#path), ![image](../images/x.png)"
     assert site.name_outside_files(links, "how-to/page.md") == (
-        "a (`src/a.py`), `src/c.py`, [here](../glossary.md#path), ![image](../images/x.png)")
+        "a (`src/a.py`), `src/c.py`, [here](../glossary.md#path), ![image](../images/x.png)"
+    )
 
 
 def test_the_table_of_places_names_what_is_there():
     table = (TOP / "docs" / "index.md").read_text(encoding="utf-8").split("## Where things are in the code")[1]
     places = re.findall(r"\]\(([^)]+)\) `([\w.]+)`", table)
     assert len(places) > 5
-    missing = [(path, name) for path, name in places for last in [name.split(".")[-1]]
-               if not re.search(rf"^(\s*(def|class) {last}\b|{last}:)", (TOP / "docs" / path).read_text(encoding="utf-8"), re.M)]
+    missing = [
+        (path, name)
+        for path, name in places
+        for last in [name.split(".")[-1]]
+        if not re.search(
+            rf"^(\s*(def|class) {last}\b|{last}:)", (TOP / "docs" / path).read_text(encoding="utf-8"), re.M
+        )
+    ]
     assert not missing
 
 
 def test_python_files_that_pages_name_exist():
     names = {path.name for path in texts()}
-    missing = [f"{path.relative_to(TOP)}: {name}" for path in texts() if path.suffix == ".md"
-               for name in re.findall(r"`(?:[\w/]+/)?(\w+\.py)`", path.read_text(encoding="utf-8")) if name not in names]
+    missing = [
+        f"{path.relative_to(TOP)}: {name}"
+        for path in texts()
+        if path.suffix == ".md"
+        for name in re.findall(r"`(?:[\w/]+/)?(\w+\.py)`", path.read_text(encoding="utf-8"))
+        if name not in names
+    ]
     assert not missing
 
 
@@ -344,8 +434,11 @@ def test_a_command_that_does_not_exist_is_found():
     assert missing_commands(text) == ["make docs", "rosrun vb_web pag", "roslaunch vb_bringup no.launch"]
 
 
-@pytest.mark.parametrize("call", [f"testmod(importlib.import_module('{module}'))" for module in PROMISED] + [
-    f"testfile({str(TOP / 'README.md')!r}, module_relative=False)"])
+@pytest.mark.parametrize(
+    "call",
+    [f"testmod(importlib.import_module('{module}'))" for module in PROMISED]
+    + [f"testfile({str(TOP / 'README.md')!r}, module_relative=False)"],
+)
 def test_examples_run(call):
     script = f"import doctest, importlib, sys; done = doctest.{call}; sys.exit(done.failed or not done.attempted)"
     done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, universal_newlines=True)

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Lets the simulated laser spot draw a circle on the lab's floor, 0.4 m/s, without a person."""
+
 import math
 
 import rospy

@@ -6,6 +6,7 @@
 Waits for each step of the stack to be there, then for so many spots and so many images, however long they take. Exit
 status 0 if spots arrived and reached the fusion, and one took less than a hundredth of an image's bytes to cross.
 """
+
 import argparse
 import sys
 import threading

@@ -5,7 +5,9 @@ import pytest
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 
-WIDE = CameraModel(1920, 1080, CameraModel.ideal(1920, 1080, 1100.0).matrix, np.array([-0.28, 0.09, 0.001, -0.0005, -0.01]))
+WIDE = CameraModel(
+    1920, 1080, CameraModel.ideal(1920, 1080, 1100.0).matrix, np.array([-0.28, 0.09, 0.001, -0.0005, -0.01])
+)
 
 
 @pytest.mark.parametrize("camera", [CameraModel.ideal(640, 480, 577.0), WIDE])
@@ -16,7 +18,9 @@ def test_project_and_rays_are_inverse_over_the_whole_image(camera):
     assert np.abs(camera.project(rays * 3.7) - pixels).max() < 0.01
 
 
-@pytest.mark.parametrize("distortion", [np.zeros(5), WIDE.distortion, [0.1, 0.02, 0, 0, 0.01, 0.05, 0.01, 0.003], np.full(12, 1e-3)])
+@pytest.mark.parametrize(
+    "distortion", [np.zeros(5), WIDE.distortion, [0.1, 0.02, 0, 0, 0.01, 0.05, 0.01, 0.003], np.full(12, 1e-3)]
+)
 @pytest.mark.parametrize("count", [1, 3, 500])
 def test_projection_is_opencvs(distortion, count):
     camera = CameraModel(1920, 1080, WIDE.matrix, np.array(distortion))

@@ -1,4 +1,5 @@
 """Giving commands: each has an id and an end, a lost answer is asked for once more, and stop waits for nothing."""
+
 import re
 import threading
 from pathlib import Path
@@ -15,8 +16,10 @@ def test_no_comment_is_part_of_a_constant():
     """In messages all that follows a string constant's = is its value."""
     found = [
         f"{path.name}: {line}"
-        for path in Path(__file__).resolve().parents[2].glob("vb_msgs/*/*.[ms]*") if path.suffix in (".msg", ".srv")
-        for line in path.read_text(encoding="utf-8").splitlines() if re.match(r"string +[A-Z_]+ *=.*#", line)
+        for path in Path(__file__).resolve().parents[2].glob("vb_msgs/*/*.[ms]*")
+        if path.suffix in (".msg", ".srv")
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if re.match(r"string +[A-Z_]+ *=.*#", line)
     ]
     assert not found
 

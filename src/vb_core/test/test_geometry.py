@@ -69,7 +69,11 @@ def test_rays_meet_the_floor_or_nothing():
 def test_along_an_arc_is_as_far_as_one_drives_along_it(curvature, share, left):
     length = share * math.pi / max(abs(curvature), 0.5)
     yaw = curvature * length
-    end = np.array([math.sin(yaw), 1.0 - math.cos(yaw)]) / curvature if abs(curvature) >= 1e-3 else np.array([length, 0.0])
+    end = (
+        np.array([math.sin(yaw), 1.0 - math.cos(yaw)]) / curvature
+        if abs(curvature) >= 1e-3
+        else np.array([length, 0.0])
+    )
     if abs(curvature) < 1e-3:
         yaw = 0.0
     place = end + left * np.array([-math.sin(yaw), math.cos(yaw)])

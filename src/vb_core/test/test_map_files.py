@@ -1,4 +1,5 @@
 """Maps in map_server's format."""
+
 import cv2
 import numpy as np
 import pytest
@@ -7,7 +8,9 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, safe_path, write_map
 
-DESCRIPTION = "image: map.pgm\nresolution: 0.1\norigin: [1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+DESCRIPTION = (
+    "image: map.pgm\nresolution: 0.1\norigin: [1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+)
 
 
 @pytest.mark.parametrize("raw", [False, True])
@@ -35,12 +38,15 @@ def test_names_cannot_leave_the_folder(tmp_path, name):
     assert caught.value.code == "bad_file_name"
 
 
-@pytest.mark.parametrize("extra, expected", [
-    ("", [[-1, 0, 0], [100, 0, -1]]),
-    ("mode: raw\n", [[100, -1, -1], [0, -1, -1]]),
-    ("mode: scale\n", [[89, 0, 0], [100, 0, 1]]),
-    ("negate: true\n", [[-1, 100, 100], [0, 100, 100]]),
-])
+@pytest.mark.parametrize(
+    "extra, expected",
+    [
+        ("", [[-1, 0, 0], [100, 0, -1]]),
+        ("mode: raw\n", [[100, -1, -1], [0, -1, -1]]),
+        ("mode: scale\n", [[89, 0, 0], [100, 0, 1]]),
+        ("negate: true\n", [[-1, 100, 100], [0, 100, 100]]),
+    ],
+)
 def test_modes(tmp_path, extra, expected):
     image = np.array([[0, 254, 205], [100, 254, 254]], np.uint8)
     (tmp_path / "map.pgm").write_bytes(b"P5\n3 2\n255\n" + image.tobytes())

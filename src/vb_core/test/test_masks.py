@@ -1,4 +1,5 @@
 """Masks."""
+
 import cv2
 import numpy as np
 import pytest
@@ -6,8 +7,12 @@ import pytest
 from vb_core import masks
 
 OPERATIONS = {
-    cv2.CMP_LT: np.less, cv2.CMP_LE: np.less_equal, cv2.CMP_GT: np.greater, cv2.CMP_GE: np.greater_equal,
-    cv2.CMP_EQ: np.equal, cv2.CMP_NE: np.not_equal,
+    cv2.CMP_LT: np.less,
+    cv2.CMP_LE: np.less_equal,
+    cv2.CMP_GT: np.greater,
+    cv2.CMP_GE: np.greater_equal,
+    cv2.CMP_EQ: np.equal,
+    cv2.CMP_NE: np.not_equal,
 }
 
 

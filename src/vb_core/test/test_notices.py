@@ -1,4 +1,5 @@
 """Notices: each node's list replaces its last one; what a silent node said is forgotten."""
+
 from vb_core.notices import FORGOTTEN_AFTER, Notice, NoticeBook, Severity
 
 
@@ -7,7 +8,10 @@ def test_a_node_takes_back_by_saying_less():
     book.update("monitor1", [Notice("robot_inside", robot="r1"), Notice("goal_inside", robot="r1")], 1.0)
     book.update("monitor2", [Notice("robot_inside", robot="r2")], 1.0)
     book.update("monitor1", [Notice("goal_inside", robot="r1")], 2.0)
-    assert {(notice.code, notice.robot) for notice in book.current(2.0)} == {("goal_inside", "r1"), ("robot_inside", "r2")}
+    assert {(notice.code, notice.robot) for notice in book.current(2.0)} == {
+        ("goal_inside", "r1"),
+        ("robot_inside", "r2"),
+    }
 
 
 def test_what_a_silent_node_said_is_forgotten():

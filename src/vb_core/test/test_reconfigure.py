@@ -1,4 +1,5 @@
 """Parameters that are changed while a node runs; the server's own part is tested over a real node in vb_laser_detect."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -75,7 +76,9 @@ def test_a_change_is_applied_once(tuned):
     assert len(applied) == 1 and not warned
 
 
-@pytest.mark.parametrize("changes, reason", [({"low": 6.0}, "at most high"), ({"high": 0.0}, "above 0"), ({"count": 13}, "unlucky")])
+@pytest.mark.parametrize(
+    "changes, reason", [({"low": 6.0}, "at most high"), ({"high": 0.0}, "above 0"), ({"count": 13}, "unlucky")]
+)
 def test_a_refused_change_changes_nothing(tuned, changes, reason):
     node, _, applied, warned = tuned
     node._server.change(low=2.0)

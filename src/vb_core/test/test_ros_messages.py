@@ -1,4 +1,5 @@
 """Conversions, over the real message classes and without a master."""
+
 import io
 import subprocess
 import sys
@@ -68,8 +69,23 @@ def test_depth_images_round_trip():
 
 
 ENCODINGS = [
-    "rgb8", "rgba8", "bgr8", "bgra8", "mono8", "mono16", "rgb16", "bgra16", "yuv422", "bayer_rggb8", "bayer_gbrg16",
-    "8UC1", "8SC3", "16SC2", "32SC4", "32FC1", "64FC12",
+    "rgb8",
+    "rgba8",
+    "bgr8",
+    "bgra8",
+    "mono8",
+    "mono16",
+    "rgb16",
+    "bgra16",
+    "yuv422",
+    "bayer_rggb8",
+    "bayer_gbrg16",
+    "8UC1",
+    "8SC3",
+    "16SC2",
+    "32SC4",
+    "32FC1",
+    "64FC12",
 ]
 
 
@@ -103,7 +119,14 @@ def test_messages_of_a_node_without_images_load_no_opencv():
 
 def test_images_that_cannot_be_read_are_refused():
     good = images.image_message(np.zeros((6, 8), np.uint8), "mono8", rospy.Time(0), "x")
-    changes = ({"encoding": "nonsense"}, {"height": 0}, {"height": 60}, {"encoding": ""}, {"step": 0}, {"encoding": "64UC1"})
+    changes = (
+        {"encoding": "nonsense"},
+        {"height": 0},
+        {"height": 60},
+        {"encoding": ""},
+        {"step": 0},
+        {"encoding": "64UC1"},
+    )
     for change in changes:
         bad = Image()
         good_fields = {name: getattr(good, name) for name in good.__slots__}

@@ -155,7 +155,8 @@ print(before, len(asked))
 
 
 def test_a_node_that_logs_while_it_ends_does_not_end_its_successor():
-    # each line logged was a registration under the node's name, upon which the master ended the other node with that name
+    # each line logged was a registration under the node's name, upon which the master ended the other node with that
+    # name
     done = subprocess.run([sys.executable, "-c", LOGGING], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert (done.returncode, done.stdout) == (0, "1 1\n"), done.stderr
 
@@ -196,7 +197,12 @@ def build() -> Lamp:
 sys.argv = ["lamp", "--help"]
 node.run("lamp", build)
 """
-    done = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, universal_newlines=True, timeout=240,
-                          env={**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1"})
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        universal_newlines=True,
+        timeout=240,
+        env={**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1"},
+    )
     assert done.returncode == 0
     assert "Switches a lamp." in done.stdout and "/lamp/wanted" in done.stdout

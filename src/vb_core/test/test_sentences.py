@@ -1,4 +1,5 @@
 """Sentences: complete in every language, naming the same values, never lost."""
+
 import pytest
 
 from vb_core import sentences
@@ -15,7 +16,9 @@ def test_there_is_more_than_english():
 def test_every_language_has_every_code_with_the_same_values(language):
     english, other = sentences.catalogue(), sentences.catalogue(language)
     assert set(english) == set(other)
-    differing = {code for code in english if sentences.placeholders(english[code]) != sentences.placeholders(other[code])}
+    differing = {
+        code for code in english if sentences.placeholders(english[code]) != sentences.placeholders(other[code])
+    }
     assert not differing
 
 
@@ -47,7 +50,10 @@ def test_a_value_may_be_a_word_of_the_readers_language():
 def test_a_border_that_nobody_named_is_numbered_in_the_readers_language():
     assert sentences.border_name("border 3") == "Border 3" and sentences.border_name("border 3", "de") == "Grenze 3"
     assert sentences.border_name("Rug", "de") == "Rug" and sentences.border_name("", "de") == ""
-    assert sentences.say("border_back", {"borders": "border 3, wall 4, Rug"}, "de") == "Wieder in der Karte: Grenze 3, Wand 4, Rug."
+    assert (
+        sentences.say("border_back", {"borders": "border 3, wall 4, Rug"}, "de")
+        == "Wieder in der Karte: Grenze 3, Wand 4, Rug."
+    )
     assert sentences.say("robot_touches_border", {"who": "ada", "border": "'border 3'"}, "de").endswith(" 'Grenze 3'.")
 
 

@@ -1,4 +1,5 @@
 """A bounded service call: what comes back when neighbours are away, hang, or answer."""
+
 from __future__ import annotations
 
 import threading

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The check of a robot's navigation, on one that respects borders and on one that was left on the physical map."""
+
 import shutil
 import unittest
 

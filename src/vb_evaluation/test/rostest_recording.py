@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Record, measure, replay: one interaction through real nodes into a bag, maps and a log, and back out of them."""
+
 from __future__ import annotations
 
 import csv

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The same spots and commands through the nodes over ROS and in one process: the same border, map and answers, to the bit."""
+
 import json
 import tempfile
 import unittest
@@ -78,7 +79,9 @@ class Session:
     def run(self):
         """A whole interaction; what came out."""
         self.wait_until(lambda: self.state is not None and self.spots.get_num_connections() > 0)
-        self.map.publish(message_from_grid(GridMap(np.zeros((100, 120), np.int8), 0.05, (0.0, 0.0, 0.0)), rospy.Time.now()))
+        self.map.publish(
+            message_from_grid(GridMap(np.zeros((100, 120), np.int8), 0.05, (0.0, 0.0, 0.0)), rospy.Time.now())
+        )
         self.wait_until(lambda: self.grid is not None)
         border, seed = recorded_spots(), np.tile([2.0, 1.7], (25, 1))
         self.say("define_border")
@@ -90,11 +93,16 @@ class Session:
         self.show(seed)
         self.wait_until(lambda: self.progress.seed_spots == len(seed))
         self.say("save")
-        self.wait_until(lambda: self.borders is not None and self.borders.borders and grid_from_message(self.grid).data.any())
+        self.wait_until(
+            lambda: self.borders is not None and self.borders.borders and grid_from_message(self.grid).data.any()
+        )
         saved = self.borders.borders[0]
         return {
-            "answers": self.answers, "points": array_from_points(saved.points).tolist(), "kind": saved.kind,
-            "seed": (saved.seed.x, saved.seed.y), "area": saved.area_m2,
+            "answers": self.answers,
+            "points": array_from_points(saved.points).tolist(),
+            "kind": saved.kind,
+            "seed": (saved.seed.x, saved.seed.y),
+            "area": saved.area_m2,
             "map": grid_from_message(self.grid).data.tobytes().hex(),
         }
 

@@ -1,4 +1,5 @@
 """A made-up study for tests of the report: rows drawn at random, maps of a world, no simulation."""
+
 from __future__ import annotations
 
 import csv
@@ -13,8 +14,20 @@ from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
 
 WORLD = Path(__file__).resolve().parents[2] / "vb_sim" / "worlds" / "lab.yaml"
-MEASURES = ["completed", "time_guide_s", "time_border_s", "time_seed_s", "time_total_s", "jaccard", "error_mean_cm",
-            "error_p95_cm", "error_max_cm", "order", "spots", "false_spots"]
+MEASURES = [
+    "completed",
+    "time_guide_s",
+    "time_border_s",
+    "time_seed_s",
+    "time_total_s",
+    "jaccard",
+    "error_mean_cm",
+    "error_p95_cm",
+    "error_max_cm",
+    "order",
+    "spots",
+    "false_spots",
+]
 RUN_COLUMNS = ["participant", "scenario", "method", "seed", *MEASURES, "map"]
 _BORDER_M = {"room": 0.7, "carpet": 6.5, "corner": 3.6}
 _PATH_M = {"room": 5.4, "carpet": 2.5, "corner": 3.0}
@@ -30,9 +43,17 @@ def run(random, participant, scenario, method, order=1, speed=1.0, distance=None
         "seed": 3.0 + (4.0 if slow else 0.0) + random.gamma(2.0, 0.5),
     }
     completed, error = random.random() > 0.08, random.gamma(4.0, 0.8)
-    row = {"participant": participant, "scenario": scenario, "method": method, "seed": 1, "completed": int(completed),
-           "order": order, "spots": int(random.integers(50, 900)), "false_spots": int(random.integers(0, 3)),
-           "jaccard": f"{random.normal(0.93, 0.02):.4f}" if completed else ""}
+    row = {
+        "participant": participant,
+        "scenario": scenario,
+        "method": method,
+        "seed": 1,
+        "completed": int(completed),
+        "order": order,
+        "spots": int(random.integers(50, 900)),
+        "false_spots": int(random.integers(0, 3)),
+        "jaccard": f"{random.normal(0.93, 0.02):.4f}" if completed else "",
+    }
     row.update({f"time_{state}_s": f"{value:.2f}" for state, value in states.items()})
     row["time_total_s"] = f"{sum(float(row[f'time_{state}_s']) for state in states):.2f}"
     if completed:
@@ -52,8 +73,11 @@ def every(participants, methods=("nrs", "robot_only"), scenarios=("room", "carpe
     found = []
     for number in range(1, participants + 1):
         turned = methods if number % 2 else methods[::-1]
-        found += [(f"p{number:02d}", scenario, method, 1 + 3 * place + index)
-                  for place, method in enumerate(turned) for index, scenario in enumerate(scenarios)]
+        found += [
+            (f"p{number:02d}", scenario, method, 1 + 3 * place + index)
+            for place, method in enumerate(turned)
+            for index, scenario in enumerate(scenarios)
+        ]
     return found
 
 
@@ -69,7 +93,9 @@ def make_study(folder, participants=15, sweeps=True, maps=True, seed=1, people=F
         write_map(folder / "maps" / "physical", prior)
         for key, scenario in world.scenarios.items():
             truth = floor_plan.ground_truth(world, scenario)
-            write_map(folder / "maps" / f"truth_{key}", prior.with_data(np.where(truth, 100, prior.data).astype(np.int8)))
+            write_map(
+                folder / "maps" / f"truth_{key}", prior.with_data(np.where(truth, 100, prior.data).astype(np.int8))
+            )
             for row in rows:
                 if row["scenario"] == key and row["completed"]:
                     drawn = np.roll(truth, tuple(random.integers(-2, 3, 2)), (0, 1)) & (prior.data == 0)
@@ -78,14 +104,32 @@ def make_study(folder, participants=15, sweeps=True, maps=True, seed=1, people=F
                     row["map"] = f"maps/{name}.yaml"
                     row["jaccard"] = f"{metrics.jaccard(truth, drawn):.4f}"
     write(folder / "runs.csv", RUN_COLUMNS, rows)
-    meta = {"world": "lab", "seed": seed, "size": "full", "people": people, "revision": "abc1234",
-            "assumptions": [{"key": "participant/tremor", "value": "0.01", "unit": "m", "range": "0.005 to 0.02",
-                             "source": "assumed", "why": "nobody measured it"}],
-            "caveats": ["People of a simulation know what they do."]}
+    meta = {
+        "world": "lab",
+        "seed": seed,
+        "size": "full",
+        "people": people,
+        "revision": "abc1234",
+        "assumptions": [
+            {
+                "key": "participant/tremor",
+                "value": "0.01",
+                "unit": "m",
+                "range": "0.005 to 0.02",
+                "source": "assumed",
+                "why": "nobody measured it",
+            }
+        ],
+        "caveats": ["People of a simulation know what they do."],
+    }
     (folder / "study.json").write_text(json.dumps(meta))
     if sweeps:
         few = every(min(participants, 5))
-        curves = [dict(run(random, *who, distance=value), sweep="distance", value=value) for value in (1.0, 4.0, 8.0) for who in few]
+        curves = [
+            dict(run(random, *who, distance=value), sweep="distance", value=value)
+            for value in (1.0, 4.0, 8.0)
+            for who in few
+        ]
         write(folder / "curves.csv", ["sweep", "value", *RUN_COLUMNS], curves)
         write_worlds(folder, random)
         write(folder / "ungated.csv", RUN_COLUMNS, [dict(row, spots=int(row["spots"]) + 3) for row in rows[::10]])
@@ -94,8 +138,10 @@ def make_study(folder, participants=15, sweeps=True, maps=True, seed=1, people=F
 
 def write_worlds(folder, random, draws=60):
     """Draws of three assumptions, of which only the hand's speed decides."""
-    inputs = [{"draw": draw, **{key: f"{random.random():.4f}" for key in ("hand/speed", "hand/tremor", "lens/blur")}}
-              for draw in range(1, draws + 1)]
+    inputs = [
+        {"draw": draw, **{key: f"{random.random():.4f}" for key in ("hand/speed", "hand/tremor", "lens/blur")}}
+        for draw in range(1, draws + 1)
+    ]
     write(folder / "draws.csv", list(inputs[0]), inputs)
     rows = []
     for entry in inputs:

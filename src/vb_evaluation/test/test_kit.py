@@ -1,4 +1,5 @@
 """Ground truths, protocol, and measures of recordings that other packages' code writes."""
+
 import dataclasses
 import json
 import tempfile
@@ -296,7 +297,8 @@ def test_what_was_done_otherwise_than_planned_is_left_out(study):
         Lab(study / name, room()).interaction("i", *exact, method=method)
         (study / name / "session.yaml").write_text(f"method: {method}\ncameras: {cameras}\nrevision: abc\n")
     (study / "protocol.csv").write_text(
-        "participant,order,method,scenario,recording\np1,1,nrs,carpet,a\np1,2,robot_only,carpet,b\np2,1,robot_only,carpet,c\n")
+        "participant,order,method,scenario,recording\np1,1,nrs,carpet,a\np1,2,robot_only,carpet,b\np2,1,robot_only,carpet,c\n"
+    )
     rows, notes = rows_of(study)
     assert [row["as_planned"] for row in rows] == ["1", "0", "1"] and [row["order"] for row in rows] == ["1", "2", "1"]
     assert len(notes) == 1 and "with the cameras green" in notes[0] and rows[0]["revision"] == "abc"
@@ -378,7 +380,9 @@ def test_a_system_that_came_up_otherwise_is_told_at_once(planned):
         return lambda: None
 
     conduct.conduct(run, start, iter("bc"), said.append)
-    assert any(f"method:={other}" in words for words in said) and any("cameras blue instead of" in words for words in said)
+    assert any(f"method:={other}" in words for words in said) and any(
+        "cameras blue instead of" in words for words in said
+    )
     silent = conduct.conduct(conduct.next_run(planned, "p02"), lambda plan: lambda: None, iter("c"), said.append)
     assert silent["recorded"] is False and "nothing was recorded" in said[-1]
 
@@ -387,7 +391,7 @@ def test_the_launch_is_a_process_that_ends(planned):
     """With a stand-in for roslaunch: it is started with the planned arguments and interrupted at the end."""
     run = conduct.next_run(planned, "p01")
     script = planned.parent / "launch.sh"
-    script.write_text("#!/bin/sh\necho \"$@\"\nexec sleep 60\n")
+    script.write_text('#!/bin/sh\necho "$@"\nexec sleep 60\n')
     replaced = dataclasses.replace(run, command=("sh", str(script), *run.command[1:]))
     stops = []
 
@@ -441,7 +445,18 @@ def test_a_dry_run_with_simulated_people(tmp_path, monkeypatch):
     truths = tmp_path / "ground_truth"
     campaign.write_truths(study, tmp_path / "map", truths / "{}")
     assert (
-        main(["measure", str(path), "--ground-truth", str(truths), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "out")])
+        main(
+            [
+                "measure",
+                str(path),
+                "--ground-truth",
+                str(truths),
+                "--map",
+                str(tmp_path / "map.yaml"),
+                "--out",
+                str(tmp_path / "out"),
+            ]
+        )
         == 0
     )
     rows = read_sheet(tmp_path / "out" / "runs.csv", ()).to_dict("records")
@@ -458,4 +473,7 @@ def test_a_dry_run_with_simulated_people(tmp_path, monkeypatch):
     assert simulated["time_guide_s"] == 0.0 and simulated["time_border_s"] > 0 and simulated["time_seed_s"] > 0
     # a line across the doorway is off by centimetres, the index does not show it
     assert float(row["jaccard"]) == pytest.approx(simulated["jaccard"], abs=1e-4) and 0.9 < simulated["jaccard"] < 1.0
-    assert float(row["error_mean_cm"]) == pytest.approx(simulated["error_mean_cm"], abs=0.01) and simulated["error_mean_cm"] < 20.0
+    assert (
+        float(row["error_mean_cm"]) == pytest.approx(simulated["error_mean_cm"], abs=0.01)
+        and simulated["error_mean_cm"] < 20.0
+    )

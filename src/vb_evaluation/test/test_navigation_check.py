@@ -1,4 +1,5 @@
 """check_navigation without the nodes that it asks."""
+
 from types import SimpleNamespace
 
 import numpy as np
@@ -36,7 +37,9 @@ class Planner:
         monkeypatch.setattr(rospy, "wait_for_service", lambda *_, **__: None)
         monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
         monkeypatch.setattr(navigation_check, "Observer", lambda: self)
-        monkeypatch.setattr(navigation_check, "TransformLookup", lambda: SimpleNamespace(lookup=lambda *_, **__: np.eye(4)))
+        monkeypatch.setattr(
+            navigation_check, "TransformLookup", lambda: SimpleNamespace(lookup=lambda *_, **__: np.eye(4))
+        )
         monkeypatch.setattr(navigation_check, "call", self.call)
         monkeypatch.setattr(navigation_check, "WATCHED", 0.01)
 

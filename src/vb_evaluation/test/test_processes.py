@@ -12,7 +12,9 @@ from vb_evaluation.processes import Child, free_port, start_screen
 
 def test_a_child_and_all_it_started_end(tmp_path):
     # the child ignores the polite request, as a hanging node does
-    script = "import signal, time\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\nprint('up', flush=True)\ntime.sleep(600)"
+    script = (
+        "import signal, time\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\nprint('up', flush=True)\ntime.sleep(600)"
+    )
     child = Child([sys.executable, "-c", script], tmp_path / "log" / "child.txt")
     assert child.running
     child.stop(patience_s=0.2)
@@ -75,11 +77,16 @@ def wait_until(condition, what, seconds=240.0):
 def test_a_script_that_is_ended_leaves_nothing_behind(tmp_path):
     mark = uuid.uuid4().hex
     (tmp_path / "node.launch").write_text("<launch/>")  # a master and rosout are enough
-    script = subprocess.Popen([sys.executable, "-c", LAB, str(tmp_path)], stdout=subprocess.PIPE,
-                              env={**os.environ, "MARK": mark, "ROS_LOG_DIR": str(tmp_path)})
+    script = subprocess.Popen(
+        [sys.executable, "-c", LAB, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "MARK": mark, "ROS_LOG_DIR": str(tmp_path)},
+    )
     try:
         assert script.stdout.readline() == b"up\n"
-        wait_until(lambda: any(b"rosout" in command for command in commands_with(mark.encode())), "roslaunch starts its nodes")
+        wait_until(
+            lambda: any(b"rosout" in command for command in commands_with(mark.encode())), "roslaunch starts its nodes"
+        )
         assert any(b"Xvfb" in command for command in commands_with(mark.encode()))
         script.send_signal(signal.SIGTERM)
         assert script.wait(120) == -signal.SIGTERM

@@ -1,4 +1,5 @@
 """Replays: of events, and of bags with images, written here without a master."""
+
 import argparse
 import math
 
@@ -113,9 +114,12 @@ def write_bag(folder, rows, images, ended=True, outcome="saved"):
         for stamp, state in states(rows, ended):
             entered = rospy.Time.from_sec(stamp)
             message = InteractionState(
-                state={"default": 0, "border": 1, "seed": 2}[state], name=state,
-                interaction_id="" if state == "default" else "one", entered=entered,
-                last_outcome=outcome if state == "default" else "")
+                state={"default": 0, "border": 1, "seed": 2}[state],
+                name=state,
+                interaction_id="" if state == "default" else "one",
+                entered=entered,
+                last_outcome=outcome if state == "default" else "",
+            )
             bag.write("/virtual_borders/state", message, entered)
         for stamp, row in entries:
             time = rospy.Time.from_sec(stamp)
@@ -244,13 +248,9 @@ def test_images_of_a_robot_use_its_pose_and_depth_at_their_time(tmp_path):
             image = random.normal(90.0, 2.0, (240, 320, 3)) + light[..., None] * np.array([90.0, 70.0, 400.0])
             image = np.clip(image, 0, 255).astype(np.uint8)
             bag.write(
-                "/camera/depth_registered/image_raw",
-                image_message(depth, "16UC1", time, "camera_optical_frame"),
-                time,
+                "/camera/depth_registered/image_raw", image_message(depth, "16UC1", time, "camera_optical_frame"), time
             )
-            bag.write(
-                "/camera/rgb/image_raw", image_message(image, "bgr8", time, "camera_optical_frame"), time
-            )
+            bag.write("/camera/rgb/image_raw", image_message(image, "bgr8", time, "camera_optical_frame"), time)
             # the pose comes after the image, as odometry does
             moved = messages.transform_message(pose, "map", "camera_optical_frame", time)
             bag.write("/tf", TFMessage([moved]), time + rospy.Duration(0.03))

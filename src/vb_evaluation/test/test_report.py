@@ -1,4 +1,5 @@
 """The report says what the CSV says, with intervals and caveats, and takes few or odd data."""
+
 import csv
 import html
 import json
@@ -51,7 +52,9 @@ def test_tables_hold_what_the_rows_say(full):
     table = {(row["scenario"], row["method"]): row for row in rows_of(folder / "tables" / "error.csv")}
     for scenario, name in (("Room exclusion", "room"), ("Carpet exclusion", "carpet"), ("Spot cleaning", "corner")):
         for title, method in (("Network robot system", "nrs"), ("Robot only", "robot_only")):
-            done = [row for row in runs if row["scenario"] == name and row["method"] == method and row["completed"] == "1"]
+            done = [
+                row for row in runs if row["scenario"] == name and row["method"] == method and row["completed"] == "1"
+            ]
             row = table[scenario, title]
             for column in ("error_mean_cm", "error_p95_cm", "error_max_cm"):
                 assert float(row[column]) == pytest.approx(np.median([float(one[column]) for one in done]))
@@ -68,13 +71,20 @@ def test_centimetres_come_before_jaccard(full):
 def test_no_p_of_simulated_people_and_p_of_people(full, tmp_path, no_pictures):
     _, page = full
     assert not re.search(r"\bp [<=]|exact p|Wilcoxon signed-rank|Mann-Whitney", words_of(page))
-    of_people = words_of(write_report(study_rows.make_study(tmp_path / "people", 6, people=True, maps=False)).read_text())
+    of_people = words_of(
+        write_report(study_rows.make_study(tmp_path / "people", 6, people=True, maps=False)).read_text()
+    )
     assert "exact p" in of_people and "Mann-Whitney" in of_people and "This is a simulation" not in of_people
 
 
-@pytest.mark.parametrize("ours, published, reading", [
-    (Interval(0.982, 0.975, 0.990, 0.95), 0.856, "better"), (Interval(0.80, 0.78, 0.82, 0.95), 0.856, "worse"),
-    (Interval(0.86, 0.84, 0.88, 0.95), 0.856, "same")])
+@pytest.mark.parametrize(
+    "ours, published, reading",
+    [
+        (Interval(0.982, 0.975, 0.990, 0.95), 0.856, "better"),
+        (Interval(0.80, 0.78, 0.82, 0.95), 0.856, "worse"),
+        (Interval(0.86, 0.84, 0.88, 0.95), 0.856, "same"),
+    ],
+)
 def test_better_than_the_paper_is_no_agreement(full, ours, published, reading):
     row = paper_comparison._compare(read_study(full[0]), "carpet", "Jaccard index, robot only", published, ours, 3)
     assert row["reading"] == reading and bool(row["why"]) == (reading != "same")
@@ -91,12 +101,20 @@ def test_every_section_of_a_simulation_has_its_caveat(full):
 def test_the_worlds_tell_what_decides(full):
     blocks = sensitivity.plausible(read_study(full[0])).blocks
     assert "All 3 assumptions" in blocks[0].words[0] and "60 draws" in blocks[0].words[0]
-    conclusions, deciding = (next(block.rows for block in blocks if getattr(block, "name", "") == name) for name in ("worlds", "deciding"))
+    conclusions, deciding = (
+        next(block.rows for block in blocks if getattr(block, "name", "") == name) for name in ("worlds", "deciding")
+    )
     first = next(row for row in deciding if row["outcome"] == "speed-up (logarithm)")
-    assert first["assumption"] == "hand/speed" and first["clear"] == "yes" and first["rho"].low > sensitivity.chance_level(first["n"], 3)
+    assert (
+        first["assumption"] == "hand/speed"
+        and first["clear"] == "yes"
+        and first["rho"].low > sensitivity.chance_level(first["n"], 3)
+    )
     assert [row["clear"] for row in deciding if row["outcome"] == "boundary error, network robot system"] == ["no"] * 3
     faster = next(row for row in conclusions if row["conclusion"].startswith("faster") and row["scenario"] == "all")
-    assert faster["holds"].estimate == 100.0 and faster["holds"].low < 97.0 and faster["n"] < 60  # who failed is no evidence
+    assert (
+        faster["holds"].estimate == 100.0 and faster["holds"].low < 97.0 and faster["n"] < 60
+    )  # who failed is no evidence
 
 
 def test_noise_of_many_correlations_is_that_of_shuffled_draws():
@@ -116,7 +134,9 @@ def test_order_effects_are_found(tmp_path):
         if int(row["order"]) > 3:
             row["time_total_s"] = str(float(row["time_total_s"]) - 20.0)
     study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows)
-    found = [row for block in background.order(read_study(folder)).blocks if hasattr(block, "rows") for row in block.rows]
+    found = [
+        row for block in background.order(read_study(folder)).blocks if hasattr(block, "rows") for row in block.rows
+    ]
     period, carried = [row for row in found if row["measure"] == "time [s]"]
     assert float(period["difference"].split()[0].replace("−", "-")) == pytest.approx(-20.0, abs=3.0)
     assert period["p"] == "< .001" or float(period["p"]) < 0.01
@@ -133,8 +153,11 @@ def test_maps_are_those_nearest_to_the_median(full):
     study = read_study(full[0])
     for scenario in study.scenarios:
         row = nearest_to_median(study, scenario, "nrs")
-        done = [float(one["jaccard"]) for one in rows_of(full[0] / "runs.csv")
-                if (one["scenario"], one["method"], one["completed"]) == (scenario, "nrs", "1")]
+        done = [
+            float(one["jaccard"])
+            for one in rows_of(full[0] / "runs.csv")
+            if (one["scenario"], one["method"], one["completed"]) == (scenario, "nrs", "1")
+        ]
         assert abs(row["jaccard"] - np.median(done)) == min(abs(value - np.median(done)) for value in done)
 
 
@@ -172,10 +195,14 @@ def test_runs_that_are_missing_are_named(tmp_path, no_pictures):
     assert "Missing runs (1): p03, Spot cleaning, Robot only" in write_report(folder).read_text()
 
 
-@pytest.mark.parametrize("change, words", [
-    ({"jaccard": "good"}, "line 2: jaccard: expected a number, got 'good'"),
-    ({"time_total_s": "1,5"}, "line 2: time_total_s"), ({"error_mean_cm": "x"}, "line 2: error_mean_cm"),
-])
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"jaccard": "good"}, "line 2: jaccard: expected a number, got 'good'"),
+        ({"time_total_s": "1,5"}, "line 2: time_total_s"),
+        ({"error_mean_cm": "x"}, "line 2: error_mean_cm"),
+    ],
+)
 def test_bad_data_is_one_line(tmp_path, change, words, capsys):
     folder = study_rows.make_study(tmp_path / "study", 1, sweeps=False, maps=False)
     rows = rows_of(folder / "runs.csv")
@@ -195,10 +222,12 @@ def test_a_missing_file_or_column(tmp_path):
 
 def test_the_analysis_knows_no_simulator():
     """Nothing that measures or reports imports what simulates, so that both can go their own ways."""
-    code = ("import importlib, pkgutil, sys; sys.modules.update(dict.fromkeys(['vb_sim', 'vb_evaluation.study']))\n"
-            "import vb_evaluation.kit as kit, vb_evaluation.report as report, vb_evaluation.statistics, vb_evaluation.metrics\n"
-            "for package in (kit, report):\n"
-            "    for module in pkgutil.iter_modules(package.__path__, package.__name__ + '.'):\n"
-            "        importlib.import_module(module.name)")
+    code = (
+        "import importlib, pkgutil, sys; sys.modules.update(dict.fromkeys(['vb_sim', 'vb_evaluation.study']))\n"
+        "import vb_evaluation.kit as kit, vb_evaluation.report as report, vb_evaluation.statistics, vb_evaluation.metrics\n"
+        "for package in (kit, report):\n"
+        "    for module in pkgutil.iter_modules(package.__path__, package.__name__ + '.'):\n"
+        "        importlib.import_module(module.name)"
+    )
     done = subprocess.run([sys.executable, "-c", code], stderr=subprocess.PIPE, universal_newlines=True)
     assert done.returncode == 0, done.stderr

@@ -6,13 +6,16 @@ A figure that comes from a file is followed by a comment that names file, row an
 
 The row is the first line that begins with these cells; the figure is the cell's first number, rounded as it is written.
 """
+
 import re
 from pathlib import Path
 
 import pytest
 
 TOP = Path(__file__).resolve().parents[3]
-MARK = re.compile(r"(?P<figure>[-−]?\d*\.?\d+)(?P<percent> ?%)?<!-- (?P<file>\S+) \"(?P<row>[^\"]+)\" (?P<column>\d+) -->")
+MARK = re.compile(
+    r"(?P<figure>[-−]?\d*\.?\d+)(?P<percent> ?%)?<!-- (?P<file>\S+) \"(?P<row>[^\"]+)\" (?P<column>\d+) -->"
+)
 PAGES = [TOP / "README.md", *sorted((TOP / "docs").glob("**/*.md"))]
 
 
@@ -56,7 +59,9 @@ def test_the_study_s_figures_are_marked():
 
 
 def test_a_stale_figure_is_found(tmp_path):
-    (tmp_path / "a.md").write_text("| what | which | value |\n|---|---|---|\n| room | people | 0.997 [0.996, 0.998] |\n")
+    (tmp_path / "a.md").write_text(
+        "| what | which | value |\n|---|---|---|\n| room | people | 0.997 [0.996, 0.998] |\n"
+    )
     (tmp_path / "b.csv").write_text("what,value\nroom,12.31\n")
     fresh = 'It is .997<!-- a.md "room | people" 3 -->, 12.3<!-- b.csv "room" 2 --> cm.'
     assert differences(fresh, tmp_path) == []

@@ -1,4 +1,5 @@
 """Statistics against published worked examples, and against what the paper itself reports."""
+
 import itertools
 import math
 
@@ -160,8 +161,6 @@ def test_success_rates():
     assert (round(found.low, 4), round(found.high, 4)) == (0.0624, 0.1605)
 
 
-@pytest.mark.parametrize(
-    "p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1"), (math.nan, "–")]
-)
+@pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1"), (math.nan, "–")])
 def test_p_as_the_paper_writes_it(p, text):
     assert statistics.format_p(p) == text

@@ -1,4 +1,5 @@
 """The study's configuration: people, changes, hash, what curves and sensitivity consist of."""
+
 import re
 
 import numpy as np
@@ -29,31 +30,43 @@ def test_people_differ_and_stay_who_they_are():
 def test_one_trait_leaves_the_others_alone():
     before, after = STUDY.traits(4), STUDY.changed({"participants/traits/tremor": 0.02}).traits(4)
     assert after.model.tremor == 0.02
-    assert (after.model.reach, after.model.drawing_speed, after.body) == (before.model.reach, before.model.drawing_speed, before.body)
+    assert (after.model.reach, after.model.drawing_speed, after.body) == (
+        before.model.reach,
+        before.model.drawing_speed,
+        before.body,
+    )
 
 
-@pytest.mark.parametrize("spec, mean, spread", [
-    (0.3, 0.3, 0.0), ({"uniform": [1.0, 3.0]}, 2.0, 2.0 / np.sqrt(12)), ({"normal": [1.0, 0.2]}, 1.0, 0.2),
-    ({"scaled": [{"normal": [1.0, 0.2]}, 2.0]}, 2.0, 0.4),
-    ({"mixture": [{"share": 3, "normal": [1.0, 0.0]}, {"share": 1, "normal": [5.0, 0.0]}]}, 2.0, np.sqrt(3.0)),
-])
+@pytest.mark.parametrize(
+    "spec, mean, spread",
+    [
+        (0.3, 0.3, 0.0),
+        ({"uniform": [1.0, 3.0]}, 2.0, 2.0 / np.sqrt(12)),
+        ({"normal": [1.0, 0.2]}, 1.0, 0.2),
+        ({"scaled": [{"normal": [1.0, 0.2]}, 2.0]}, 2.0, 0.4),
+        ({"mixture": [{"share": 3, "normal": [1.0, 0.0]}, {"share": 1, "normal": [5.0, 0.0]}]}, 2.0, np.sqrt(3.0)),
+    ],
+)
 def test_distributions_have_their_moments(spec, mean, spread):
     rng = np.random.default_rng(0)
     values = [draw("trait", spec, rng) for _ in range(4000)]
     assert np.mean(values) == pytest.approx(mean, abs=0.12) and np.std(values) == pytest.approx(spread, abs=0.06)
 
 
-@pytest.mark.parametrize("changes, named", [
-    ({"participants/traits/tremour": 0.1}, "tremour"),
-    ({"participants/traits/tremor": {"gauss": [0, 1]}}, "tremor"),
-    ({"participants/traits/tremor": {"normal": [0]}}, "tremor"),
-    ({"participants/clones": 1.0}, "clones"),
-    ({"design/methods": ["telepathy"]}, "telepathy"),
-    ({"marks/turn": {"normal": [0]}}, "turn"),
-    ({"design/participants": 0}, "participants"),
-    ({"design/scenarios": ["attic"]}, "attic"),
-    ({"models/optics/exposure_ms": -1.0}, "exposure_ms"),
-])
+@pytest.mark.parametrize(
+    "changes, named",
+    [
+        ({"participants/traits/tremour": 0.1}, "tremour"),
+        ({"participants/traits/tremor": {"gauss": [0, 1]}}, "tremor"),
+        ({"participants/traits/tremor": {"normal": [0]}}, "tremor"),
+        ({"participants/clones": 1.0}, "clones"),
+        ({"design/methods": ["telepathy"]}, "telepathy"),
+        ({"marks/turn": {"normal": [0]}}, "turn"),
+        ({"design/participants": 0}, "participants"),
+        ({"design/scenarios": ["attic"]}, "attic"),
+        ({"models/optics/exposure_ms": -1.0}, "exposure_ms"),
+    ],
+)
 def test_mistakes_are_named(changes, named):
     with pytest.raises(CodedError, match=named):
         STUDY.changed(changes)
@@ -89,7 +102,9 @@ def test_orders_are_random_and_balanced():
     first = [order[0][1] for order in orders]
     # each method begins as often as the other, however many take part
     assert all(abs(first[:count].count("nrs") - first[:count].count("robot_only")) <= 1 for count in range(1, 16))
-    assert len(set(map(tuple, orders))) > 8 and orders != [order_of_runs(number, scenarios, methods, 2) for number in range(1, 16)]
+    assert len(set(map(tuple, orders))) > 8 and orders != [
+        order_of_runs(number, scenarios, methods, 2) for number in range(1, 16)
+    ]
 
 
 def test_the_runs_of_a_study():
@@ -105,7 +120,9 @@ def test_the_runs_of_a_study():
 
 
 def test_columns_begin_with_the_contracts():
-    contract = ("participant,scenario,method,seed,completed,time_guide_s,time_border_s,time_seed_s,time_total_s,jaccard").split(",")
+    contract = (
+        "participant,scenario,method,seed,completed,time_guide_s,time_border_s,time_seed_s,time_total_s,jaccard"
+    ).split(",")
     assert list(campaign.columns(RUNS)[:10]) == contract
     for file, first in ((CURVES, ["sweep", "value"]), (WORLDS, ["draw"])):
         assert list(campaign.columns(file)[: len(first) + 10]) == first + contract
@@ -174,7 +191,8 @@ def test_the_corners_of_every_range_are_possible():
 def test_worlds_cover_all_scenarios_and_both_methods():
     jobs = plan.world_jobs(STUDY.changed({"design/worlds": 9}))
     assert len(jobs) == 18 and {(job.task.scenario, job.task.method) for job in jobs} == {
-        (scenario, method) for scenario in STUDY.design.scenarios for method in STUDY.design.methods}
+        (scenario, method) for scenario in STUDY.design.scenarios for method in STUDY.design.methods
+    }
     assert len({job.task.participant for job in jobs}) == 9
 
 
@@ -193,8 +211,10 @@ def test_curves_say_what_they_are_over():
         if job.conditions["sweep"] == "coverage":
             grid = floor_plan.physical_map(world)
             floor = np.pad(grid.cell_to_world(np.argwhere(grid.data == 0)[::37]), ((0, 0), (0, 1)))
-            seen = [camera.model().contains(camera.model().project(geometry.apply(geometry.invert(camera.pose()), floor)))
-                    for camera in world.cameras]
+            seen = [
+                camera.model().contains(camera.model().project(geometry.apply(geometry.invert(camera.pose()), floor)))
+                for camera in world.cameras
+            ]
             assert np.any(seen, axis=0).mean() == pytest.approx(value, abs=0.01)
         if job.conditions["sweep"] == "distance":  # no farther than the crow flies
             line = resample_chain(scenario.border, 0.1, scenario.closed)
@@ -202,7 +222,10 @@ def test_curves_say_what_they_are_over():
     assert {job.conditions["sweep"] for job in jobs} == {"coverage", "distance", "border_length", "robots"}
     # the baseline does not notice the ceiling, nor other robots
     assert not any(
-        job.changes for sweep in ("coverage", "robots") for job in plan.curve_jobs(STUDY, sweep) if job.task.method == "robot_only"
+        job.changes
+        for sweep in ("coverage", "robots")
+        for job in plan.curve_jobs(STUDY, sweep)
+        if job.task.method == "robot_only"
     )
 
 
@@ -219,9 +242,18 @@ def test_the_examples_of_the_documentation_work(tmp_path):
 
 def test_each_size_is_part_of_the_next():
     jobs = {size: plan.jobs(STUDY, size) for size in plan.SIZES}
-    quick, default, full = ({(job.file, *map(str, job.columns(1).values())) for job in of_size} for of_size in jobs.values())
+    quick, default, full = (
+        {(job.file, *map(str, job.columns(1).values())) for job in of_size} for of_size in jobs.values()
+    )
     assert quick < default < full
     assert {row[0] for row in default} == {"runs.csv", "ungated.csv", "worlds.csv"}
     # a row's world is the same in each size
-    worlds = [{job.conditions["draw"]: job.changes for job in jobs[size] if job.file == "worlds.csv"} for size in ("default", "full")]
-    assert len(worlds[0]) == 20 and len(worlds[1]) == 200 and all(worlds[1][draw] == changes for draw, changes in worlds[0].items())
+    worlds = [
+        {job.conditions["draw"]: job.changes for job in jobs[size] if job.file == "worlds.csv"}
+        for size in ("default", "full")
+    ]
+    assert (
+        len(worlds[0]) == 20
+        and len(worlds[1]) == 200
+        and all(worlds[1][draw] == changes for draw, changes in worlds[0].items())
+    )

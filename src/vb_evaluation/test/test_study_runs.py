@@ -1,4 +1,5 @@
 """Real runs in one process: one of each method, the same whatever runs beside or before them."""
+
 import signal
 import subprocess
 import sys
@@ -85,8 +86,12 @@ sys.exit(command.main(["all", "--size", "quick", "--only", "runs", *sys.argv[1:]
 def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, processes):
     """Also where the shell had switched interruptions off, as for what it starts in the background."""
     cut = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, "--out", str(tmp_path / "cut"), "--processes", processes], stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, universal_newlines=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
+        [sys.executable, "-c", INTERRUPTED, "--out", str(tmp_path / "cut"), "--processes", processes],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        universal_newlines=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+    )
     assert cut.returncode == 130, cut.stdout
     done = (tmp_path / "cut" / "runs.csv").read_text().count("\n") - 1
     assert f"interrupted: {done} of 6 runs are done and kept in {tmp_path}" in cut.stdout and done < 6
@@ -106,8 +111,12 @@ def test_a_cluster_gives_the_same_rows(tmp_path):
     study = STUDY.changed({"design/worlds": 2})
     jobs = plan.main_jobs(study, 1) + plan.world_jobs(study)
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster:
-        assert campaign.conduct(
-            study, jobs, tmp_path / "far", 2, console=QUIET, scheduler=cluster.scheduler_address, work=tell) == 0
+        assert (
+            campaign.conduct(
+                study, jobs, tmp_path / "far", 2, console=QUIET, scheduler=cluster.scheduler_address, work=tell
+            )
+            == 0
+        )
     assert campaign.conduct(study, jobs, tmp_path / "here", 1, console=QUIET, work=tell) == 0
     for file in ("runs.csv", "worlds.csv", "draws.csv"):
         assert (tmp_path / "far" / file).read_bytes() == (tmp_path / "here" / file).read_bytes()
@@ -123,13 +132,17 @@ def test_a_curve_repeats_no_run_that_the_study_has(tmp_path):
         return tell(document, sources, job)
 
     assert campaign.conduct(STUDY, jobs, tmp_path, console=QUIET, work=work) == 0
-    assert sum(job.task.participant == 1 for job in done) == 6 + sum(bool(job.changes) for job in curve) < 6 + len(curve)
+    assert (
+        sum(job.task.participant == 1 for job in done) == 6 + sum(bool(job.changes) for job in curve) < 6 + len(curve)
+    )
     assert (tmp_path / "curves.csv").read_text().count("\n") == 1 + 2 * len(curve)
 
 
 def test_no_scheduler_is_one_line(tmp_path):
     with pytest.raises(CodedError) as caught:
-        campaign.conduct(moments(1.0), plan.main_jobs(STUDY, 1), tmp_path, console=QUIET, scheduler="nonsense://nowhere")
+        campaign.conduct(
+            moments(1.0), plan.main_jobs(STUDY, 1), tmp_path, console=QUIET, scheduler="nonsense://nowhere"
+        )
     assert caught.value.code == "no_scheduler"
 
 

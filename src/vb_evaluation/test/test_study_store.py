@@ -1,4 +1,5 @@
 """Rows that survive an interruption."""
+
 import json
 import subprocess
 import sys
@@ -73,6 +74,19 @@ def test_rows_of_unknown_origin_are_refused(tmp_path):
 
 
 def test_a_study_needs_no_ros():
-    blocked = ("rospy", "tf2_ros", "cv_bridge", "roslib", "actionlib", "vb_msgs", "std_msgs", "sensor_msgs", "nav_msgs", "geometry_msgs")
-    code = f"import sys; sys.modules.update({{name: None for name in {blocked!r}}}); import vb_evaluation.study.__main__"
+    blocked = (
+        "rospy",
+        "tf2_ros",
+        "cv_bridge",
+        "roslib",
+        "actionlib",
+        "vb_msgs",
+        "std_msgs",
+        "sensor_msgs",
+        "nav_msgs",
+        "geometry_msgs",
+    )
+    code = (
+        f"import sys; sys.modules.update({{name: None for name in {blocked!r}}}); import vb_evaluation.study.__main__"
+    )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,4 +1,5 @@
 """Locks, time and modules of nodes that run within one process."""
+
 import pytest
 
 from vb_core.ros import node
@@ -56,12 +57,22 @@ def test_a_condition_lets_others_in_while_it_waits_and_an_event_wakes_everybody(
     def waiting(name):
         said.append((name, event.wait(9.0), event.wait(), scheduler.now_ns))
 
-    for work in (consumer, producer, lambda: waiting("first"), lambda: waiting("second"),
-                 lambda: said.append((queue.get(timeout=9.0), scheduler.now_ns))):
+    for work in (
+        consumer,
+        producer,
+        lambda: waiting("first"),
+        lambda: waiting("second"),
+        lambda: said.append((queue.get(timeout=9.0), scheduler.now_ns)),
+    ):
         scheduler.spawn(work)
     scheduler.run(lambda: False, 20 * SECOND)
-    assert said == [("got", ["one"], 2 * SECOND), ("in vain", False, 3 * SECOND), ("first", True, True, 3 * SECOND),
-                    ("second", True, True, 3 * SECOND), ("last", 3 * SECOND)]
+    assert said == [
+        ("got", ["one"], 2 * SECOND),
+        ("in vain", False, 3 * SECOND),
+        ("first", True, True, 3 * SECOND),
+        ("second", True, True, 3 * SECOND),
+        ("last", 3 * SECOND),
+    ]
 
 
 def test_an_interruption_is_no_fault_of_the_node_that_it_meets():

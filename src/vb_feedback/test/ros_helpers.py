@@ -1,4 +1,5 @@
 """Waiting with a deadline, for the rostests of this package."""
+
 from __future__ import annotations
 
 import time

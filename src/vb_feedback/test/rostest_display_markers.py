@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """display_markers over a real roscore."""
+
 from __future__ import annotations
 
 import os
@@ -25,7 +26,13 @@ from vb_core.ros.notices import message_from_notice  # noqa: E402
 from vb_feedback.display.layout import Box, fit_view  # noqa: E402
 from vb_feedback.display.restriction_overlay import PREVIEW  # noqa: E402
 from vb_msgs.msg import (  # noqa: E402
-    BorderProgress, BorderIssue, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
+    BorderProgress,
+    BorderIssue,
+    InteractionState,
+    LaserSpot,
+    NoticeArray,
+    VirtualBorder,
+    VirtualBorderArray,
 )
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
@@ -86,13 +93,21 @@ class DisplayMarkersTest(unittest.TestCase):
     def test_1_words_follow_the_state(self):
         self.say()
         wait_until(lambda: self.screen.says("words/state") == "Ready", "the default state's title")
-        self.say(name="seed", commands=["save", "cancel"], border_s=70.0, interaction_id="i",
-                 last_message="The map integrator does not answer; say save again in a moment.", last_success=False)
+        self.say(
+            name="seed",
+            commands=["save", "cancel"],
+            border_s=70.0,
+            interaction_id="i",
+            last_message="The map integrator does not answer; say save again in a moment.",
+            last_success=False,
+        )
         wait_until(lambda: self.screen.says("words/state") == "Seed", "the seed state's title")
         self.assertEqual([self.screen.says(f"words/say/{number}") for number in range(3)], ["save", "cancel", ""])
         self.assertEqual(self.screen.says("words/elapsed"), "1:10")
         self.assertIn("say save again", self.screen.says("words/answer"))
-        self.say(name="seed", interaction_id="i", stopped=True, last_code="stopped", last_message="English, and not read.")
+        self.say(
+            name="seed", interaction_id="i", stopped=True, last_code="stopped", last_message="English, and not read."
+        )
         wait_until(lambda: self.screen.says("words/state") == "Stopped", "the stop")
         wait_until(lambda: self.screen.says("words/answer").startswith("Stopped: no robot"), "the code's sentence")
         self.say(name="border", interaction_id="i", last_message="Draw.")
@@ -105,8 +120,13 @@ class DisplayMarkersTest(unittest.TestCase):
     def test_2_drawing_belongs_to_its_interaction(self):
         self.say(name="border", interaction_id="i7")
         drawn = BorderProgress(
-            interaction_id="i7", cameras=["red", "robot"], seeing=["robot"], points=[Point(0, 2, 0), Point(1, 2, 0)],
-            point_cameras=bytes([0, 1]), chain=[Point(0, 2, 0), Point(1, 2, 0), Point(1, 3, 0)], has_seed=True,
+            interaction_id="i7",
+            cameras=["red", "robot"],
+            seeing=["robot"],
+            points=[Point(0, 2, 0), Point(1, 2, 0)],
+            point_cameras=bytes([0, 1]),
+            chain=[Point(0, 2, 0), Point(1, 2, 0), Point(1, 3, 0)],
+            has_seed=True,
             seed=Point(0.5, 2.5, 0),
         )
         self.progress.publish(drawn)
@@ -122,8 +142,14 @@ class DisplayMarkersTest(unittest.TestCase):
 
     def test_3_borders_and_restricted_area(self):
         border = VirtualBorder(
-            id="b1", name="Teppich \u00fc", points=[Point(0, 2, 0), Point(2, 2, 0), Point(2, 3, 0)],
-            kind=VirtualBorder.POLYGON, seed=Point(1.5, 2.2, 0), occupancy=1.0, enabled=True, area_m2=1.0,
+            id="b1",
+            name="Teppich \u00fc",
+            points=[Point(0, 2, 0), Point(2, 2, 0), Point(2, 3, 0)],
+            kind=VirtualBorder.POLYGON,
+            seed=Point(1.5, 2.2, 0),
+            occupancy=1.0,
+            enabled=True,
+            area_m2=1.0,
         )
         self.borders.publish(borders=[border])
         wait_until(lambda: self.screen.says("borders/label/0") == "Teppich \u00fc 1.00 m\u00b2", "the border's label")
@@ -145,8 +171,15 @@ class DisplayMarkersTest(unittest.TestCase):
         cells = np.zeros_like(self.grid.data)
         cells[50:70, 20:60] = 100
         preview = BorderPreviewArray(
-            interaction_id="i8", available=True, success=True, area_m2=2.0,
-            issues=[BorderIssue(severity=BorderIssue.WARNING, code="splits", message="the free space would fall into 2 parts")],
+            interaction_id="i8",
+            available=True,
+            success=True,
+            area_m2=2.0,
+            issues=[
+                BorderIssue(
+                    severity=BorderIssue.WARNING, code="splits", message="the free space would fall into 2 parts"
+                )
+            ],
             region=message_from_grid(self.grid.with_data(cells), rospy.Time.now()),
         )
         self.preview.publish(preview)
@@ -155,9 +188,13 @@ class DisplayMarkersTest(unittest.TestCase):
             shown = np.asarray(self.overlays[-1].data).reshape(100, 160) if self.overlays else np.zeros(1)
             return np.nonzero(shown == PREVIEW)
 
-        rows, columns = wait_until(lambda: orange() if len(orange()[0]) else None, "the region that save would restrict")
+        rows, columns = wait_until(
+            lambda: orange() if len(orange()[0]) else None, "the region that save would restrict"
+        )
         self.assertEqual((rows.min(), rows.max(), columns.min(), columns.max()), (50, 69, 20, 59))
-        wait_until(lambda: self.screen.says("words/notice/1") == "Save would restrict 2.00 m\u00b2.", "its size in words")
+        wait_until(
+            lambda: self.screen.says("words/notice/1") == "Save would restrict 2.00 m\u00b2.", "its size in words"
+        )
         self.assertEqual(self.screen.says("words/notice/2"), "Note: the free space would fall into 2 parts")
         # a code that no catalogue has yet: its own sentence, and no word of it matters
         inside = Notice("robot_where_it_should_not_be", Severity.WARNING, message="A robot: Carpet!")
@@ -169,7 +206,9 @@ class DisplayMarkersTest(unittest.TestCase):
         wait_until(said, "the robot's standing")
         self.assertTrue(self.screen.has("words/notice/1/plate"))
         self.notices.publish(source="/monitor", notices=[])
-        wait_until(lambda: self.screen.says("words/notice/1").startswith("Save would"), "the end of the robot's standing")
+        wait_until(
+            lambda: self.screen.says("words/notice/1").startswith("Save would"), "the end of the robot's standing"
+        )
         self.say(last_message="Saved.", last_outcome="saved")
         wait_until(lambda: not len(orange()[0]) and not self.screen.has("words/notice/2"), "the end of the preview")
 
@@ -199,13 +238,22 @@ class DisplayMarkersTest(unittest.TestCase):
             stand_in.chmod(0o755)
             # a screen that is switched on after the start: the first look finds none
             screen = Path(folder) / "xdpyinfo"
-            screen.write_text(f'#!/bin/sh\ntest -e {folder}/on || {{ touch {folder}/on; exit 1; }}\n')
+            screen.write_text(f"#!/bin/sh\ntest -e {folder}/on || {{ touch {folder}/on; exit 1; }}\n")
             screen.chmod(0o755)
             run = subprocess.run(
-                ["rosrun", "vb_feedback", "smart_display", "__name:=display", "_screen:=1280x720",
-                 f"_config:={top}/rviz/smart_display.rviz"],
-                env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}, timeout=120, stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT, universal_newlines=True,
+                [
+                    "rosrun",
+                    "vb_feedback",
+                    "smart_display",
+                    "__name:=display",
+                    "_screen:=1280x720",
+                    f"_config:={top}/rviz/smart_display.rviz",
+                ],
+                env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"},
+                timeout=120,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                universal_newlines=True,
             )
             self.assertEqual(run.returncode, 0, run.stdout)
             self.assertIn(sentences.say("no_screen"), run.stdout)

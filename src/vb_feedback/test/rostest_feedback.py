@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """feedback over a real roscore."""
+
 from __future__ import annotations
 
 import os

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """calibrate_projector by clicks, then floor_projector with the file that it wrote."""
+
 from __future__ import annotations
 
 import os
@@ -32,8 +33,12 @@ def floor_of(column, row):
 
 
 def start(name, *arguments):
-    return subprocess.Popen(["rosrun", "vb_feedback", name, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                            universal_newlines=True)
+    return subprocess.Popen(
+        ["rosrun", "vb_feedback", name, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        universal_newlines=True,
+    )
 
 
 class ProjectorTest(unittest.TestCase):
@@ -53,11 +58,19 @@ class ProjectorTest(unittest.TestCase):
         return image_array(self.pictures[-1]) if self.pictures else np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
 
     def at(self, x, y):
-        return self.shown()[int(round(SIZE[1] - 1 - (y - 1.0) * SCALE)), int(round((x - 1.0) * SCALE))].astype(int).max()
+        return (
+            self.shown()[int(round(SIZE[1] - 1 - (y - 1.0) * SCALE)), int(round((x - 1.0) * SCALE))].astype(int).max()
+        )
 
     def test_1_calibration_by_clicks(self):
-        node = start("calibrate_projector", f"_file:={self.file}", f"_width:={SIZE[0]}", f"_height:={SIZE[1]}",
-                     "_window:=false", "_check:=0.5")
+        node = start(
+            "calibrate_projector",
+            f"_file:={self.file}",
+            f"_width:={SIZE[0]}",
+            f"_height:={SIZE[1]}",
+            "_window:=false",
+            "_check:=0.5",
+        )
         clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
         wait_until(lambda: clicks.get_num_connections() and self.pictures, "the first marker")
         markers = projector_calibration.markers(*SIZE)
@@ -99,16 +112,25 @@ class ProjectorTest(unittest.TestCase):
             preview = rospy.Publisher("/virtual_borders/preview", BorderPreviewArray, **latched)
             spots = rospy.Publisher("/virtual_borders/spots", LaserSpot, queue_size=5)
             wait_until(lambda: spots.get_num_connections() and not self.shown().any(), "a dark picture")
-            borders.publish(borders=[VirtualBorder(
-                name="b", points=[Point(1.5, 1.5, 0), Point(2.0, 1.5, 0)], kind=VirtualBorder.SEPARATING_CURVE, occupancy=1.0,
-                enabled=True,
-            )])
+            borders.publish(
+                borders=[
+                    VirtualBorder(
+                        name="b",
+                        points=[Point(1.5, 1.5, 0), Point(2.0, 1.5, 0)],
+                        kind=VirtualBorder.SEPARATING_CURVE,
+                        occupancy=1.0,
+                        enabled=True,
+                    )
+                ]
+            )
             wait_until(lambda: self.at(1.75, 1.5) > 100, "the border")
             count = len(self.pictures)
             state.publish(InteractionState(name="border", interaction_id="i"))
             drawing = BorderProgress(interaction_id="i", chain=[Point(3.0, 1.4, 0), Point(3.0, 2.6, 0)])
             progress.publish(drawing)
-            wait_until(lambda: self.at(3.0, 2.0) > 100 and self.shown()[0, 0].max() > 100, "the drawing and the state's frame")
+            wait_until(
+                lambda: self.at(3.0, 2.0) > 100 and self.shown()[0, 0].max() > 100, "the drawing and the state's frame"
+            )
 
             def dark():
                 spot = LaserSpot(camera="red", position=Point(3.0, 2.5, 0))
@@ -133,8 +155,10 @@ class ProjectorTest(unittest.TestCase):
             node.stdout.close()
 
     def test_3_without_a_calibration_it_says_so(self):
-        tried = [("calibration", start("floor_projector", "__name:=lost")),
-                 ("cannot read", start("floor_projector", "__name:=misled", "_calibration:=/nowhere.yaml"))]
+        tried = [
+            ("calibration", start("floor_projector", "__name:=lost")),
+            ("cannot read", start("floor_projector", "__name:=misled", "_calibration:=/nowhere.yaml")),
+        ]
         for words, node in tried:
             said, _ = node.communicate(timeout=240)
             self.assertEqual(node.returncode, 1, said)

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """sound_player with a program that takes the samples, one without a sound device, and kobuki_feedback without Kobuki."""
+
 from __future__ import annotations
 
 import importlib.util
@@ -66,8 +67,10 @@ class SoundPlayerTest(unittest.TestCase):
         for name in names:
             self.sounds.publish(name=name)
         # the tick may have to give way, and which of the two played first is not a matter of luck
-        wanted = (synthesize("border").tobytes() + synthesize("refusal").tobytes(),
-                  synthesize("border").tobytes() + synthesize("tick").tobytes() + synthesize("refusal").tobytes())
+        wanted = (
+            synthesize("border").tobytes() + synthesize("refusal").tobytes(),
+            synthesize("border").tobytes() + synthesize("tick").tobytes() + synthesize("refusal").tobytes(),
+        )
 
         wait_until(lambda: self.written("pcm") in wanted, "the samples of both sounds")
 
@@ -86,8 +89,11 @@ class SoundPlayerTest(unittest.TestCase):
         if importlib.util.find_spec("kobuki_msgs") is not None:
             self.skipTest("kobuki_msgs is installed here")
         run = subprocess.run(
-            ["rosrun", "vb_feedback", "kobuki_feedback"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            universal_newlines=True, timeout=240,
+            ["rosrun", "vb_feedback", "kobuki_feedback"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            universal_newlines=True,
+            timeout=240,
         )
         self.assertEqual(run.returncode, 1, run.stdout)
         self.assertIn("kobuki_msgs is not installed", run.stdout)
@@ -116,7 +122,9 @@ class SoundPlayerTest(unittest.TestCase):
             wait_until(lambda: [light.value for light in lights] == [3], "the red light of Guide")
             state.publish(InteractionState(name="default"))
             wait_until(lambda: [light.value for light in lights] == [3, 0], "no light in Default")
-            wait_until(lambda: subscribers[1].get_num_connections() and self.sounds.get_num_connections() == 3, "the beeper")
+            wait_until(
+                lambda: subscribers[1].get_num_connections() and self.sounds.get_num_connections() == 3, "the beeper"
+            )
             self.sounds.publish(name="tick")
             self.sounds.publish(name="refusal")
             wait_until(lambda: [beep.value for beep in beeps] == [4], "the error's beep")

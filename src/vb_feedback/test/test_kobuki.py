@@ -1,4 +1,5 @@
 """States and sounds on a Kobuki base."""
+
 from vb_feedback.display.colours import STATE
 from vb_feedback.kobuki_feedback_node import BEEPS, LEDS
 from vb_feedback.sound.tone_synthesis import SOUNDS

@@ -1,4 +1,5 @@
 """Where things go on the smart display."""
+
 from __future__ import annotations
 
 import math
@@ -8,7 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
-from vb_feedback.display.layout import Box, fit_view, fit_texts, place_labels, place_words, transliterate, text_width, wrap
+from vb_feedback.display.layout import (
+    Box,
+    fit_view,
+    fit_texts,
+    place_labels,
+    place_words,
+    transliterate,
+    text_width,
+    wrap,
+)
 from vb_feedback.display.rviz_fonts import is_drawn, overlay
 
 sizes = st.floats(0.5, 200.0)
@@ -88,7 +98,12 @@ def test_words_stand_beside_each_other_centred():
 
 def test_plain_letters():
     # what the font has stays as it is, also if it comes in two parts
-    for name in ("K\u00fcche \u2013 Caf\u00e9", "\u0141\u00f3d\u017a", "\u041a\u0443\u0445\u043d\u044f", "12 m\u00b2 \u201eab\u201c\u2026"):
+    for name in (
+        "K\u00fcche \u2013 Caf\u00e9",
+        "\u0141\u00f3d\u017a",
+        "\u041a\u0443\u0445\u043d\u044f",
+        "12 m\u00b2 \u201eab\u201c\u2026",
+    ):
         assert transliterate(name) == name and all(map(is_drawn, name))
     assert transliterate("Ku\u0308che") == "K\u00fcche"
     # the rest in letters that people recognise, never in question marks

@@ -1,4 +1,5 @@
 """What the display says beside the last answer."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -39,11 +40,14 @@ def test_what_save_would_do():
 def test_what_others_say_is_said_whatever_its_words():
     held = [
         Notice("robot_in_a_newer_version", Severity.ERROR, message="Der Roboter steht im Teppich."),
-        Notice("stopped", Severity.WARNING), Notice("stopped", Severity.WARNING, robot="b"),
+        Notice("stopped", Severity.WARNING),
+        Notice("stopped", Severity.WARNING, robot="b"),
         Notice("robot_coming_along", Severity.INFO, message="It comes."),
     ]
     assert texts(select_others(held, "en")) == [
-        ("Der Roboter steht im Teppich.", True), ('Stopped: no robot drives until you say "resume".', True), ("It comes.", False),
+        ("Der Roboter steht im Teppich.", True),
+        ('Stopped: no robot drives until you say "resume".', True),
+        ("It comes.", False),
     ]
     assert "Angehalten" in texts(select_others(held, "de"))[1][0]
     assert len(select_others([Notice(f"code_{number}") for number in range(9)], "en")) == 3

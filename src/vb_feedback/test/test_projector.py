@@ -1,4 +1,5 @@
 """The projector's calibration, and what it shows."""
+
 from __future__ import annotations
 
 import os
@@ -46,21 +47,27 @@ def test_a_pinhole_projector_is_found_again(pitch, yaw, height, x, mirrored):
     np.testing.assert_allclose(found.to_pixels(floor), markers(*SIZE), atol=0.05)
     again = found.to_floor(found.to_pixels(floor))
     np.testing.assert_allclose(again, floor, atol=1e-4)
-    assert ProjectorCalibration.from_mapping(yaml.safe_load(yaml.safe_dump(found.to_mapping()))).to_mapping() == found.to_mapping()
+    assert (
+        ProjectorCalibration.from_mapping(yaml.safe_load(yaml.safe_dump(found.to_mapping()))).to_mapping()
+        == found.to_mapping()
+    )
 
 
 GOOD = [(0.0, 2.0), (3.0, 2.0), (3.0, 0.0), (0.0, 0.0)]
 
 
-@pytest.mark.parametrize("floor, words", [
-    (GOOD[:3], "four clicks"),
-    ([GOOD[0], GOOD[1], GOOD[2], (np.nan, 0.0)], "finite"),
-    ([GOOD[0], GOOD[1], GOOD[1], GOOD[3]], "2, 3 are at the same place"),
-    ([(0, 0), (1, 0), (2, 0), (0, 2)], "1, 2, 3 are on one line"),
-    ([GOOD[0], GOOD[2], GOOD[1], GOOD[3]], "order"),
-    ([(0.0, 2.0), (3.0, 2.0), (1.0, 1.2), (0.0, 0.0)], "order"),
-    ([(0.0, 2.0), (3.0, 2.0), (1.7, 0.0), (1.3, 0.0)], "horizon"),
-])
+@pytest.mark.parametrize(
+    "floor, words",
+    [
+        (GOOD[:3], "four clicks"),
+        ([GOOD[0], GOOD[1], GOOD[2], (np.nan, 0.0)], "finite"),
+        ([GOOD[0], GOOD[1], GOOD[1], GOOD[3]], "2, 3 are at the same place"),
+        ([(0, 0), (1, 0), (2, 0), (0, 2)], "1, 2, 3 are on one line"),
+        ([GOOD[0], GOOD[2], GOOD[1], GOOD[3]], "order"),
+        ([(0.0, 2.0), (3.0, 2.0), (1.0, 1.2), (0.0, 0.0)], "order"),
+        ([(0.0, 2.0), (3.0, 2.0), (1.7, 0.0), (1.3, 0.0)], "horizon"),
+    ],
+)
 def test_degenerate_clicks_are_refused(floor, words):
     with pytest.raises(CodedError, match=words):
         calibrate(*SIZE, floor)
@@ -77,9 +84,18 @@ def test_any_four_clicks_give_a_calibration_that_fits_or_a_reason(floor):
     np.testing.assert_allclose(found.to_pixels(floor), markers(*SIZE), atol=0.5)
 
 
-@pytest.mark.parametrize("text", ["", "[1, 2]", "width: 10", "{width: 640, height: 400, map_to_pixels: [[1, 0], [0, 1]]}",
-                                  "{width: x, height: 400, map_to_pixels: []}", "{", "{width: 640, height: 400, map_to_pixels: "
-                                  "[[0, 0, 0], [0, 0, 0], [0, 0, 0]]}"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[1, 2]",
+        "width: 10",
+        "{width: 640, height: 400, map_to_pixels: [[1, 0], [0, 1]]}",
+        "{width: x, height: 400, map_to_pixels: []}",
+        "{",
+        "{width: 640, height: 400, map_to_pixels: " "[[0, 0, 0], [0, 0, 0], [0, 0, 0]]}",
+    ],
+)
 def test_files_that_are_no_calibration(tmp_path, text):
     path = tmp_path / "projector.yaml"
     path.write_text(text)
@@ -140,7 +156,10 @@ def test_what_save_would_restrict_is_striped(yaw):
 def test_nothing_looks_like_a_laser_spot():
     """No small bright thing: each connected piece of light is longer than the largest spot that a detector takes."""
     drawing = Drawing(chain=SQUARE, seed=(4.0, 2.1))
-    for content in (FloorContent("border", (Border("b", SQUARE, True, (4, 2.1)),), drawing), FloorContent("seed", (), drawing)):
+    for content in (
+        FloorContent("border", (Border("b", SQUARE, True, (4, 2.1)),), drawing),
+        FloorContent("seed", (), drawing),
+    ):
         shown = FloorImage(CALIBRATION).render(content)
         count, _, boxes, _ = cv2.connectedComponentsWithStats((shown.max(axis=2) > 20).astype(np.uint8))
         for x, y, width, height, _ in boxes[1:]:
@@ -158,7 +177,9 @@ def test_brightness_counts():
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=6))
 def test_whatever_is_drawn_nothing_breaks(chain):
-    shown = FloorImage(CALIBRATION).render(FloorContent("seed", (), Drawing(chain=tuple(chain), closed=True, seed=chain[0])))
+    shown = FloorImage(CALIBRATION).render(
+        FloorContent("seed", (), Drawing(chain=tuple(chain), closed=True, seed=chain[0]))
+    )
     assert shown.shape == (400, 640, 3)
 
 
@@ -175,7 +196,9 @@ def test_the_calibrations_own_pictures():
 def screen():
     # a number of our own: servers that choose theirs at the same moment take each other's place
     display = f":{1000 + os.getpid() % 50000}"
-    server = subprocess.Popen(["Xvfb", display, "-screen", "0", "800x600x24", "-nolisten", "tcp"], stderr=subprocess.DEVNULL)
+    server = subprocess.Popen(
+        ["Xvfb", display, "-screen", "0", "800x600x24", "-nolisten", "tcp"], stderr=subprocess.DEVNULL
+    )
     deadline = time.monotonic() + 60.0
     look = ["xwininfo", "-root", "-display", display]
     while subprocess.run(look, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode:

@@ -1,4 +1,5 @@
 """Fitting the RViz config to a map and a screen."""
+
 from __future__ import annotations
 
 import copy

@@ -1,4 +1,5 @@
 """What the smart display shows."""
+
 from __future__ import annotations
 
 import itertools
@@ -63,7 +64,11 @@ def test_segments_join_at_corners():
 
 def test_spots_fade_and_go():
     layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
-    seen = [scene.TrailPoint("red", 1.0, 1.0, 10.0), scene.TrailPoint("red", 1.1, 1.0, 11.0), scene.TrailPoint("blue", 2.0, 2.0, 10.9)]
+    seen = [
+        scene.TrailPoint("red", 1.0, 1.0, 10.0),
+        scene.TrailPoint("red", 1.1, 1.0, 11.0),
+        scene.TrailPoint("blue", 2.0, 2.0, 10.9),
+    ]
     shapes = {shape.key: shape for shape in scene.trails(layout, seen, 11.0)}
     trail = shapes[("spots/red/trail", 0)]
     assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colours[0]) > sum(trail.colours[1])
@@ -129,7 +134,9 @@ def test_what_save_would_restrict_is_told_from_what_is_saved():
     assert set(np.unique(found[wanted > 0])) == {CLEAR, PREVIEW} and (found[wanted == 0] != PREVIEW).all()
     assert 0.4 < (found[23:37, 31:54] == PREVIEW).mean() < 0.6
     # stripes run down to the right here and up to the right there
-    assert np.array_equal(found[8:14, 8:14], found[9:15, 7:13]) and np.array_equal(found[24:30, 32:38], found[25:31, 33:39])
+    assert np.array_equal(found[8:14, 8:14], found[9:15, 7:13]) and np.array_equal(
+        found[24:30, 32:38], found[25:31, 33:39]
+    )
 
 
 def test_a_single_cell_is_visible():

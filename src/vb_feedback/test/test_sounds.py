@@ -1,4 +1,5 @@
 """What the sounds sound like, and how they get to the device."""
+
 from __future__ import annotations
 
 import itertools
@@ -77,9 +78,9 @@ def test_the_player_gets_all_samples(tmp_path):
 
 def test_no_device_is_a_reason_and_no_crash(tmp_path):
     with pytest.raises(CodedError, match="No such device"):
-        AudioSink("front", program(tmp_path, "cat > /dev/null; echo 'audio open error: No such device' >&2; exit 1\n")).play(
-            synthesize("tick")
-        )
+        AudioSink(
+            "front", program(tmp_path, "cat > /dev/null; echo 'audio open error: No such device' >&2; exit 1\n")
+        ).play(synthesize("tick"))
     with pytest.raises(CodedError) as caught:
         AudioSink("front", os.path.join(str(tmp_path), "none")).play(synthesize("tick"))
     assert caught.value.code == "no_audio"

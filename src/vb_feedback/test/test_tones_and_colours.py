@@ -1,4 +1,5 @@
 """Sounds and colours."""
+
 from __future__ import annotations
 
 import itertools
@@ -84,12 +85,19 @@ GROUPS = {
     "cameras": CAMERAS,
     # RViz's costmap colours 98 and 200, at the alpha of the config, on white floor
     "areas": {
-        "saved": over((249 / 255, 0.0, 5 / 255), colours.WHITE, 0.6), "preview": over((1.0, 145 / 255, 0.0), colours.WHITE, 0.6),
-        "floor": colours.WHITE, "wall": colours.BLACK,
+        "saved": over((249 / 255, 0.0, 5 / 255), colours.WHITE, 0.6),
+        "preview": over((1.0, 145 / 255, 0.0), colours.WHITE, 0.6),
+        "floor": colours.WHITE,
+        "wall": colours.BLACK,
     },
     "lines": {
-        "drawn": colours.ORANGE, "hard": colours.CRIMSON, "soft": colours.blend(colours.CRIMSON, colours.WHITE, 0.33),
-        "off": colours.GREY, "path": colours.rgb(117, 80, 160), "floor": colours.WHITE, "wall": colours.BLACK,
+        "drawn": colours.ORANGE,
+        "hard": colours.CRIMSON,
+        "soft": colours.blend(colours.CRIMSON, colours.WHITE, 0.33),
+        "off": colours.GREY,
+        "path": colours.rgb(117, 80, 160),
+        "floor": colours.WHITE,
+        "wall": colours.BLACK,
     },
     "discs": {"robot": colours.YELLOW, "seed": colours.SKY_BLUE, "floor": colours.WHITE, **CAMERAS},
     "strip": {"ground": GROUND, "answer": colours.WHITE, "hint": colours.SKY_BLUE, "warning": colours.YELLOW},
@@ -110,11 +118,18 @@ def luminance(colour):
     return float(np.dot((0.2126, 0.7152, 0.0722), linear))
 
 
-@pytest.mark.parametrize("letters, ground", [
-    (colours.WHITE, GROUND), (colours.PALE, GROUND), (colours.SKY_BLUE, GROUND), (colours.BLACK, colours.YELLOW),
-    (colours.BLACK, colours.WHITE), *[(colour, GROUND) for colour in colours.STATE.values()],
-    *[(colours.blend(colour, colours.WHITE, 0.3), GROUND) for colour in CAMERAS.values()],
-])
+@pytest.mark.parametrize(
+    "letters, ground",
+    [
+        (colours.WHITE, GROUND),
+        (colours.PALE, GROUND),
+        (colours.SKY_BLUE, GROUND),
+        (colours.BLACK, colours.YELLOW),
+        (colours.BLACK, colours.WHITE),
+        *[(colour, GROUND) for colour in colours.STATE.values()],
+        *[(colours.blend(colour, colours.WHITE, 0.3), GROUND) for colour in CAMERAS.values()],
+    ],
+)
 def test_letters_contrast_with_their_ground(letters, ground):
     # WCAG 2.1: 3 for large letters, 4.5 for all
     light, dark = sorted((luminance(letters), luminance(ground)), reverse=True)

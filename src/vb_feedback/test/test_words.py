@@ -1,4 +1,5 @@
 """The words on the smart display: nothing overlaps, nothing is cut, everything can be read from afar."""
+
 from __future__ import annotations
 
 import itertools
@@ -41,14 +42,17 @@ def arc_minutes(size, layout):
 
 
 @pytest.mark.parametrize("extent", [LAB, STUDIO])
-@pytest.mark.parametrize("message, notices, least", [
-    # ISO 9241-303: at least 16 minutes of arc; Snellen: 20/40 eyes need 10
-    ("Draw the border on the floor with the laser.", (), 16.0),
-    ("Saved: the robot now stays out of this area.", (), 16.0),
-    ("Point at the side that the robot must not enter.", (PanelNotice("Save would restrict 2.50 m2."),), 14.0),
-    ("Save needs a seed: say define seed, then point at the side that is off limits.", (), 14.0),
-    (LONG[:100], (PanelNotice("Save would be refused: the border separates nothing from the rest.", True),), 10.0),
-])
+@pytest.mark.parametrize(
+    "message, notices, least",
+    [
+        # ISO 9241-303: at least 16 minutes of arc; Snellen: 20/40 eyes need 10
+        ("Draw the border on the floor with the laser.", (), 16.0),
+        ("Saved: the robot now stays out of this area.", (), 16.0),
+        ("Point at the side that the robot must not enter.", (PanelNotice("Save would restrict 2.50 m2."),), 14.0),
+        ("Save needs a seed: say define seed, then point at the side that is off limits.", (), 14.0),
+        (LONG[:100], (PanelNotice("Save would be refused: the border separates nothing from the rest.", True),), 10.0),
+    ],
+)
 def test_letters_can_be_read_from_three_metres(extent, message, notices, least):
     layout = fit_view(extent, 16 / 9)
     angle = {}
@@ -73,8 +77,14 @@ def test_state_and_commands_are_shown():
     layout = fit_view(LAB, 16 / 9)
     found = said(words(layout, PanelContent("seed", 65.0, ("save", "cancel"), True, "Yes.", ("red",), NOTICES[:1])))
     assert found == {
-        "words/state": "Seed", "words/elapsed": "1:05", "words/say": "You can say", "words/say/0": "save",
-        "words/say/1": "cancel", "words/seen": "Spot seen by", "words/seen/0": "red", "words/answer": "Yes.",
+        "words/state": "Seed",
+        "words/elapsed": "1:05",
+        "words/say": "You can say",
+        "words/say/0": "save",
+        "words/say/1": "cancel",
+        "words/seen": "Spot seen by",
+        "words/seen/0": "red",
+        "words/answer": "Yes.",
         "words/notice/1": "Save would restrict 12.50 m2.",
     }
 

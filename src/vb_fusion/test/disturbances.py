@@ -1,4 +1,5 @@
 """What happens while somebody draws and is no part of the border: a spot held still, something bright that stays."""
+
 from __future__ import annotations
 
 import dataclasses

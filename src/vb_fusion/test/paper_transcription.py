@@ -1,4 +1,5 @@
 """Algorithms 1 to 3 of the paper, transcribed line by line with plain loops: the oracle for paper mode."""
+
 from __future__ import annotations
 
 import math

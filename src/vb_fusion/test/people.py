@@ -4,6 +4,7 @@
 each, by mouse or finger. They say how people move, not how a laser pointer trembles. Scaled to a border's size and to
 a speed, and seen by two cameras; the figures of `Seen` are those that the measure of quality names.
 """
+
 from __future__ import annotations
 
 import dataclasses
@@ -37,7 +38,8 @@ class Drawing:
 class Localisation:
     """How a robot's pose errs: standard deviations, and the time after which the error is another.
 
-    In the simulated lab AMCL's position was off by 2.5 cm in the median, 5 cm at 95 % (docs/results/robots_navigation.md).
+    In the simulated lab AMCL's position was off by 2.5 cm in the median, 5 cm at 95 %
+    (docs/results/robots_navigation.md).
     """
 
     position: float = 0.02  # [m] per axis
@@ -81,7 +83,7 @@ def drawings(path: Path = DATA) -> List[Drawing]:
 
 
 def half(drawing: Drawing) -> str:
-    """"develop" or "judge": which strokes the code was developed with, by a hash of the id."""
+    """ "develop" or "judge": which strokes the code was developed with, by a hash of the id."""
     return "develop" if hashlib.sha256(drawing.id.encode()).digest()[0] % 2 == 0 else "judge"
 
 

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The node border_fusion with a stimulus of states and spots."""
+
 import os
 import signal
 import time
@@ -53,7 +54,8 @@ class BorderFusionTest(unittest.TestCase):
 
     def connected(self) -> None:
         self.wait(
-            lambda: self.state.get_num_connections() and self.spots.get_num_connections()
+            lambda: self.state.get_num_connections()
+            and self.spots.get_num_connections()
             and self.subscriber.get_num_connections(),
             "the connection",
         )

@@ -2,6 +2,7 @@
 
 Every figure of `Setting` is assumed, after the list in the issue of this package; none is tuned to the results.
 """
+
 from __future__ import annotations
 
 import dataclasses

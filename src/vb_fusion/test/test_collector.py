@@ -1,4 +1,5 @@
 """Which spots belong to an interaction, the journal, and the live candidate's thrift."""
+
 from pathlib import Path
 
 import numpy as np

@@ -1,4 +1,5 @@
 """Density must not outweigh geometry: a spot held still, and false spots that stay at one place."""
+
 import sys
 from functools import lru_cache
 from pathlib import Path

@@ -1,4 +1,5 @@
 """extract_border in robust mode: drawn strokes within bounds, the closing rule, and inputs that are no strokes."""
+
 import os
 import subprocess
 import sys
@@ -205,8 +206,13 @@ def test_a_wave_whose_ends_come_near_each_other_is_open(bend):
 def test_a_loop_in_the_middle_of_a_line_does_not_close_it():
     turn = np.linspace(0, 2 * np.pi, 100)
     loop = np.column_stack([0.25 * np.sin(turn), 0.25 - 0.25 * np.cos(turn)])
-    line = np.vstack([np.column_stack([np.linspace(-1, 0, 50), np.zeros(50)]), loop,
-                      np.column_stack([np.linspace(0, 1, 50), np.zeros(50)])])
+    line = np.vstack(
+        [
+            np.column_stack([np.linspace(-1, 0, 50), np.zeros(50)]),
+            loop,
+            np.column_stack([np.linspace(0, 1, 50), np.zeros(50)]),
+        ]
+    )
     assert not closure.classify_closure(line).closed
 
 
@@ -463,7 +469,9 @@ def test_a_drawing_that_grows_has_the_border_of_all_its_spots_at_once(seed):
     stroke = held(timed("L", seed, BASE.replace(outliers=0.1, bias=0.04)), 0.4, 200, 2, seed)
     stroke = with_fixed_place(stroke, beside(stroke, 0.5, 0.3), 200, "throughout", 1, seed)
     arrival = np.argsort(stroke.stamps + 0.7 * (stroke.cameras == 1), kind="stable")
-    rows = np.column_stack([stroke.stamps, stroke.points, np.ones(len(arrival)), stroke.cameras, np.zeros(len(arrival))])
+    rows = np.column_stack(
+        [stroke.stamps, stroke.points, np.ones(len(arrival)), stroke.cameras, np.zeros(len(arrival))]
+    )
     rows = rows[arrival]
     live, done, compared = LiveExtractor(ExtractionParams.robust(), share=1.0), 0, 0
     for size in np.random.default_rng(seed).integers(1, 120, 100):
@@ -510,10 +518,14 @@ def test_the_same_border_on_every_machine(shape):
 
 def test_the_same_border_without_the_processors_vector_units(tmp_path):
     """numpy chooses its kernels by processor; what they round differently must not move the border."""
-    strokes = [draw(shape, BASE, np.random.default_rng(seed)) for seed, shape in enumerate(("L", "corner", "rectangle"))]
+    strokes = [
+        draw(shape, BASE, np.random.default_rng(seed)) for seed, shape in enumerate(("L", "corner", "rectangle"))
+    ]
     given, found = tmp_path / "given.npz", tmp_path / "found.npz"
-    np.savez(given, **{f"{name}{k}": getattr(s, name) for k, s in enumerate(strokes)
-                       for name in ("points", "stamps", "cameras")})
+    np.savez(
+        given,
+        **{f"{name}{k}": getattr(s, name) for k, s in enumerate(strokes) for name in ("points", "stamps", "cameras")},
+    )
     program = (
         "import sys, numpy as np\n"
         "from vb_fusion.extraction import extract_border\n"

@@ -1,4 +1,5 @@
 """Algorithms 1 to 3 against their literal transcription, and their speed-ups against plain answers."""
+
 import sys
 from pathlib import Path
 

@@ -1,4 +1,5 @@
 """A ChArUco board on a floor under a camera with lens distortion, rendered pixel by pixel; and the camera."""
+
 from __future__ import annotations
 
 import math

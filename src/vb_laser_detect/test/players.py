@@ -1,4 +1,5 @@
 """Cameras for rostests: rendered images with a spot at a known place, camera_info, depth and transforms."""
+
 import cv2
 import numpy as np
 import rospy

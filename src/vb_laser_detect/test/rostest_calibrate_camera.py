@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The real commands, guided by a scripted person: spots clicked in RViz, a printed board, the check of cameras."""
+
 import math
 import os
 import subprocess

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The real node compares clocks with a real detector, a computer whose clock is wrong, and one that is away."""
+
 import threading
 import time
 import unittest

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Three real detector nodes before played cameras: fixed with Bayer images, fixed with JPEG, and on a moving robot."""
+
 import os
 import sys
 import threading
@@ -37,10 +38,14 @@ class SpotDetectorTest(unittest.TestCase):
         cls.blue = FixedCamera("blue", 4.0, 1.5, GREEN, True)
         cls.robot = RobotCamera()
         cls.fixed_tf = tf2_ros.StaticTransformBroadcaster()
-        cls.fixed_tf.sendTransform([
-            *(messages.transform_message(c.T, "map", c.frame, rospy.Time.now()) for c in (cls.red, cls.blue)),
-            messages.transform_message(
-                geometry.transform(np.eye(3), (*GUARD, 0.0)), "map", "guard/base_link", rospy.Time.now())])
+        cls.fixed_tf.sendTransform(
+            [
+                *(messages.transform_message(c.T, "map", c.frame, rospy.Time.now()) for c in (cls.red, cls.blue)),
+                messages.transform_message(
+                    geometry.transform(np.eye(3), (*GUARD, 0.0)), "map", "guard/base_link", rospy.Time.now()
+                ),
+            ]
+        )
         cls.map = rospy.Publisher("/map", messages.OccupancyGridArray, queue_size=1, latch=True)
         cls.map.publish(messages.message_from_grid(GridMap(np.zeros((60, 100), np.int8), 0.05), rospy.Time.now()))
         cls.stray = rospy.Publisher("/red/image_raw", Image, queue_size=1)
@@ -141,6 +146,7 @@ class SpotDetectorTest(unittest.TestCase):
         def refused(code):
             red = self.status.get("red")
             return dict(zip(red.rejections, red.rejection_counts)).get(code, 0) if red is not None else 0
+
         self.wait(lambda: refused("on_robot") and refused("robot_without_pose"), "light on a robot")
         # from now on the robot's place is known; the spot comes round to it again
         known, before = self.status["red"].header.stamp, refused("on_robot")
@@ -154,6 +160,7 @@ class SpotDetectorTest(unittest.TestCase):
         def counted():
             red = self.status.get("red")
             return red is not None and "bad_image" in red.rejections and red.processed > 20 and red.detected > 10
+
         self.wait(counted, "the status of red with a bad image")
         red = self.status["red"]
         self.assertGreaterEqual(red.received, red.processed)

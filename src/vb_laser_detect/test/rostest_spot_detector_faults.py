@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Whatever is wrong with its input, a detector says it once, shows it in the diagnostics, and goes on."""
+
 import os
 import sys
 import threading
@@ -234,7 +235,8 @@ class FaultsTest(unittest.TestCase):
         o, name = self.observer, self.red.frame
         other = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
         timer = rospy.Timer(
-            rospy.Duration(0.5), lambda _event: other.publish(DetectorStatus(camera="green", frame_id=name)))
+            rospy.Duration(0.5), lambda _event: other.publish(DetectorStatus(camera="green", frame_id=name))
+        )
         self.addCleanup(timer.shutdown)
         self.check_fault("red", "shared_frame", "green, red", DiagnosticStatus.ERROR, count=3)
         with o.changed:
@@ -339,9 +341,7 @@ class FaultsTest(unittest.TestCase):
             )
 
         def coloured(depth):
-            return image_message(
-                np.zeros((*depth.shape, 3), np.uint8), "rgb8", rospy.Time(), "camera_optical_frame"
-            )
+            return image_message(np.zeros((*depth.shape, 3), np.uint8), "rgb8", rospy.Time(), "camera_optical_frame")
 
         good = robot.depth_message
         # depth of another camera's frame does not belong to the pixels of this one

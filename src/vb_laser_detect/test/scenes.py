@@ -1,4 +1,5 @@
 """Rendered camera images whose spots are known to a fraction of a pixel."""
+
 from __future__ import annotations
 
 from typing import Optional, Sequence, Tuple
@@ -19,7 +20,9 @@ class Scene:
         noise: [grey levels] standard deviation of each pixel.
     """
 
-    def __init__(self, width: int = 640, height: int = 360, brightness: float = 110.0, noise: float = 3.0, seed: int = 1) -> None:
+    def __init__(
+        self, width: int = 640, height: int = 360, brightness: float = 110.0, noise: float = 3.0, seed: int = 1
+    ) -> None:
         self._random = np.random.default_rng(seed)
         coarse = self._random.normal(0.0, 1.0, (height // 40 + 2, width // 40 + 2)).astype(np.float32)
         fine = cv2.GaussianBlur(self._random.normal(0.0, 1.0, (height, width)).astype(np.float32), (0, 0), 1.5)

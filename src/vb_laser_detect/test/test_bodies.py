@@ -1,4 +1,5 @@
 """Robots that hide the floor from a camera."""
+
 import math
 
 import numpy as np
@@ -18,20 +19,23 @@ ASLANT = np.array([0.0, 1.0, 2.8])  # of a camera that sees it from the left
 ABOVE = np.array([2.0, 1.0, 2.8])
 
 
-@pytest.mark.parametrize("origin, floor, hidden", [
-    (ASLANT, (2.0, 1.0), True),  # through its middle
-    (ASLANT, (1.81, 1.0), True),  # below its near side
-    (ASLANT, (1.79, 1.0), False),  # before it
-    (ASLANT, (2.1, 1.22), False),  # beside it
-    (ASLANT, (2.5, 1.0), True),  # behind it: the ray comes down through its top
-    (ASLANT, (2.6, 1.0), False),  # farther behind it: over its top
-    (ASLANT, (3.5, 1.0), False),
-    (ABOVE, (2.0, 1.0), True),
-    (ABOVE, (2.0, 1.22), True),  # the rim of its top hides the floor outside
-    (ABOVE, (2.0, 1.24), False),
-    ((0.0, 1.0, 0.3), (3.5, 1.0), True),  # a camera below its top
-    ((0.0, 1.0, 0.3), (1.7, 1.0), False),
-])
+@pytest.mark.parametrize(
+    "origin, floor, hidden",
+    [
+        (ASLANT, (2.0, 1.0), True),  # through its middle
+        (ASLANT, (1.81, 1.0), True),  # below its near side
+        (ASLANT, (1.79, 1.0), False),  # before it
+        (ASLANT, (2.1, 1.22), False),  # beside it
+        (ASLANT, (2.5, 1.0), True),  # behind it: the ray comes down through its top
+        (ASLANT, (2.6, 1.0), False),  # farther behind it: over its top
+        (ASLANT, (3.5, 1.0), False),
+        (ABOVE, (2.0, 1.0), True),
+        (ABOVE, (2.0, 1.22), True),  # the rim of its top hides the floor outside
+        (ABOVE, (2.0, 1.24), False),
+        ((0.0, 1.0, 0.3), (3.5, 1.0), True),  # a camera below its top
+        ((0.0, 1.0, 0.3), (1.7, 1.0), False),
+    ],
+)
 def test_a_ray_that_passes_through_a_robot(origin, floor, hidden):
     assert ROBOT.hides(np.array(origin), np.array([*floor, 0.0])) is hidden
 

@@ -1,4 +1,5 @@
 """Poses from points with noise and wrong ones among them, against the truth; and everything that determines no pose."""
+
 import math
 
 import numpy as np
@@ -58,12 +59,7 @@ def test_exact_points_give_the_exact_pose(count, pose):
 
 
 @pytest.mark.parametrize(
-    "count, point_noise, median, most",
-    [
-        (4, 0.005, 0.018, 0.05),
-        (8, 0.005, 0.012, 0.035),
-        (8, 0.015, 0.035, 0.1),
-    ],
+    "count, point_noise, median, most", [(4, 0.005, 0.018, 0.05), (8, 0.005, 0.012, 0.035), (8, 0.015, 0.035, 0.1)]
 )
 def test_noise_moves_the_floor_by_centimetres_and_as_much_as_is_reported(count, point_noise, median, most):
     worst, sigma, inside = [], [], []
@@ -135,7 +131,9 @@ def test_one_click_that_stayed_behind_is_left_out():
 def test_points_on_a_line_are_refused():
     pixels = np.column_stack([np.linspace(100, 1800, 8), np.linspace(200, 900, 8)])
     assert rejection(Correspondences.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "collinear"
-    assert rejection(Correspondences.single(np.full((5, 2), 500.0), np.full((5, 2), 2.0))) == "too_few_calibration_points"
+    assert (
+        rejection(Correspondences.single(np.full((5, 2), 500.0), np.full((5, 2), 2.0))) == "too_few_calibration_points"
+    )
 
 
 def test_points_close_together_are_refused():
@@ -164,7 +162,9 @@ def test_mirrored_coordinates_are_refused():
 
 def test_points_of_another_lens_or_in_disorder_do_not_agree():
     observed = observe(np.random.default_rng(6), 8, 0.0, 0.0)
-    assert rejection(Correspondences.single(observed.pixels, observed.points[[3, 0, 6, 1, 7, 2, 5, 4]])) == "no_agreement"
+    assert (
+        rejection(Correspondences.single(observed.pixels, observed.points[[3, 0, 6, 1, 7, 2, 5, 4]])) == "no_agreement"
+    )
 
 
 def test_points_outside_the_image_and_no_numbers():
@@ -229,7 +229,9 @@ def test_file_round_trip(tmp_path):
     path = calibration_file.calibration_path(str(tmp_path / "new"), "red")
     pose = calibration_file.CameraPose("red", "map", "red_optical_frame", estimate.T_map_camera, 812.5)
     for _ in range(2):
-        calibration_file.save(path, calibration_file.make_document(pose, estimate, observed, "spots", "2020-01-01 12:00"))
+        calibration_file.save(
+            path, calibration_file.make_document(pose, estimate, observed, "spots", "2020-01-01 12:00")
+        )
     assert path.with_name("red.yaml.old").exists() and not list(path.parent.glob("*.part"))
     loaded = calibration_file.load(path)
     assert (loaded.camera, loaded.parent, loaded.frame) == ("red", "map", "red_optical_frame")
@@ -245,7 +247,10 @@ def test_file_round_trip(tmp_path):
         ("{camera: red, parent: map, frame: f, translation: [0, 0], rotation: [0, 0, 0, 1]}", "bad_calibration"),
         ("{camera: red, parent: map, frame: f, translation: [0, 0, .nan], rotation: [0, 0, 0, 1]}", "bad_calibration"),
         ("{camera: red, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 0]}", "bad_calibration"),
-        ("{camera: green, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "calibration_of_other_camera"),
+        (
+            "{camera: green, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}",
+            "calibration_of_other_camera",
+        ),
         ("{camera: red, parent: '', frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "bad_calibration"),
     ],
 )

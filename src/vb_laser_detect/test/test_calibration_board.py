@@ -1,4 +1,5 @@
 """The printed board, rendered under a camera with noise and lens distortion; and cameras that agree or do not."""
+
 import math
 
 import cv2
@@ -180,7 +181,9 @@ def draw(cameras, seconds=10.0, gap=(), period=0.04):
 
 
 def test_agreement_finds_offsets_whatever_the_cameras_phases():
-    found = compare_cameras(draw({"red": ((0.0, 0.0), 0.0), "green": ((0.03, -0.02), 0.017), "blue": ((0.0, 0.0), 0.009)}))
+    found = compare_cameras(
+        draw({"red": ((0.0, 0.0), 0.0), "green": ((0.03, -0.02), 0.017), "blue": ((0.0, 0.0), 0.009)})
+    )
     pairs = {(pair.first, pair.second): pair for pair in found}
     assert set(pairs) == {("blue", "green"), ("blue", "red"), ("green", "red")}
     assert pairs["green", "red"].offset == pytest.approx((-0.03, 0.02), abs=0.001)
@@ -191,7 +194,7 @@ def test_agreement_finds_offsets_whatever_the_cameras_phases():
 
 def test_agreement_of_slow_cameras():
     cameras = {"north": ((0.0, 0.0), 0.0), "south": ((0.05, 0.0), 0.08)}
-    pair, = compare_cameras(draw(cameras, seconds=20.0, period=0.18))
+    (pair,) = compare_cameras(draw(cameras, seconds=20.0, period=0.18))
     assert pair.count > 100 and pair.offset == pytest.approx((0.05, 0.0), abs=0.003)
 
 

@@ -1,4 +1,5 @@
 """`calibrate_camera check --bag` on recorded spots: cameras that overlap, and what is wrong with one of their poses."""
+
 import math
 import re
 import sys
@@ -139,13 +140,19 @@ def test_a_bag_whose_recording_was_cut_off(tmp_path, check):
     assert status == 1 and "bad_file" in text
 
 
-@pytest.mark.parametrize("medians, wrong", [
-    ({"ab": 0.09}, ""),  # two cameras do not show which of them is wrong
-    ({"ab": 0.09, "ac": 0.01}, "b"),
-    ({"ab": 0.09, "ac": 0.08, "bc": 0.01}, "a"),
-    ({"ab": 0.09, "ac": 0.08, "bc": 0.07}, ""),
-    ({"ab": 0.01}, ""),
-])
+@pytest.mark.parametrize(
+    "medians, wrong",
+    [
+        ({"ab": 0.09}, ""),  # two cameras do not show which of them is wrong
+        ({"ab": 0.09, "ac": 0.01}, "b"),
+        ({"ab": 0.09, "ac": 0.08, "bc": 0.01}, "a"),
+        ({"ab": 0.09, "ac": 0.08, "bc": 0.07}, ""),
+        ({"ab": 0.01}, ""),
+    ],
+)
 def test_a_camera_is_named_only_if_the_others_show_that_it_is_the_one(medians, wrong):
-    pairs = [CameraConsistency(first, second, 100, (median, 0.0), median, median) for (first, second), median in medians.items()]
+    pairs = [
+        CameraConsistency(first, second, 100, (median, 0.0), median, median)
+        for (first, second), median in medians.items()
+    ]
     assert find_suspect(pairs, 0.02) == wrong

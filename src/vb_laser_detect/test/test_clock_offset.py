@@ -1,4 +1,5 @@
 """Offsets of clocks from exchanges whose delays are known."""
+
 import random
 
 import pytest

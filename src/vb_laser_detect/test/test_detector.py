@@ -1,4 +1,5 @@
 """Spots rendered at known places, and everything that is no spot."""
+
 import cv2
 import numpy as np
 import pytest
@@ -114,8 +115,16 @@ def disturbances():
         floor[150:190, x + 15 : x + 45] = (90, 120, 170)
         return {"floor": floor}
 
-    return [still, switched_light, drifting_exposure, moved_dark_box, moved_bright_sheet, printed_dot_from_the_start,
-            sun_patch, walking_person]
+    return [
+        still,
+        switched_light,
+        drifting_exposure,
+        moved_dark_box,
+        moved_bright_sheet,
+        printed_dot_from_the_start,
+        sun_patch,
+        walking_person,
+    ]
 
 
 @pytest.mark.parametrize("bayer", [False, True])
@@ -161,8 +170,13 @@ def test_bayer_images_tell_white_light_from_a_laser(laser):
     assert "chroma_mosaic" in {candidate.rejection for candidate in detector.candidates}
     both = tinted(Scene())
     found = [
-        detector.detect(np.maximum(scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True),
-                                   both.render([(80 + 10.0 * i, 300)], colour=laser, bayer=True)), 0.8 + PERIOD * i)
+        detector.detect(
+            np.maximum(
+                scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True),
+                both.render([(80 + 10.0 * i, 300)], colour=laser, bayer=True),
+            ),
+            0.8 + PERIOD * i,
+        )
         for i in range(20)
     ]
     assert sum(len(spots) == 1 and abs(spots[0].v - 300) < 1.0 for spots in found) >= 19
@@ -194,7 +208,9 @@ def test_while_a_spot_is_drawn_nothing_else_is_examined():
     drawn, other, left_out = [], (500.0, 80.0), []
     for i in range(60):
         place = (80 + 6.0 * min(i, 30), 200)
-        drawn.append(detector.detect(scene.render([place, other] if i >= 15 else [place], bayer=True), 0.4 + PERIOD * i))
+        drawn.append(
+            detector.detect(scene.render([place, other] if i >= 15 else [place], bayer=True), 0.4 + PERIOD * i)
+        )
         left_out.append([c.rejection for c in detector.candidates].count("not_examined"))
     assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in drawn[3:45])
     # held still, too: nothing can take its place
@@ -303,7 +319,9 @@ def test_a_confirmed_stroke_gives_back_its_first_spots():
     for i in range(5):
         detector.tag = f"image {i}"
         detector.detect(scene.render([(300 + 4 * i, 200)]), 0.3 + PERIOD * i)
-        backfilled.append([(earlier.tag, round(earlier.stamp, 2), round(earlier.spot.u)) for earlier in detector.backfilled])
+        backfilled.append(
+            [(earlier.tag, round(earlier.stamp, 2), round(earlier.spot.u)) for earlier in detector.backfilled]
+        )
     assert backfilled == [[], [], [("image 0", 0.3, 300), ("image 1", 0.34, 304)], [], []]
     detector.set_params(DetectorParams.stationary(confirm_frames=1))
     detector.detect(scene.render([(100, 100)]), 0.6)
@@ -494,6 +512,9 @@ def test_paint_takes_light_from_some_channel_and_is_no_spot(preset, bayer):
             dot = cv2.circle(np.zeros((240, 320), np.float32), (150, 120), radius, 1.0, -1, cv2.LINE_AA)
             dot = cv2.GaussianBlur(dot, (0, 0), 0.8)[:, :, None]
             laid = scene.floor * (1.0 - dot) + dot * np.array(colour, np.float32)
-            assert feed(detector, [scene.render(floor=laid, bayer=bayer) for _ in range(3)], 0.2) == [[]] * 3, (colour, radius)
+            assert feed(detector, [scene.render(floor=laid, bayer=bayer) for _ in range(3)], 0.2) == [[]] * 3, (
+                colour,
+                radius,
+            )
             # and light that falls beside it is one
             assert len(detector.detect(scene.render([(60, 60)], floor=laid, bayer=bayer), 0.32)) == 1

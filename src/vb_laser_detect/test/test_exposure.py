@@ -1,4 +1,5 @@
 """How much of an image is saturated."""
+
 import numpy as np
 
 from vb_laser_detect.detection.exposure import TOO_BRIGHT, saturated_share

@@ -1,4 +1,5 @@
 """What the numbers of an image mean comes from its message, for every encoding."""
+
 import cv2
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ def strokes(encode, bayer=False, grey=False):
 
 def yuv(order):
     """bgr to 4:2:2, the luminance first or second."""
+
     def encode(image):
         y, u, v = (plane.astype(int) for plane in cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2YUV)))
         # OpenCV reads video levels
@@ -35,6 +37,7 @@ def yuv(order):
         chroma = np.empty_like(y)
         chroma[:, ::2], chroma[:, 1::2] = u[:, ::2], v[:, ::2]
         return np.dstack([chroma, y] if order == "uyvy" else [y, chroma])
+
     return encode
 
 
@@ -62,8 +65,10 @@ def test_the_spot_is_found_in_every_encoding(case, mobile):
     preset = DetectorParams.mobile if mobile else DetectorParams.stationary
     found = run(images, case.split()[0], preset(confirm_frames=1))
     assert not any(found[:8])
-    hits = [spots and np.hypot(spots[0].u - truth[0], spots[0].v - truth[1]) < 1.0
-            for spots, truth in zip(found[8:], truths[8:])]
+    hits = [
+        spots and np.hypot(spots[0].u - truth[0], spots[0].v - truth[1]) < 1.0
+        for spots, truth in zip(found[8:], truths[8:])
+    ]
     assert sum(map(bool, hits)) >= 11
 
 
@@ -74,9 +79,13 @@ def test_what_is_no_picture_is_refused():
 
 
 def test_the_message_says_whether_it_is_a_mosaic():
-    # a white light is no laser's in a mosaic, and may be one to a grey camera: the same pixels, told apart by the encoding
+    # a white light is no laser's in a mosaic, and may be one to a grey camera: the same pixels, told apart by the
+    # encoding
     scene = tinted(Scene(320, 240))
-    images = [scene.render([(60.0 + 12.0 * i, 100.0)] if i >= 0 else [], colour=(1.0, 1.0, 1.0), bayer=True) for i in range(-8, 12)]
+    images = [
+        scene.render([(60.0 + 12.0 * i, 100.0)] if i >= 0 else [], colour=(1.0, 1.0, 1.0), bayer=True)
+        for i in range(-8, 12)
+    ]
     assert not any(run(images, "bayer_rggb8")) and sum(map(len, run(images, "mono8"))) >= 10
 
 
@@ -95,7 +104,9 @@ def test_a_fisheye_s_rays_and_pixels_belong_together():
     matrix = np.array([[300.0, 0, 479.5], [0, 301.0, 359.5], [0, 0, 1]])
     camera = CameraModel(960, 720, matrix, np.array([-0.02, 0.004, -0.001, 0.0002]), fisheye=True)
     angles = np.radians(np.arange(0, 76, 5))
-    points = np.array([(np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)) for a in angles for b in (0.3, 2.0, 4.4)])
+    points = np.array(
+        [(np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)) for a in angles for b in (0.3, 2.0, 4.4)]
+    )
     pixels = camera.project(2.5 * points)
     truth = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), matrix, camera.distortion)[0][:, 0]
     assert np.allclose(pixels, truth, atol=1e-6)

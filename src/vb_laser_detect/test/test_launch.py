@@ -1,4 +1,5 @@
 """The launch files as roslaunch reads them: who is on which machine, publishes poses, watches clocks."""
+
 from pathlib import Path
 
 import pytest
@@ -37,7 +38,8 @@ def test_all_is_here_unless_said_otherwise():
 @pytest.mark.parametrize("names", ["true", "on off", "7"])
 def test_names_that_yaml_and_roslaunch_take_for_something_else_stay_names(names):
     config = load(f"cameras:={names}")
-    # roslaunch itself capitalises a truth value; what counts is that a detector says that nothing comes from this camera
+    # roslaunch itself capitalises a truth value; what counts is that a detector says that nothing comes from this
+    # camera
     cameras = [name.capitalize() if name == "true" else name for name in names.split()]
     assert [config.params[f"/spot_detector_{name}/camera"].value for name in cameras] == cameras
     assert config.params["/lab_monitor/cameras"].value == names
@@ -84,21 +86,37 @@ def test_parameters_can_be_set_for_all_detectors_and_for_one(tmp_path):
         (tmp_path / f"{name}.yaml").write_text(f"detector:\n  max_spots: 2\n  min_rise: {value}.0\n")
     files = {name: tmp_path / f"{name}.yaml" for name in ("ceiling", "wall", "robot", "rear")}
     config = load(
-        "cameras:=red green", "robots:=front rear", "rviz:=false", f"config:={files['ceiling']}",
-        f"robot_config:={files['robot']}", f"configs:=green={files['wall']} rear={files['rear']}", file="lab.launch")
-    rise = {name: config.params[f"{name}/detector/min_rise"].value for name in (
-        "/spot_detector_red", "/spot_detector_green", "/front/spot_detector_front", "/rear/spot_detector_rear")}
+        "cameras:=red green",
+        "robots:=front rear",
+        "rviz:=false",
+        f"config:={files['ceiling']}",
+        f"robot_config:={files['robot']}",
+        f"configs:=green={files['wall']} rear={files['rear']}",
+        file="lab.launch",
+    )
+    rise = {
+        name: config.params[f"{name}/detector/min_rise"].value
+        for name in (
+            "/spot_detector_red",
+            "/spot_detector_green",
+            "/front/spot_detector_front",
+            "/rear/spot_detector_rear",
+        )
+    }
     assert list(rise.values()) == [11.0, 12.0, 13.0, 14.0]
 
 
-@pytest.mark.parametrize("file, arguments, robots", [
-    ("parts/perception.launch", [], []),
-    ("lab.launch", ["rviz:=false"], ["/"]),
-    ("lab.launch", ["rviz:=false", "robots:=one two"], ["one", "two"]),
-    ("lab.launch", ["rviz:=false", "robot:=false"], []),
-    ("lab.launch", ["rviz:=false", "robot:=false", "robots:=one"], ["one"]),
-    ("simulation.launch", ["rviz:=false"], ["/"]),
-])
+@pytest.mark.parametrize(
+    "file, arguments, robots",
+    [
+        ("parts/perception.launch", [], []),
+        ("lab.launch", ["rviz:=false"], ["/"]),
+        ("lab.launch", ["rviz:=false", "robots:=one two"], ["one", "two"]),
+        ("lab.launch", ["rviz:=false", "robot:=false"], []),
+        ("lab.launch", ["rviz:=false", "robot:=false", "robots:=one"], ["one"]),
+        ("simulation.launch", ["rviz:=false"], ["/"]),
+    ],
+)
 def test_detectors_know_the_robots_of_the_lab(file, arguments, robots):
     params = load("cameras:=red green", *arguments, file=file).params
     assert [params[f"/spot_detector_{camera}/robots"].value for camera in ("red", "green")] == [robots, robots]

@@ -1,8 +1,9 @@
 """A robot's camera: pictures as full of edges as photographs are, and spots without much colour in them.
 
-The motion is smooth, as a pan-tilt head's or a robot's; the pictures are compressed. A webcam shows a green laser's spot
-nearly white, so colour alone tells nothing.
+The motion is smooth, as a pan-tilt head's or a robot's; the pictures are compressed. A webcam shows a green laser's
+spot nearly white, so colour alone tells nothing.
 """
+
 import cv2
 import numpy as np
 import pytest
@@ -65,7 +66,9 @@ def test_spots_on_photographs(still):
             # a pulse of three images each second, drawn a little; not where the picture is white already
             if i % 20 == 12:
                 start = random.uniform((60, 60), (WIDE - 60, HIGH - 60))
-                while view.at(i)[int(start[1]) - 8 : int(start[1]) + 9, int(start[0]) - 8 : int(start[0]) + 9].max() > 200:
+                while (
+                    view.at(i)[int(start[1]) - 8 : int(start[1]) + 9, int(start[0]) - 8 : int(start[0]) + 9].max() > 200
+                ):
                     start = random.uniform((60, 60), (WIDE - 60, HIGH - 60))
             spot = start + (i % 20 - 12) * np.array([1.5, 0.5]) if 12 <= i % 20 < 15 else None
             spots = detector.detect(view.at(i, spot), 0.04 * i)

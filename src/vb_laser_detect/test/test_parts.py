@@ -1,4 +1,5 @@
 """Blocks, background, tracker, statistics."""
+
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,7 +32,10 @@ def test_block_maxima_are_numpys(shape):
         return values[: rows * 8, : columns * 8].reshape(rows, 8, columns, 8, *shape[2:])
 
     rise = blocks(np.maximum(image.astype(int) - background, 0))
-    for found, truth in ((block_maxima(image, background), rise), (block_maxima(image, background, (1, 2, 5, 6)), rise[:, [1, 2, 5, 6]])):
+    for found, truth in (
+        (block_maxima(image, background), rise),
+        (block_maxima(image, background, (1, 2, 5, 6)), rise[:, [1, 2, 5, 6]]),
+    ):
         assert (found == truth.reshape(*truth.shape[:4], -1).max(axis=(1, 3, 4))).all()
     assert (max_channel(image) == (image if image.ndim == 2 else image.max(axis=2))).all()
 
@@ -118,7 +122,10 @@ def test_white_light_in_a_shadow_is_white():
     rise = cv2.GaussianBlur(max_channel(cv2.subtract(shaded, floor)), (3, 3), 0)
     blob = (rise > 0.35 * rise.max()).astype(np.uint8)
     # beside the saturated core the shadow takes most where the floor was brightest: that is no colour of the light
-    assert features.chroma(features.tint_of(blob, rise, shaded, floor, *features.means_over(blob, False, shaded, floor))) < 0.12
+    assert (
+        features.chroma(features.tint_of(blob, rise, shaded, floor, *features.means_over(blob, False, shaded, floor)))
+        < 0.12
+    )
 
 
 def test_regions_part_a_bright_spot_from_what_it_touches():
@@ -153,7 +160,9 @@ def test_debug_image(encoding, bayer):
     assert picture.shape == (96, 160, 3) and (picture == (0, 220, 0)).all(axis=2).any()
 
 
-@pytest.mark.parametrize("name, preset", [("stationary", DetectorParams.stationary()), ("mobile", DetectorParams.mobile())])
+@pytest.mark.parametrize(
+    "name, preset", [("stationary", DetectorParams.stationary()), ("mobile", DetectorParams.mobile())]
+)
 def test_config_files_hold_the_presets(name, preset):
     config = yaml.safe_load((PACKAGE / "config" / f"{name}.yaml").read_text())
     assert DetectorParams.from_mapping(config["detector"] or {}) == preset

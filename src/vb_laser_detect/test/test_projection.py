@@ -1,4 +1,5 @@
 """Pixels to the floor and back."""
+
 import math
 
 import numpy as np
@@ -11,10 +12,18 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.projection import (
-    DEPTH, GROUND_PLANE, GROUND_PLANE_FALLBACK, FloorProjection, depth_at, floor_points, pixels_of,
+    DEPTH,
+    GROUND_PLANE,
+    GROUND_PLANE_FALLBACK,
+    FloorProjection,
+    depth_at,
+    floor_points,
+    pixels_of,
 )
 
-CEILING = CameraModel(1920, 1080, np.array([[1100.0, 0, 950], [0, 1105.0, 545], [0, 0, 1]]), np.array([-0.2, 0.05, 0.001, -0.001, 0]))
+CEILING = CameraModel(
+    1920, 1080, np.array([[1100.0, 0, 950], [0, 1105.0, 545], [0, 0, 1]]), np.array([-0.2, 0.05, 0.001, -0.001, 0])
+)
 ROBOT = CameraModel.ideal(640, 480, 525.0)
 
 
@@ -115,7 +124,9 @@ def test_holes_fall_back_to_the_plane_and_outliers_do_not_matter():
 
 def test_depth_of_a_camera_with_its_own_lens_is_read_where_the_colour_pixel_looks():
     # the colour image is distorted, the depth image is not, and sees a wider field
-    colour = CameraModel(640, 480, np.array([[525.0, 0, 322], [0, 520.0, 236], [0, 0, 1]]), np.array([-0.25, 0.06, 0.001, 0, 0]))
+    colour = CameraModel(
+        640, 480, np.array([[525.0, 0, 322], [0, 520.0, 236], [0, 0, 1]]), np.array([-0.25, 0.06, 0.001, 0, 0])
+    )
     wide = CameraModel.ideal(160, 120, 95.0)
     T = forward()
     depth, random = depth_image(T, wide, "m"), np.random.default_rng(1)

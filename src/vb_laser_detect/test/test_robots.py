@@ -1,4 +1,5 @@
 """Where robots are at an image's time, from tf2's real buffer."""
+
 import math
 
 import pytest

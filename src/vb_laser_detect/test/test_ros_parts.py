@@ -1,4 +1,5 @@
 """What the nodes make of messages, without a master: descriptions of cameras, depth, other cameras, other clocks."""
+
 import gc
 import threading
 import time
@@ -86,7 +87,9 @@ def test_depth_of_another_frame_is_not_used():
     report = Faults()
     topic = camera_geometry.DepthTopic("/depth/image_raw", "/depth/camera_info", report)
     depth = np.full((48, 64), 1500, np.uint16)
-    topic._on_image(Image(Header(stamp=rospy.Time(5), frame_id="depth_frame"), 48, 64, "16UC1", 0, 128, depth.tobytes()))
+    topic._on_image(
+        Image(Header(stamp=rospy.Time(5), frame_id="depth_frame"), 48, 64, "16UC1", 0, 128, depth.tobytes())
+    )
     assert topic.nearest(rospy.Time(5), "colour_frame") == (None, None)
     assert report.codes == ["depth_not_registered"]
     assert topic.nearest(rospy.Time(5), "depth_frame")[0].shape == (48, 64)
@@ -102,16 +105,26 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
 
     with pytest.raises(CodedError) as raised:
         report_of(False).require_own_frame("head_camera")
-    assert raised.value.code == "shared_frame" and "green, red" in str(raised.value) and "robot" not in str(raised.value)
+    assert (
+        raised.value.code == "shared_frame" and "green, red" in str(raised.value) and "robot" not in str(raised.value)
+    )
     report_of(False).require_own_frame("red_optical_frame")
     report_of(True).require_own_frame("head_camera")
 
 
-@pytest.mark.parametrize("mobile, colour, confirmation_s, said", [
-    (False, True, 0.12, ""), (True, True, 0.12, ""), (False, False, 0.12, ""),
-    (True, False, 0.12, "no_colour"), (False, True, 1.5, "slow_camera"),
-])
-def test_a_camera_that_is_slow_or_a_robots_without_colour_is_not_called_well(monkeypatch, mobile, colour, confirmation_s, said):
+@pytest.mark.parametrize(
+    "mobile, colour, confirmation_s, said",
+    [
+        (False, True, 0.12, ""),
+        (True, True, 0.12, ""),
+        (False, False, 0.12, ""),
+        (True, False, 0.12, "no_colour"),
+        (False, True, 1.5, "slow_camera"),
+    ],
+)
+def test_a_camera_that_is_slow_or_a_robots_without_colour_is_not_called_well(
+    monkeypatch, mobile, colour, confirmation_s, said
+):
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
     report = DetectorDiagnostics.__new__(DetectorDiagnostics)
     report._camera, report._mobile, report._frame_id, report._lock = "red", mobile, "red_frame", threading.Lock()
@@ -138,6 +151,7 @@ def test_a_missing_pose_is_logged_once_it_has_lasted_then_on_change_and_ever_mor
 
 def test_an_image_without_a_place_is_freed_at_once():
     """Thirty megabytes a second would wait for the garbage collector otherwise."""
+
     class Unplaced:
         def geometry_of(self, *_arguments):
             try:
@@ -179,19 +193,27 @@ def test_a_clock_that_was_right_says_nothing_once_its_computer_is_silent():
 
 
 def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
-    monkeypatch.setattr(rospy, "get_param", lambda name, default=None: {
-        "/spot_detector_red/detector": {"min_rise": 11.0, "max_spots": 2}}.get(name, default))
+    monkeypatch.setattr(
+        rospy,
+        "get_param",
+        lambda name, default=None: {"/spot_detector_red/detector": {"min_rise": 11.0, "max_spots": 2}}.get(
+            name, default
+        ),
+    )
     assert calibrate_camera_node.detector_params_of("red").min_rise == 11.0
     assert calibrate_camera_node.detector_params_of("green") == DetectorParams.stationary()
 
 
-@pytest.mark.parametrize("kind, shape, encoding", [
-    ("bgr8; jpeg compressed bgr8", (32, 32, 3), "bgr8"),
-    ("bayer_rggb8; jpeg compressed bgr8", (32, 32, 3), "bgr8"),  # converted by the driver
-    ("bayer_rggb8; png compressed ", (32, 32), "bayer_rggb8"),
-    ("mono8; jpeg compressed ", (32, 32), "mono8"),
-    ("jpeg", (32, 32), "mono8"),
-])
+@pytest.mark.parametrize(
+    "kind, shape, encoding",
+    [
+        ("bgr8; jpeg compressed bgr8", (32, 32, 3), "bgr8"),
+        ("bayer_rggb8; jpeg compressed bgr8", (32, 32, 3), "bgr8"),  # converted by the driver
+        ("bayer_rggb8; png compressed ", (32, 32), "bayer_rggb8"),
+        ("mono8; jpeg compressed ", (32, 32), "mono8"),
+        ("jpeg", (32, 32), "mono8"),
+    ],
+)
 def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
     message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
     assert compressed_encoding(message, compressed_image_array(message)) == encoding

@@ -1,4 +1,5 @@
 """Which sighting belongs to which spot, when it counts, and which one is told, at every rate."""
+
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +30,10 @@ class Film:
     """Feeds a tracker images at a rate [1/s]; the tag of each is its number."""
 
     def __init__(self, rate=25.0, mosaic=False, **changes):
-        self.tracker, self.camera = SpotTracker(DetectorParams(**{"confirm_frames": 3, **changes})), Camera(800.0, mosaic)
+        self.tracker, self.camera = (
+            SpotTracker(DetectorParams(**{"confirm_frames": 3, **changes})),
+            Camera(800.0, mosaic),
+        )
         self.period, self.now, self.images = 1.0 / rate, 0.0, -1
 
     def see(self, *sightings):
@@ -38,7 +42,14 @@ class Film:
         self.expected = self.tracker.begin(self.now, self.camera, None)
         told = []
         for track in self.tracker.update(sightings, self.images):
-            told.append(Told(track.number, track.confirmed, track.published, [one.tag for one in track.unpublished if track.published]))
+            told.append(
+                Told(
+                    track.number,
+                    track.confirmed,
+                    track.published,
+                    [one.tag for one in track.unpublished if track.published],
+                )
+            )
             if track.published:  # as the detector does
                 track.unpublished = []
         return told

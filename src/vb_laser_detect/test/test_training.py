@@ -1,4 +1,5 @@
 """Examples for a classifier of one's own from a recording with clicks."""
+
 import sys
 from pathlib import Path
 
@@ -32,7 +33,10 @@ def test_a_recording_and_clicks_make_examples(tmp_path):
     examples = from_recording(path, "/hall/image_raw")
     # half a second about each click counts
     assert examples.truth.sum() >= 3 * len(places)
-    assert set(examples.groups) == {"recording: hall.bag"} and examples.values.shape == (len(examples.truth), len(examples.names))
+    assert set(examples.groups) == {"recording: hall.bag"} and examples.values.shape == (
+        len(examples.truth),
+        len(examples.names),
+    )
     save_examples(examples, tmp_path / "kept.npz")
     kept = load_examples([tmp_path / "kept.npz"])
     assert np.array_equal(kept.truth, examples.truth) and kept.names == examples.names

@@ -1,4 +1,5 @@
 """A map of one room, borders in it, and integrators that keep them."""
+
 from __future__ import annotations
 
 import numpy as np

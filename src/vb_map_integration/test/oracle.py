@@ -1,4 +1,5 @@
 """Worlds with exact geometry, and an oracle that knows nothing of the code under test: shapely."""
+
 from __future__ import annotations
 
 import math

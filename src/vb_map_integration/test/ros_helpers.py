@@ -1,4 +1,5 @@
 """What the node tests share: a map server, borders, and a subscriber that remembers."""
+
 from __future__ import annotations
 
 import time
@@ -61,6 +62,9 @@ def polygon(x=0.0, y=0.0, size=1.0, **fields):
     """A square to be restricted inside."""
     corners = [(x, y), (x + size, y), (x + size, y + size), (x, y + size)]
     return VirtualBorder(
-        points=[Point(*corner, 0.0) for corner in corners], kind=VirtualBorder.POLYGON, enabled=True,
-        seed=Point(x + size / 2, y + size / 2, 0.0), **{"occupancy": 1.0, **fields}
+        points=[Point(*corner, 0.0) for corner in corners],
+        kind=VirtualBorder.POLYGON,
+        enabled=True,
+        seed=Point(x + size / 2, y + size / 2, 0.0),
+        **{"occupancy": 1.0, **fields},
     )

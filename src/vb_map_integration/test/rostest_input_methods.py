@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Borders by clicks, by dragged vertices and by files, over a real roscore and a real map_integrator."""
+
 from __future__ import annotations
 
 import json
@@ -228,8 +229,12 @@ class InputMethodsTest(unittest.TestCase):
     # ------------------------------------------------------------- files
     def run_command(self, name, *arguments):
         done = subprocess.run(
-            [sys.executable, str(SCRIPTS / name), *map(str, arguments)], universal_newlines=True, timeout=240,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
+            [sys.executable, str(SCRIPTS / name), *map(str, arguments)],
+            universal_newlines=True,
+            timeout=240,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
         )
         return done.returncode, done.stdout
 
@@ -238,10 +243,16 @@ class InputMethodsTest(unittest.TestCase):
             source, copy = Path(folder) / "in.geojson", Path(folder) / "out.yaml"
             square = [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]
             features = [
-                {"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [square]},
-                 "properties": {"name": "rug"}},
-                {"type": "Feature", "geometry": {"type": "LineString", "coordinates": [[60, 0], [60, 1]]},
-                 "properties": {"name": "far", "seed": [0, 0]}},
+                {
+                    "type": "Feature",
+                    "geometry": {"type": "Polygon", "coordinates": [square]},
+                    "properties": {"name": "rug"},
+                },
+                {
+                    "type": "Feature",
+                    "geometry": {"type": "LineString", "coordinates": [[60, 0], [60, 1]]},
+                    "properties": {"name": "far", "seed": [0, 0]},
+                },
             ]
             source.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
             status, output = self.run_command("import_borders", "--dry-run", source)

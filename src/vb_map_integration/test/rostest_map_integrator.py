@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """map_integrator over a real roscore."""
+
 from __future__ import annotations
 
 import os
@@ -22,15 +23,34 @@ from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
 from vb_core.map_files import read_map  # noqa: E402
 from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray  # noqa: E402
 from vb_msgs.srv import (  # noqa: E402
-    AddBorder, AddBorderRequest, AdoptBorders, ConfirmMap, ConfirmMapRequest, ListBorders, PreviewBorder, RemoveBorder,
-    RenameBorder, SaveMap, SetBorderEnabled, UpdateBorder,
+    AddBorder,
+    AddBorderRequest,
+    AdoptBorders,
+    ConfirmMap,
+    ConfirmMapRequest,
+    ListBorders,
+    PreviewBorder,
+    RemoveBorder,
+    RenameBorder,
+    SaveMap,
+    SetBorderEnabled,
+    UpdateBorder,
 )
 
 SERVICES = {
-    "add_border": AddBorder, "update_border": UpdateBorder, "remove_border": RemoveBorder,
-    "preview_border": PreviewBorder, "list_borders": ListBorders, "save_map": SaveMap,
-    "set_border_enabled": SetBorderEnabled, "rename_border": RenameBorder, "confirm_map": ConfirmMap,
-    "adopt_borders": AdoptBorders, "undo": Trigger, "redo": Trigger, "clear": Trigger,
+    "add_border": AddBorder,
+    "update_border": UpdateBorder,
+    "remove_border": RemoveBorder,
+    "preview_border": PreviewBorder,
+    "list_borders": ListBorders,
+    "save_map": SaveMap,
+    "set_border_enabled": SetBorderEnabled,
+    "rename_border": RenameBorder,
+    "confirm_map": ConfirmMap,
+    "adopt_borders": AdoptBorders,
+    "undo": Trigger,
+    "redo": Trigger,
+    "clear": Trigger,
 }
 
 
@@ -113,8 +133,10 @@ class MapIntegratorTest(unittest.TestCase):
 
     def test_a_separating_curve(self):
         curve = VirtualBorder(
-            points=[Point(0.0, 0.0, 0.0), Point(0.0, 1.0, 0.0)], kind=VirtualBorder.SEPARATING_CURVE,
-            seed=Point(2.0, 0.0, 0.0), occupancy=1.0,
+            points=[Point(0.0, 0.0, 0.0), Point(0.0, 1.0, 0.0)],
+            kind=VirtualBorder.SEPARATING_CURVE,
+            seed=Point(2.0, 0.0, 0.0),
+            occupancy=1.0,
         )
         self.assertTrue(self.call("add_border", curve, "", "test").success)
         wait_until(lambda: self.restricted() == 98 * 79, "half of the room")
@@ -128,9 +150,13 @@ class MapIntegratorTest(unittest.TestCase):
         many = polygon()
         many.points = [Point(k * 1e-5, 0.0, 0.0) for k in range(100000)]
         for code, border, frame in (
-            ("bad_points", nan, ""), ("too_few_points", one, ""), ("too_many_points", many, ""),
-            ("unknown_frame", polygon(), "odom"), ("bad_occupancy", polygon(occupancy=1.5), ""),
-            ("bad_kind", polygon(), ""), ("id_not_empty", polygon(id="b1"), ""),
+            ("bad_points", nan, ""),
+            ("too_few_points", one, ""),
+            ("too_many_points", many, ""),
+            ("unknown_frame", polygon(), "odom"),
+            ("bad_occupancy", polygon(occupancy=1.5), ""),
+            ("bad_kind", polygon(), ""),
+            ("id_not_empty", polygon(id="b1"), ""),
             ("seed_outside_map", polygon(x=50.0), ""),
         ):
             if code == "bad_kind":
@@ -152,7 +178,9 @@ class MapIntegratorTest(unittest.TestCase):
     def test_a_preview_changes_nothing(self):
         band = VirtualBorder(
             points=[Point(x, y, 0.0) for x, y in ((-0.5, -3.0), (0.5, -3.0), (0.5, 4.0), (-0.5, 4.0))],
-            kind=VirtualBorder.POLYGON, seed=Point(0.0, 0.0, 0.0), occupancy=1.0,
+            kind=VirtualBorder.POLYGON,
+            seed=Point(0.0, 0.0, 0.0),
+            occupancy=1.0,
         )
         goals = [Point(-3.0, 0.0, 0.0), Point(3.0, 0.0, 0.0)]
         # what is unreachable depends on where the robot is, which the integrator may not have heard yet
@@ -196,7 +224,9 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual((late.success, late.code), (False, "changed_meanwhile"))
         self.assertEqual(self.call("set_border_enabled", first.id, False, "test", late.revision).code, "ok")
         wait_until(lambda: self.borders.message.borders[0].reason == "disabled", "the border that sleeps")
-        self.assertEqual((self.borders.message.borders[0].name, self.borders.message.borders[0].in_force), ("rug", False))
+        self.assertEqual(
+            (self.borders.message.borders[0].name, self.borders.message.borders[0].in_force), ("rug", False)
+        )
         robots = self.call("add_border", polygon(robots=["nobody"]), "", "test")
         self.assertEqual((robots.code, robots.values[0].value), ("unknown_robot", "nobody"))
 

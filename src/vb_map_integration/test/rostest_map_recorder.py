@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """map_recorder over a real roscore, behind a real map_integrator."""
+
 from __future__ import annotations
 
 import json

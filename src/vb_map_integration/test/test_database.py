@@ -1,4 +1,5 @@
 """What is kept on the disk: nothing that was acknowledged is lost or moved, and what was repaired is said."""
+
 import hashlib
 import json
 import os
@@ -273,10 +274,14 @@ def test_a_damaged_file_is_repaired_and_reported(tmp_path, name, damage):
     if damage == "gone":
         path.unlink()
     else:
-        path.write_bytes({
-            "truncated": content[: len(content) * 2 // 3], "empty": b"", "binary": bytes(range(256)) * 40,
-            "edited": content.replace(b'"occupancy":1.0', b'"occupancy":0.1'),
-        }[damage])
+        path.write_bytes(
+            {
+                "truncated": content[: len(content) * 2 // 3],
+                "empty": b"",
+                "binary": bytes(range(256)) * 40,
+                "edited": content.replace(b'"occupancy":1.0', b'"occupancy":0.1'),
+            }[damage]
+        )
     found, said = again(tmp_path)
     assert found == borders
     expected = "database_repaired" if name == FILE else "replica_repaired"

@@ -1,4 +1,5 @@
 """Borders and maps as files: YAML, map_server's files, recordings."""
+
 import sys
 from pathlib import Path
 

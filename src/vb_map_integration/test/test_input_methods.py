@@ -1,4 +1,5 @@
 """Clicks, dragged vertices, GeoJSON, and what a costmap makes of soft values."""
+
 import json
 import sys
 from pathlib import Path

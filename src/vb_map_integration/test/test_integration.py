@@ -1,4 +1,5 @@
 """The integration against exact polygons, and its invariants."""
+
 import sys
 from pathlib import Path
 

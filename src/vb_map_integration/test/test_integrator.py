@@ -1,4 +1,5 @@
 """Changes, history, checks and composition, without ROS."""
+
 import sys
 from pathlib import Path
 
@@ -17,8 +18,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from integrators import GRID, at, expected, integrator, square  # noqa: E402
 
 COMMANDS = st.lists(
-    st.tuples(st.sampled_from(["add", "add", "add", "soft", "remove", "disable", "update", "undo", "redo", "clear"]),
-              st.integers(2, 130), st.integers(2, 90)), max_size=25)
+    st.tuples(
+        st.sampled_from(["add", "add", "add", "soft", "remove", "disable", "update", "undo", "redo", "clear"]),
+        st.integers(2, 130),
+        st.integers(2, 90),
+    ),
+    max_size=25,
+)
 
 
 @settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

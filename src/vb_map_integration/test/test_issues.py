@@ -1,4 +1,5 @@
 """Every code that a person or a program may get is in the documentation, and each one comes where it should."""
+
 import re
 import sys
 from pathlib import Path
@@ -18,11 +19,13 @@ from oracle import ROOMS, world  # noqa: E402
 
 PACKAGE = Path(__file__).resolve().parents[1]
 DOCUMENT = PACKAGE.parents[1] / "docs" / "explanation" / "map-integration.md"
-RAISED = "|".join([
-    r'(?:IntegrationError|CodedError)\(\s*"(\w+)"',
-    r'(?:_warn\(issues|WARNING), "(\w+)"',
-    r'_coordinates\([^,]+, "(\w+)"',
-])
+RAISED = "|".join(
+    [
+        r'(?:IntegrationError|CodedError)\(\s*"(\w+)"',
+        r'(?:_warn\(issues|WARNING), "(\w+)"',
+        r'_coordinates\([^,]+, "(\w+)"',
+    ]
+)
 
 
 def test_the_documentation_names_every_code():

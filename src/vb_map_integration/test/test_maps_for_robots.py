@@ -1,4 +1,5 @@
 """Borders that name robots hold for them alone."""
+
 import sys
 from pathlib import Path
 

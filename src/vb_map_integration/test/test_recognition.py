@@ -1,4 +1,5 @@
 """Maps that change: which place they show, where its borders lie, and that nothing is opened without a word."""
+
 import sys
 from pathlib import Path
 
@@ -24,10 +25,20 @@ def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
     """
     walls = [((0, 0), (9, 0)), ((9, 0), (9, 6)), ((9, 6), (0, 6)), ((0, 6), (0, 0))]
     walls += [
-        [((3.1, 0), (3.1, 1.2)), ((3.1, 2.1), (3.1, 6)), ((3.1, 3.7), (4.4, 3.7)), ((5.3, 3.7), (9, 3.7)),
-         ((7, 3.7), (7, 6))],
-        [((5.6, 0), (5.6, 3.0)), ((5.6, 4.0), (5.6, 6)), ((0, 2.2), (1.5, 2.2)), ((2.4, 2.2), (5.6, 2.2)),
-         ((2, 2.2), (2, 6))],
+        [
+            ((3.1, 0), (3.1, 1.2)),
+            ((3.1, 2.1), (3.1, 6)),
+            ((3.1, 3.7), (4.4, 3.7)),
+            ((5.3, 3.7), (9, 3.7)),
+            ((7, 3.7), (7, 6)),
+        ],
+        [
+            ((5.6, 0), (5.6, 3.0)),
+            ((5.6, 4.0), (5.6, 6)),
+            ((0, 2.2), (1.5, 2.2)),
+            ((2.4, 2.2), (5.6, 2.2)),
+            ((2, 2.2), (2, 6)),
+        ],
     ][plan]
     random = np.random.default_rng(seed)
     corners = transform.apply([(0, 0), (9, 0), (9, 6), (0, 6)])
@@ -64,11 +75,15 @@ def closed_off(keeper, transform=IDENTITY):
 
 
 # ----------------------------------------------------------------- registration
-@pytest.mark.parametrize("truth, resolution", [
-    (Transform(0.25, 0.0, 0.0), 0.05), (Transform(0.0, 0.0, np.radians(3.0)), 0.05),
-    (Transform(-4.0, 2.0, np.pi), 0.05),
-    (Transform(3.3, 1.1, -2.0), 0.03),
-])
+@pytest.mark.parametrize(
+    "truth, resolution",
+    [
+        (Transform(0.25, 0.0, 0.0), 0.05),
+        (Transform(0.0, 0.0, np.radians(3.0)), 0.05),
+        (Transform(-4.0, 2.0, np.pi), 0.05),
+        (Transform(3.3, 1.1, -2.0), 0.03),
+    ],
+)
 def test_a_moved_map_is_found(truth, resolution):
     found = register(flat(), flat(truth, resolution, seed=1))
     apart, turned = found.transform.distance(truth, (4.5, 3.0))
@@ -86,7 +101,7 @@ def test_a_room_that_looks_the_same_when_turned_is_not_sure():
 def test_a_large_map_or_a_tiny_one_does_no_harm():
     large = flat()
     cells = np.full((1400, 1500), -1, np.int8)
-    cells[300:300 + large.shape[0], 700:700 + large.shape[1]] = large.data
+    cells[300 : 300 + large.shape[0], 700 : 700 + large.shape[1]] = large.data
     cells[900:1200, ::60] = 100  # many straight walls
     cells[900:1200:3, 1::60] = 100
     cells[900:1200, 2::60] = 0
@@ -95,7 +110,9 @@ def test_a_large_map_or_a_tiny_one_does_no_harm():
     moved = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
     found = register(large, moved)
     truth = moved.grid_to_world([[699.5, 299.5]])[0] - large.origin[:2]
-    assert not found.is_unambiguous or np.linalg.norm(found.transform.apply([(4.5, 3.0)])[0] - (4.5, 3.0) - truth) < 0.05
+    assert (
+        not found.is_unambiguous or np.linalg.norm(found.transform.apply([(4.5, 3.0)])[0] - (4.5, 3.0) - truth) < 0.05
+    )
     for tiny in (np.array([[100]]), np.array([[100, 0, 100]]), np.array([[0], [100]])):
         found = register(large, GridMap(tiny.astype(np.int8), 0.05))
         assert found is None or not found.is_unambiguous
@@ -116,7 +133,9 @@ def test_ten_seconds_of_slam_do_not_lose_the_border(tmp_path):
         slam.set_map(flat(Transform(5.0, 5.0, 1.0), seed=2, known=(4.0, 4.0 + width)))
         assert slam.needs_confirmation and len(slam.borders) == 1
         asked = next(notice for notice in slam.notices if notice.code == "borders_unconfirmed")
-        assert sentences.border_name(slam.borders[0].name) in asked.sentence()  # what people know: nobody named the place
+        assert (
+            sentences.border_name(slam.borders[0].name) in asked.sentence()
+        )  # what people know: nobody named the place
     slam.close()
     third = integrator(tmp_path, flat())
     assert closed_off(third) and not third.needs_confirmation
@@ -224,7 +243,7 @@ def test_undo_and_expiry_keep_what_does_not_act():
     keeper.add(keep_out(Transform(5.0, -3.0, 0.0)), 1.0)
     keeper.remove("b1")
     walled = flat()
-    walled.data[walled.world_to_cell(ROOM.apply([(-0.4, -0.4)]))[0][0]:, :] = 100
+    walled.data[walled.world_to_cell(ROOM.apply([(-0.4, -0.4)]))[0][0] :, :] = 100
     keeper.set_map(walled)
     keeper.confirm(True, "", 2.0)
     outcome = keeper.undo()
@@ -247,8 +266,10 @@ def test_a_changed_border_is_not_overwritten():
     seen = keeper.revision
     keeper.rename("b1", "rug", 2.0, expected=seen)
     for action in (
-        lambda: keeper.update(keep_out(id="b1"), 3.0, expected=seen), lambda: keeper.remove("b1", expected=seen),
-        lambda: keeper.enable("b1", False, 3.0, expected=seen), lambda: keeper.add(keep_out(), 3.0, expected=seen),
+        lambda: keeper.update(keep_out(id="b1"), 3.0, expected=seen),
+        lambda: keeper.remove("b1", expected=seen),
+        lambda: keeper.enable("b1", False, 3.0, expected=seen),
+        lambda: keeper.add(keep_out(), 3.0, expected=seen),
     ):
         with pytest.raises(CodedError) as caught:
             action()
@@ -313,8 +334,16 @@ def test_a_schedule_switches_a_border():
     keeper = MapIntegrator(IntegratorParams(), None)
     keeper.set_map(flat(), at(23, 7))
     keeper.add(keep_out(schedule="mon-fri 08:00-12:00; sat 22:00-02:00"), at(23, 7))
-    for now, acts in ((at(23, 7, 59), 0), (at(23, 8), 1), (at(23, 11, 59), 1), (at(23, 12), 0), (at(28, 9), 0),
-                      (at(28, 23), 1), (at(29, 1), 1), (at(29, 3), 0)):
+    for now, acts in (
+        (at(23, 7, 59), 0),
+        (at(23, 8), 1),
+        (at(23, 11, 59), 1),
+        (at(23, 12), 0),
+        (at(28, 9), 0),
+        (at(28, 23), 1),
+        (at(29, 1), 1),
+        (at(29, 3), 0),
+    ):
         keeper.expire(now)
         assert closed_off(keeper) == bool(acts)
         assert keeper.status(keeper.borders[0]) == ((True, "") if acts else (False, "off_schedule"))

@@ -1,4 +1,5 @@
 """A move_base action server that has the faults it is told to have."""
+
 import math
 import threading
 
@@ -44,7 +45,8 @@ class FaultyMoveBase:
     def revive(self):
         """Starts the server, as a new process would."""
         self._server = _Server(
-            self.body.prefix + "move_base", MoveBaseAction, self._on_goal, self._on_cancel, auto_start=False)
+            self.body.prefix + "move_base", MoveBaseAction, self._on_goal, self._on_cancel, auto_start=False
+        )
         # one lock: the server holds its own while it calls back, and wants it when a goal is answered
         self._server.lock, self._server.asked = self._lock, self.asked
         self._server.start()

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The coverage node with two cameras, one of which comes late and is moved."""
+
 import os
 import sys
 import unittest
@@ -17,7 +18,11 @@ from vb_core import geometry, names  # noqa: E402
 from vb_core.camera_model import CameraModel  # noqa: E402
 from vb_core.ros.cameras import info_from_camera  # noqa: E402
 from vb_core.ros.messages import (  # noqa: E402
-    OccupancyGridArray, grid_from_message, message_from_grid, transform_message)
+    OccupancyGridArray,
+    grid_from_message,
+    message_from_grid,
+    transform_message,
+)
 
 LENS = CameraModel.ideal(400, 400, 200.0)  # sees 2 m x 2 m from a height of 2 m
 DOWN = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])
@@ -47,8 +52,9 @@ class CoverageTest(unittest.TestCase):
 
     @classmethod
     def place(cls, name, x, y):
-        cls.poses[name] = transform_message(geometry.transform(DOWN, (x, y, 2.0)), "map", f"{name}_optical_frame",
-                                            rospy.Time.now())
+        cls.poses[name] = transform_message(
+            geometry.transform(DOWN, (x, y, 2.0)), "map", f"{name}_optical_frame", rospy.Time.now()
+        )
         cls.broadcaster.sendTransform(list(cls.poses.values()))
 
     @classmethod

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The dispatcher against a small move_base action server."""
+
 import math
 import os
 import signal

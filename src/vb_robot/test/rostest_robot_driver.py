@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Two robots' drivers with spots, tf, scans, maps and commands; what they command moves the robots."""
+
 import os
 import signal
 import sys
@@ -204,8 +205,9 @@ class DriverTest(unittest.TestCase):
 
     def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):
         cells, localisation = [], PoseWithCovarianceStamped()
-        listener = rospy.Subscriber(names.KEEP_OUT, OccupancyGridArray,
-                                    lambda message: cells.append(int((message.data == 100).sum())))
+        listener = rospy.Subscriber(
+            names.KEEP_OUT, OccupancyGridArray, lambda message: cells.append(int((message.data == 100).sum()))
+        )
         poses = rospy.Publisher("amcl_pose", PoseWithCovarianceStamped, queue_size=1)
         plain = self.publish_border()
         self.assertTrue(wait_until(lambda: cells and cells[-1] > plain), "by something in any case")

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Two robots and the faults of their navigation: the dispatcher against two move_base action servers."""
+
 import math
 import os
 import sys
@@ -32,8 +33,10 @@ class FaultsTest(unittest.TestCase):
         cls.bases = {body.name: FaultyMoveBase(body) for body in (cls.ada, cls.bob)}
         cls.words = []
         rospy.Subscriber(names.NOTICES, NoticeArray, lambda message: cls.words.extend(n.code for n in message.notices))
-        cls.maps = {name: rospy.Publisher(f"/{name}/virtual_borders/map", OccupancyGridArray, queue_size=1, latch=True)
-                    for name in cls.bases}
+        cls.maps = {
+            name: rospy.Publisher(f"/{name}/virtual_borders/map", OccupancyGridArray, queue_size=1, latch=True)
+            for name in cls.bases
+        }
         assert wait_until(lambda: cls.stimulus.spots.get_num_connections() > 0), "the dispatcher did not subscribe"
 
     def setUp(self):

@@ -1,4 +1,5 @@
 """What the rostests of this package share: a room, a robot whose pose is published to tf, spots and states."""
+
 import math
 import threading
 
@@ -56,7 +57,8 @@ class Body:
         return [
             transform_message(error, "map", self.prefix + "odom", now),
             transform_message(
-                geometry.pose2d_transform(x, y, yaw), self.prefix + "odom", self.prefix + "base_link", now),
+                geometry.pose2d_transform(x, y, yaw), self.prefix + "odom", self.prefix + "base_link", now
+            ),
             transform_message(self.view.T_base_camera, self.prefix + "base_link", self.prefix + "optical", now),
         ]
 

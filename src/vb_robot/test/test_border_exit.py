@@ -1,4 +1,5 @@
 """Paths out of a border, driven in a closed loop with a unicycle."""
+
 import math
 
 import numpy as np
@@ -35,7 +36,7 @@ def restricted(grid, mask):
 
 def square(grid, x0, y0, x1, y1):
     mask = np.zeros(grid.shape, dtype=bool)
-    mask[int(y0 * 20):int(y1 * 20), int(x0 * 20):int(x1 * 20)] = True
+    mask[int(y0 * 20) : int(y1 * 20), int(x0 * 20) : int(x1 * 20)] = True
     return mask
 
 
@@ -55,8 +56,11 @@ class Rig:
         command = self.driver.step(self.now)
         assert abs(command.v) <= 0.2 + 1e-9 and abs(command.w) <= 0.8 + 1e-9
         middle = self.pose[2] + 0.5 * command.w * DT
-        self.pose = (self.pose[0] + command.v * DT * math.cos(middle), self.pose[1] + command.v * DT * math.sin(middle),
-                     self.pose[2] + command.w * DT)
+        self.pose = (
+            self.pose[0] + command.v * DT * math.cos(middle),
+            self.pose[1] + command.v * DT * math.sin(middle),
+            self.pose[2] + command.w * DT,
+        )
         self.poses.append(self.pose)
         self.said.add(command.code)
         return command

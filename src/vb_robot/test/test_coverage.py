@@ -1,4 +1,5 @@
 """What a camera sees of the floor, against views worked out by hand and by other means."""
+
 import math
 
 import numpy as np
@@ -67,7 +68,10 @@ def test_tilted_camera_with_distortion_agrees_with_the_rays_of_its_pixels():
     pose = geometry.transform(body @ geometry.optical_rotation(), (1.0, 1.0, 2.5))
     seen = floor_seen(grid, lens, pose)
     rng = np.random.default_rng(2)
-    rays = lens.rays(rng.uniform(IMAGE_MARGIN + 5.0, (1594 - IMAGE_MARGIN, 994 - IMAGE_MARGIN), (2000, 2))) @ pose[:3, :3].T
+    rays = (
+        lens.rays(rng.uniform(IMAGE_MARGIN + 5.0, (1594 - IMAGE_MARGIN, 994 - IMAGE_MARGIN), (2000, 2)))
+        @ pose[:3, :3].T
+    )
     hits = [pose[:3, 3] - ray * pose[2, 3] / ray[2] for ray in rays if ray[2] < -0.05]
     cells = grid.world_to_cell(np.array(hits)[:, :2])
     near = np.linalg.norm(np.array(hits) - pose[:3, 3], axis=1) < MAX_DISTANCE - 0.1

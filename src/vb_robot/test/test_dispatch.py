@@ -1,4 +1,5 @@
 """The dispatch policy, and what is known about the spot."""
+
 import math
 from collections import namedtuple
 
@@ -44,8 +45,11 @@ class Robot:
 
     def best_viewpoint(self, robot, avoid):
         self.asked += 1
-        free = [found for found in self.candidates
-                if all(math.dist(found.pose[:2], entry[:2]) >= entry[2] for entry in avoid)]
+        free = [
+            found
+            for found in self.candidates
+            if all(math.dist(found.pose[:2], entry[:2]) >= entry[2] for entry in avoid)
+        ]
         return free[0] if free else None
 
 

@@ -1,4 +1,5 @@
 """The dispatcher as a whole, without ROS: lines that leave what the ceiling camera sees, robots that see nothing."""
+
 import math
 
 import numpy as np
@@ -26,7 +27,7 @@ class Lab:
         data[:, [0, -1]] = 100
         grid = GridMap(data, 0.05)
         coverage = np.where(data > 0, np.int8(-1), np.int8(1))
-        coverage[1:-1, int(EDGE / 0.05):-1] = 0
+        coverage[1:-1, int(EDGE / 0.05) : -1] = 0
         self.dispatcher = Dispatcher({"": 0.18})
         self.dispatcher.maps[""].view = VIEW
         self.dispatcher.maps[""].set_map(grid)

@@ -1,4 +1,5 @@
 """Where a robot is to look: the edge of what the cameras see, or a little ahead of a spot that it alone sees."""
+
 import numpy as np
 import pytest
 
@@ -35,7 +36,12 @@ def focus(*args, **kwargs):
 
 def test_blind_spots_are_known_to_a_cell_and_narrow_shadows_do_not_count():
     assert UNSEEN.at(np.array([[6.03, 2.5], [7.9, 4.9], [5.97, 2.5], [3.05, 2.5], [20.0, 0.0]])).tolist() == [
-        True, True, False, False, False]
+        True,
+        True,
+        False,
+        False,
+        False,
+    ]
     assert not BlindSpots(GridMap(np.ones((5, 5), np.int8), 0.1)).mask.any()
     assert BlindSpots(GridMap(np.zeros((5, 5), np.int8), 0.1)).mask.all()
 
@@ -43,7 +49,9 @@ def test_blind_spots_are_known_to_a_cell_and_narrow_shadows_do_not_count():
 def test_looks_where_the_line_ahead_leaves_what_cameras_see():
     assert focus((4.5, 2.5), RIGHT) == pytest.approx((6.0 + MIN_LOOKAHEAD, 2.5), abs=0.06)
     assert focus((4.9, 2.5), 3.0 * RIGHT) == pytest.approx((6.0 + 0.45 * REACTION, 2.5), abs=0.06), "a quick hand"
-    assert focus((4.9, 2.5), 9.0 * RIGHT) == pytest.approx((6.0 + HALF_VIEW, 2.5), abs=0.06), "where it left stays in view"
+    assert focus((4.9, 2.5), 9.0 * RIGHT) == pytest.approx(
+        (6.0 + HALF_VIEW, 2.5), abs=0.06
+    ), "where it left stays in view"
     assert focus((7.6, 2.5), RIGHT)[0] < 7.95, "not into the wall"
 
 

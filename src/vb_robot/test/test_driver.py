@@ -1,4 +1,5 @@
 """Who drives, and whether it may; and the closed loop of following, on a unicycle without ROS."""
+
 import math
 
 import numpy as np
@@ -27,15 +28,16 @@ def empty(width=8.0, height=5.0, resolution=0.025):
 def with_border(grid, x0, y0, x1, y1):
     data = grid.data.copy()
     low, high = grid.world_to_cell([[x0, y0], [x1, y1]])
-    data[low[0]:high[0], low[1]:high[1]] = 100
+    data[low[0] : high[0], low[1] : high[1]] = 100
     return grid.with_data(data)
 
 
 class Rig:
     """A driver on a unicycle in an empty room; what is `silent` does not come any more."""
 
-    def __init__(self, pose=(2.0, 2.5, 0.0), fov=360, grid=None, camera="robot", cameras=("robot",), leaves=False,
-                 stopped=False):
+    def __init__(
+        self, pose=(2.0, 2.5, 0.0), fov=360, grid=None, camera="robot", cameras=("robot",), leaves=False, stopped=False
+    ):
         self.now, self.pose, self.silent = 100.0, pose, set()
         self.driver = Driver(PROFILE, camera, cameras, leaves, stopped)
         self.driver.follower.view = VIEW
@@ -90,8 +92,11 @@ class Rig:
         self.cancelled += command.cancel
         self.commands.append(command)
         middle = self.pose[2] + 0.5 * command.w * DT
-        self.pose = (self.pose[0] + command.v * DT * math.cos(middle), self.pose[1] + command.v * DT * math.sin(middle),
-                     self.pose[2] + command.w * DT)
+        self.pose = (
+            self.pose[0] + command.v * DT * math.cos(middle),
+            self.pose[1] + command.v * DT * math.sin(middle),
+            self.pose[2] + command.w * DT,
+        )
 
     def follows(self, distance=1.6):
         """Guided, and on its way to a spot ahead."""
@@ -204,9 +209,16 @@ def test_a_resume_that_is_older_than_the_stop_does_not_release_it():
 
 
 # ------------------------------------------------------------ the gate
-@pytest.mark.parametrize("lost, code", [("scan", "scan_lost"), ("pose", "pose_lost"),
-                                        ("localisation", "pose_lost"), ("state", "state_lost"),
-                                        ("clock", "clock_stopped")])
+@pytest.mark.parametrize(
+    "lost, code",
+    [
+        ("scan", "scan_lost"),
+        ("pose", "pose_lost"),
+        ("localisation", "pose_lost"),
+        ("state", "state_lost"),
+        ("clock", "clock_stopped"),
+    ],
+)
 @pytest.mark.parametrize("who", ["follow", "navigation"])
 def test_without_scan_pose_state_or_clock_it_rests_in_time_and_without_a_jerk(who, lost, code):
     rig = Rig()
@@ -337,8 +349,10 @@ def test_numbers_that_are_none_stop_it():
 
 # ------------------------------------------------------------ one policy for spots
 @settings(max_examples=200, deadline=None)
-@given(st.sampled_from([BORDER, SEED]),
-       st.lists(st.tuples(st.sampled_from(["red", "robot"]), st.floats(0.0, 1.0)), min_size=1, max_size=30))
+@given(
+    st.sampled_from([BORDER, SEED]),
+    st.lists(st.tuples(st.sampled_from(["red", "robot"]), st.floats(0.0, 1.0)), min_size=1, max_size=30),
+)
 def test_somebody_always_acts_and_never_two(state, seen):
     """Driver and dispatcher each keep their own record; both hear the same spots."""
     driver, dispatcher = Sightings(mobile_cameras=["robot"]), Sightings(mobile_cameras=["robot"])
@@ -420,8 +434,15 @@ RECTANGLE = np.array([[2, 2.0], [4, 2.0], [4, 3.25], [2, 3.25], [2, 2.0]])
 
 
 @pytest.mark.parametrize(
-    "path, speed", [([[2, 2.5], [6, 2.5]], 0.2), ([[2, 2.5], [2, 4.5]], 0.2), (CIRCLE, 0.1), (CIRCLE, 0.2),
-                    (RECTANGLE, 0.2), (RECTANGLE[::-1], 0.2)],
+    "path, speed",
+    [
+        ([[2, 2.5], [6, 2.5]], 0.2),
+        ([[2, 2.5], [2, 4.5]], 0.2),
+        (CIRCLE, 0.1),
+        (CIRCLE, 0.2),
+        (RECTANGLE, 0.2),
+        (RECTANGLE[::-1], 0.2),
+    ],
     ids=["line away", "line sideways", "circle slowly", "circle", "rectangle", "rectangle clockwise"],
 )
 def test_spot_stays_in_view(path, speed):

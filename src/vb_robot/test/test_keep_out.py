@@ -1,4 +1,5 @@
 """Paths avoid what is being drawn: invariants against shapely's geometry."""
+
 import math
 
 import numpy as np
@@ -106,7 +107,9 @@ def test_robot_within_a_half_drawn_polygon_gets_no_viewpoint_within_it():
 
 def test_short_line_changes_nothing():
     line = np.array([[4.0, 2.0], [4.2, 2.0]])
-    assert rank((6.0, 2.0, 0.0), DrawingState(line[1], line, seen_by_stationary=True)) == rank((6.0, 2.0, 0.0), DrawingState(line[1], line))
+    assert rank((6.0, 2.0, 0.0), DrawingState(line[1], line, seen_by_stationary=True)) == rank(
+        (6.0, 2.0, 0.0), DrawingState(line[1], line)
+    )
 
 
 def test_without_a_safe_path_it_depends_on_who_sees_the_spot():

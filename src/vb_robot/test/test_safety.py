@@ -1,4 +1,5 @@
 """What a scan, a map and a map of speeds let a robot do."""
+
 import math
 
 import numpy as np

@@ -1,4 +1,5 @@
 """Turns that navigation makes to and fro are finished; all its other requests pass as they are."""
+
 import math
 
 import numpy as np
@@ -34,18 +35,25 @@ def test_a_robot_that_faces_away_from_its_path_turns_round():
 def passed(requests, pose=lambda now: (0.0, 0.0, 0.0), step=1.0):
     """What becomes of requests (v, w), one each `step` [s]."""
     finisher = TurnFinisher()
-    found = [finisher.finish(step * number, VelocityRequest(*request), pose(step * number)) for number, request in enumerate(requests)]
+    found = [
+        finisher.finish(step * number, VelocityRequest(*request), pose(step * number))
+        for number, request in enumerate(requests)
+    ]
     return [(request.v, request.w) for request in found]
 
 
 TO_AND_FRO = [(0.0, 0.3), (0.0, 0.3), (0.0, -0.3), (0.0, 0.3), (0.0, -0.3), (0.0, 0.3), (0.0, -0.3)]
 
 
-@pytest.mark.parametrize("requests", [
-    TO_AND_FRO[:4],
-    [(0.0, 0.3), (0.0, -0.3), (0.2, 0.3), (0.0, -0.3), (0.0, 0.3), (0.0, -0.3)],
-    [(0.3, 0.3), (0.3, -0.3), (0.3, 0.3), (0.3, -0.3), (0.3, 0.3)],
-], ids=["corrections", "drives between", "a winding path"])
+@pytest.mark.parametrize(
+    "requests",
+    [
+        TO_AND_FRO[:4],
+        [(0.0, 0.3), (0.0, -0.3), (0.2, 0.3), (0.0, -0.3), (0.0, 0.3), (0.0, -0.3)],
+        [(0.3, 0.3), (0.3, -0.3), (0.3, 0.3), (0.3, -0.3), (0.3, 0.3)],
+    ],
+    ids=["corrections", "drives between", "a winding path"],
+)
 def test_other_requests_pass(requests):
     assert passed(requests) == requests
 

@@ -1,4 +1,5 @@
 """Floor view, terrain and viewpoints: the invariants of every pose that is offered."""
+
 import math
 
 import numpy as np
@@ -99,7 +100,7 @@ def test_borders_hide_nothing_but_walls_do():
 def test_sides_of_polygon_and_curve():
     square = np.array([[5.0, 1.0], [6.0, 1.0], [6.0, 2.0], [5.0, 2.0]])
     inside = TERRAIN.side_of((5.5, 1.5), square, True)
-    assert inside.sum() * 0.025 ** 2 == pytest.approx(1.0, abs=0.1)
+    assert inside.sum() * 0.025**2 == pytest.approx(1.0, abs=0.1)
     door = np.array([[4.0, 3.7], [4.0, 4.3]])
     left = TERRAIN.side_of((1.0, 1.0), door, False)
     assert left[40, 40] and not left[40, 280]

@@ -1,11 +1,20 @@
 """How a footprint touches borders, and the names of borders."""
+
 import math
 
 import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.driving.workspace import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UPDATES, BorderContact, KnownBorder, PoseUncertainty, Workspace
+from vb_robot.driving.workspace import (
+    MAX_UNCERTAINTY,
+    MIN_UNCERTAINTY,
+    UPDATES,
+    BorderContact,
+    KnownBorder,
+    PoseUncertainty,
+    Workspace,
+)
 
 
 def workspace(borders, *squares, value=100):
@@ -14,7 +23,7 @@ def workspace(borders, *squares, value=100):
     physical = GridMap(data, 0.05)
     data = data.copy()
     for y0, y1, x0, x1 in squares:
-        data[int(y0 * 20):int(y1 * 20), int(x0 * 20):int(x1 * 20)] = value
+        data[int(y0 * 20) : int(y1 * 20), int(x0 * 20) : int(x1 * 20)] = value
     return Workspace(physical.with_data(data), physical, 0.18, borders)
 
 
@@ -92,7 +101,12 @@ def test_the_map_for_navigation_has_what_the_driver_keeps_out_of():
     plain = workspace([], (0.5, 1.5, 0.5, 1.5))
     data = plain.borders.data.copy()
     data[31:, :] = -1
-    here = Workspace(plain.borders.with_data(data), plain.physical.with_data(np.minimum(data, plain.physical.data)), 0.18, uncertainty=0.1)
+    here = Workspace(
+        plain.borders.with_data(data),
+        plain.physical.with_data(np.minimum(data, plain.physical.data)),
+        0.18,
+        uncertainty=0.1,
+    )
     grown = here.keep_out.data != here.borders.data
     assert grown.any() and (here.keep_out.data[grown] == 100).all() and (here.borders.data[grown] == 0).all()
     assert (here.keep_out.data[data < 0] == -1).all(), "unknown floor stays unknown: navigation does not plan there"

@@ -1,4 +1,5 @@
 """A small stand-in for the whole system, for testing people without ROS: cameras, robot, commands."""
+
 import math
 
 import numpy as np
@@ -90,6 +91,8 @@ class System:
         elif self.follows and action.laser is not None and self.robot_sees(action.laser):
             distance = math.hypot(action.laser[0] - x, action.laser[1] - y)
             bearing = geometry.wrap_angle(math.atan2(action.laser[1] - y, action.laser[0] - x) - yaw)
-            speed = float(np.clip(0.8 * (distance - (1.0 if distance > 0.8 else 0.8)), -0.1, 0.2)) * max(0.0, 1.0 - abs(bearing) / 0.44)
+            speed = float(np.clip(0.8 * (distance - (1.0 if distance > 0.8 else 0.8)), -0.1, 0.2)) * max(
+                0.0, 1.0 - abs(bearing) / 0.44
+            )
             self.robot = advance(self.robot, speed * dt, float(np.clip(1.8 * bearing, -0.8, 0.8)) * dt)
         self.percept.robot = self.robot

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Both camera nodes: images, camera_info, stamps, tf, counts; a lab that falls silent; bad parameters."""
+
 import subprocess
 import threading
 import time
@@ -88,6 +89,7 @@ class CamerasTest(unittest.TestCase):
 
     def pair(self, key):
         """A newest image and the camera_info with the same stamp."""
+
         def found():
             both = set(self.images.get(key, {})) & set(self.infos.get(key, {}))
             return (self.images[key][max(both)], self.infos[key][max(both)]) if both else None
@@ -169,13 +171,20 @@ class CamerasTest(unittest.TestCase):
                 self.wait(f"light in '{key}'", lambda: (brightness(key) > dark[key] * 1.2) == brighter)
 
     def test_bad_parameters(self):
-        for arguments, words in ((["_world:=/nowhere.yaml"], "no_world"), ([], "~world"), (["_cameras:=[nobody]"], "nobody"),
-                                  (["_sead:=3"], "sead")):
+        for arguments, words in (
+            (["_world:=/nowhere.yaml"], "no_world"),
+            ([], "~world"),
+            (["_cameras:=[nobody]"], "nobody"),
+            (["_sead:=3"], "sead"),
+        ):
             known = "".join(arguments).startswith(("_cameras", "_sead"))
             world = [f"_world:={rospy.get_param('/ceiling_cameras/world')}"] if known else []
             run = subprocess.run(
                 ["rosrun", "vb_sim", "ceiling_cameras", "__name:=bad_cameras", *world, *arguments],
-                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, timeout=240,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                universal_newlines=True,
+                timeout=240,
             )
             self.assertEqual(run.returncode, 1, run.stdout)
             self.assertIn(words.lstrip("~"), run.stdout)

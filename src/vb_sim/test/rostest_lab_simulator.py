@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The simulated lab over real topics: time, motion, tf, scan, participant, reset, respawn, bad worlds."""
+
 import math
 import os
 import subprocess
@@ -73,7 +74,9 @@ class LabSimulatorTest(unittest.TestCase):
     def test_robot_moves_and_stops_by_itself(self):
         self.reset()
         start = self.pose()
-        self.drive_until(lambda state: math.hypot(state.robot_poses[0].x - start[0], state.robot_poses[0].y - start[1]) > 0.3)
+        self.drive_until(
+            lambda state: math.hypot(state.robot_poses[0].x - start[0], state.robot_poses[0].y - start[1]) > 0.3
+        )
         # nobody commands any longer: it stands soon
         self.assertTrue(wait_until(lambda: abs(self.odom.next().twist.twist.linear.x) < 1e-6))
         heading = math.atan2(*(self.pose()[:2] - start[:2])[::-1])
@@ -114,8 +117,14 @@ class LabSimulatorTest(unittest.TestCase):
         self.amcl.until(lambda message: abs(message.pose.pose.position.x - START[0]) < 0.2)
 
     def test_the_participant_is_in_the_state_until_silent(self):
-        message = ParticipantState(laser_on=True, laser=Point(1.0, 2.0, 0.0), laser_color="green", person_present=True,
-                                   person=Pose2D(3.0, 1.0, 0.5), doing="draws")
+        message = ParticipantState(
+            laser_on=True,
+            laser=Point(1.0, 2.0, 0.0),
+            laser_color="green",
+            person_present=True,
+            person=Pose2D(3.0, 1.0, 0.5),
+            doing="draws",
+        )
 
         def shown():
             self.participant.publish(message)
@@ -123,7 +132,9 @@ class LabSimulatorTest(unittest.TestCase):
 
         self.assertTrue(wait_until(shown))
         state = self.state.message
-        self.assertEqual((state.laser.x, state.laser_color, state.person.x, state.participant_doing), (1.0, "green", 3.0, "draws"))
+        self.assertEqual(
+            (state.laser.x, state.laser_color, state.person.x, state.participant_doing), (1.0, "green", 3.0, "draws")
+        )
         self.state.until(lambda state: not state.laser_on)
         self.assertTrue(self.state.message.person_present)
 
@@ -131,10 +142,16 @@ class LabSimulatorTest(unittest.TestCase):
         self.reset()
         self.drive_until(lambda state: state.robot_poses[0].x < 7.2)
         self.assertTrue(wait_until(lambda: abs(self.odom.next().twist.twist.linear.x) < 1e-6))
-        before, clock, (odometry, _) = self.pose(), self.clock.message.clock, (self.odom.next().pose.pose.position, None)
+        before, clock, (odometry, _) = (
+            self.pose(),
+            self.clock.message.clock,
+            (self.odom.next().pose.pose.position, None),
+        )
         api = rosnode.get_api_uri(rospy.get_master(), "/lab_simulator")
         rosnode.kill_nodes(["/lab_simulator"])
-        self.assertTrue(wait_until(lambda: rosnode.get_api_uri(rospy.get_master(), "/lab_simulator", True) not in (None, api)))
+        self.assertTrue(
+            wait_until(lambda: rosnode.get_api_uri(rospy.get_master(), "/lab_simulator", True) not in (None, api))
+        )
         count = self.state.count
         self.assertTrue(wait_until(lambda: self.state.count > count + 5, 60.0))
         self.assertTrue(np.allclose(self.pose(), before, atol=0.02))
@@ -150,8 +167,12 @@ class LabSimulatorTest(unittest.TestCase):
             file.write(text.replace("resolution: 0.025", "resolution: -1"))
         cases = {"_world:=/no/such.yaml": "no_world", f"_world:={bad}": "room/resolution", "_seed:=2": "world"}
         runs = [
-            subprocess.Popen(["rosrun", "vb_sim", "lab_simulator", f"__name:=bad_{index}", argument],
-                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True)
+            subprocess.Popen(
+                ["rosrun", "vb_sim", "lab_simulator", f"__name:=bad_{index}", argument],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                universal_newlines=True,
+            )
             for index, argument in enumerate(cases)
         ]
         for run, word in zip(runs, cases.values()):

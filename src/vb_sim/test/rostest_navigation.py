@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The stand-ins for map_server and move_base, with the simulated robot."""
+
 import math
 import os
 import sys
@@ -75,7 +76,9 @@ class NavigationTest(unittest.TestCase):
         self.client.send_goal(MoveBaseGoal(target_pose=pose(*goal)))
 
     def finish(self, limit=90.0):
-        self.assertTrue(wait_until(lambda: self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), limit))
+        self.assertTrue(
+            wait_until(lambda: self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), limit)
+        )
         self.assertTrue(wait_until(self.may_plan))
         last = self.cmd_vel.message
         self.assertTrue(last is None or (last.linear.x == 0.0 and last.angular.z == 0.0))
@@ -106,7 +109,9 @@ class NavigationTest(unittest.TestCase):
         self.publish((3.12, 0.3, 5.12, 2.05))
         after = self.path(start, goal)
         self.assertTrue(((before[:, 0] > 3.2) & (before[:, 0] < 5.0) & (before[:, 1] < 2.05)).any())
-        self.assertFalse(((after[:, 0] > 3.12) & (after[:, 0] < 5.12) & (after[:, 1] > 0.3) & (after[:, 1] < 2.05)).any())
+        self.assertFalse(
+            ((after[:, 0] > 3.12) & (after[:, 0] < 5.12) & (after[:, 1] > 0.3) & (after[:, 1] < 2.05)).any()
+        )
         self.assertGreater(geometry.chain_length(after), geometry.chain_length(before))
         occupancy = np.array(self.costmap.message.data).reshape(self.grid.shape)
         row, column = self.grid.world_to_cell([(4.0, 1.0)])[0]
@@ -142,8 +147,13 @@ class NavigationTest(unittest.TestCase):
         entered = []
         border = (6.0, 0.4, 6.4, 1.3)
         self.publish(border)
-        watch = rospy.Subscriber(names.LAB_STATE, LabState, lambda state: entered.append(
-            border[0] < state.robot_poses[0].x < border[2] and border[1] < state.robot_poses[0].y < border[3]))
+        watch = rospy.Subscriber(
+            names.LAB_STATE,
+            LabState,
+            lambda state: entered.append(
+                border[0] < state.robot_poses[0].x < border[2] and border[1] < state.robot_poses[0].y < border[3]
+            ),
+        )
         self.assertEqual(self.finish()[0], GoalStatus.SUCCEEDED)
         watch.unregister()
         self.assertFalse(any(entered))

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The participant's node against a scripted system: it answers commands and sees every spot."""
+
 import json
 import os
 import subprocess
@@ -22,7 +23,13 @@ from vb_core import names  # noqa: E402
 from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, ParticipantState  # noqa: E402
 from vb_msgs.srv import Command, CommandResponse  # noqa: E402
 
-STATES = {"define_border": "border", "define_seed": "seed", "guide_robot": "guide", "cancel": "default", "save": "default"}
+STATES = {
+    "define_border": "border",
+    "define_seed": "seed",
+    "guide_robot": "guide",
+    "cancel": "default",
+    "save": "default",
+}
 SPEED = 2.0  # seconds of the lab per second of wall time, so that the test is over sooner
 
 
@@ -91,7 +98,9 @@ class ParticipantTest(unittest.TestCase):
     def restart(self):
         api = rosnode.get_api_uri(rospy.get_master(), "/participant")
         rosnode.kill_nodes(["/participant"])
-        self.assertTrue(wait_until(lambda: rosnode.get_api_uri(rospy.get_master(), "/participant", True) not in (None, api)))
+        self.assertTrue(
+            wait_until(lambda: rosnode.get_api_uri(rospy.get_master(), "/participant", True) not in (None, api))
+        )
 
     def test_1_killed_in_the_middle_it_cancels_and_starts_over(self):
         self.assertTrue(wait_until(lambda: self.system.spots["border"], 60.0))
@@ -123,12 +132,24 @@ class ParticipantTest(unittest.TestCase):
 
     def test_4_bad_parameters_end_with_one_line(self):
         world = rospy.get_param("/participant/world")
-        cases = [(["_scenario:=room"], "/world"), ([f"_world:={world}"], "/scenario"),
-                 ([f"_world:={world}", "_scenario:=attic"], "attic"),
-                 ([f"_world:={world}", "_scenario:=room", "_method:=magic"], "/method")]
-        runs = [(subprocess.Popen(["rosrun", "vb_sim", "participant", f"__name:=bad_{index}", *arguments],
-                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True), word)
-                for index, (arguments, word) in enumerate(cases)]
+        cases = [
+            (["_scenario:=room"], "/world"),
+            ([f"_world:={world}"], "/scenario"),
+            ([f"_world:={world}", "_scenario:=attic"], "attic"),
+            ([f"_world:={world}", "_scenario:=room", "_method:=magic"], "/method"),
+        ]
+        runs = [
+            (
+                subprocess.Popen(
+                    ["rosrun", "vb_sim", "participant", f"__name:=bad_{index}", *arguments],
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.STDOUT,
+                    universal_newlines=True,
+                ),
+                word,
+            )
+            for index, (arguments, word) in enumerate(cases)
+        ]
         for run, word in runs:
             output, _ = run.communicate(timeout=240)
             self.assertEqual(run.returncode, 1, output)

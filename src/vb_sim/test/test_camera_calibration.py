@@ -1,4 +1,5 @@
 """The errors that a calibration leaves: on the floor, where they count; none where nothing is measured wrong."""
+
 from pathlib import Path
 
 import numpy as np

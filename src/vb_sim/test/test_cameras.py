@@ -1,4 +1,5 @@
 """The rendered cameras against geometry worked out independently."""
+
 import dataclasses
 from pathlib import Path
 
@@ -29,7 +30,10 @@ WORLD = {
         {"name": "mono", "x": 2.0, "y": 1.5, "width": 960, "image_height": 540, "encoding": "mono8"},
         {"name": "bayer", "x": 2.0, "y": 1.5, "yaw": 30, "width": 960, "image_height": 540},
     ],
-    "robots": [{"name": "robot", "start": [0.5, 1.5, 0.0]}, {"name": "other", "namespace": "other", "start": [3.5, 2.5, 0.0]}],
+    "robots": [
+        {"name": "robot", "start": [0.5, 1.5, 0.0]},
+        {"name": "other", "namespace": "other", "start": [3.5, 2.5, 0.0]},
+    ],
 }
 RADII = {"robot": 0.18, "other": 0.18}
 
@@ -156,7 +160,9 @@ def test_box_hides_the_spot_from_the_robot(lab):
 def test_a_frame_leaves_no_trace_in_the_next(lab):
     view = ceiling(lab, "bayer")
     empty = view.frame(Snapshot(1.0)).copy()
-    scene = Snapshot(1.0, {"robot": (2.0, 1.5, 0.3), "other": (2.2, 1.6, 0.0)}, (1.9, 1.6), "red", (0.5, 0.1), (1.6, 1.4, 0.2))
+    scene = Snapshot(
+        1.0, {"robot": (2.0, 1.5, 0.3), "other": (2.2, 1.6, 0.0)}, (1.9, 1.6), "red", (0.5, 0.1), (1.6, 1.4, 0.2)
+    )
     busy = view.frame(scene).copy()
     assert (busy != empty).sum() > 10000
     np.testing.assert_array_equal(view.frame(Snapshot(1.1)), empty)
@@ -255,8 +261,10 @@ def test_rays_of_a_distorted_camera_are_exact(lab):
 
 
 def test_the_nearer_box_hides_the_other_whatever_the_order():
-    boxes = [{"name": "a", "x": 2.0, "y": 1.0, "size": [0.3, 0.3], "height": 0.5, "color": [200, 0, 0]},
-             {"name": "b", "x": 2.6, "y": 1.0, "size": [0.3, 0.9], "height": 0.5, "color": [0, 0, 200]}]
+    boxes = [
+        {"name": "a", "x": 2.0, "y": 1.0, "size": [0.3, 0.3], "height": 0.5, "color": [200, 0, 0]},
+        {"name": "b", "x": 2.6, "y": 1.0, "size": [0.3, 0.9], "height": 0.5, "color": [0, 0, 200]},
+    ]
     pictures = []
     for order in (boxes, boxes[::-1]):
         world = world_from_mapping({**WORLD, "furniture": order})
@@ -266,9 +274,16 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
         buffer.paint(image)
         pictures.append(image)
     np.testing.assert_array_equal(*pictures)
-    u, v = np.round(world.robots[0].color_model().project(geometry.apply(
-        geometry.invert(geometry.pose2d_transform(0.8, 1.0, 0.0) @ world.robots[0].camera_mount()), np.array([[1.85, 1.0, 0.25]])
-    ))[0]).astype(int)
+    u, v = np.round(
+        world.robots[0]
+        .color_model()
+        .project(
+            geometry.apply(
+                geometry.invert(geometry.pose2d_transform(0.8, 1.0, 0.0) @ world.robots[0].camera_mount()),
+                np.array([[1.85, 1.0, 0.25]]),
+            )
+        )[0]
+    ).astype(int)
     assert pictures[0][v, u, 0] > 80 and pictures[0][v, u, 2] == 0
 
 

@@ -1,4 +1,5 @@
 """Light, sun, reflections and other people in the pictures of both kinds of cameras."""
+
 from pathlib import Path
 
 import cv2
@@ -40,7 +41,10 @@ def render(views, place, around, **more):
         pixels.decode(ceiling.frame(snapshot), ceiling.encoding).copy(),
         cv2.cvtColor(robot.color(snapshot), cv2.COLOR_RGB2BGR),
     ]
-    return pictures, [seen_at(ceiling.model, ceiling.pose, place), seen_at(robot.color_model, robot.camera_pose(snapshot), place)]
+    return pictures, [
+        seen_at(ceiling.model, ceiling.pose, place),
+        seen_at(robot.color_model, robot.camera_pose(snapshot), place),
+    ]
 
 
 def level(picture, pixel):
@@ -86,7 +90,9 @@ def test_a_glint_is_where_it_should_be(views):
 def test_bystanders_wear_what_they_wear(views):
     # a ceiling camera sees shirts, the robot's camera sees shoes
     dark, white = (
-        render(views, (1.5, 1.0, 0.0), SceneConditions(bystanders=(Bystander((1.5, 1.0, 0.3), (tone,) * 3, (tone,) * 3),)))[0]
+        render(
+            views, (1.5, 1.0, 0.0), SceneConditions(bystanders=(Bystander((1.5, 1.0, 0.3), (tone,) * 3, (tone,) * 3),))
+        )[0]
         for tone in (40, 240)
     )
     assert all((cv2.absdiff(a, b) > 60).any(axis=2).sum() > 300 for a, b in zip(dark, white))

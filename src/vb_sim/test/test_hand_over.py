@@ -4,6 +4,7 @@ Ground truth is the corner of the lab: the ceiling camera "blue" sees its line u
 rest.
 Each camera is off as the models say: the ceiling camera by its calibration, the robot's by its localisation.
 """
+
 from pathlib import Path
 
 import numpy as np

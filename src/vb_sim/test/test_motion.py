@@ -1,4 +1,5 @@
 """The robot's body, its odometry and localisation, the scanner, time and the state file."""
+
 import math
 import threading
 from pathlib import Path
@@ -25,19 +26,25 @@ WORLDS = Path(__file__).resolve().parents[1] / "worlds"
 
 DT = 0.02
 SURE = LocalisationModel(position_sigma=0.0, yaw_sigma=0.0)
-EXACT = RobotModel(odometry_scale_sigma=0.0, odometry_distance_noise=0.0, odometry_turn_noise=0.0, odometry_drift_noise=0.0)
+EXACT = RobotModel(
+    odometry_scale_sigma=0.0, odometry_distance_noise=0.0, odometry_turn_noise=0.0, odometry_drift_noise=0.0
+)
 
 
 def small_world(**more):
-    return world_from_mapping({
-        "room": {"size": [4.0, 3.0]},
-        "furniture": [{"name": "pillar", "kind": "cylinder", "x": 3.0, "y": 1.5, "radius": 0.2}],
-        "robots": [{"name": "robot", "start": [1.0, 1.5, 0.0]}],
-        **more,
-    })
+    return world_from_mapping(
+        {
+            "room": {"size": [4.0, 3.0]},
+            "furniture": [{"name": "pillar", "kind": "cylinder", "x": 3.0, "y": 1.5, "radius": 0.2}],
+            "robots": [{"name": "robot", "start": [1.0, 1.5, 0.0]}],
+            **more,
+        }
+    )
 
 
-def body(model=RobotModel(), localisation=LocalisationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0.0, 0.0, 0.0)):
+def body(
+    model=RobotModel(), localisation=LocalisationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0.0, 0.0, 0.0)
+):
     return RobotBody(start, 0.18, model, localisation, clearance, np.random.default_rng(seed))
 
 
@@ -209,7 +216,8 @@ def test_beams_meet_the_walls_where_they_are():
     # distances from (1.0, 1.5) to the walls of a 4 m x 3 m room
     with np.errstate(divide="ignore"):
         expected = np.minimum(
-            np.where(np.cos(angles) > 0, 3.0, 1.0) / np.abs(np.cos(angles)), 1.5 / np.abs(np.sin(angles)))
+            np.where(np.cos(angles) > 0, 3.0, 1.0) / np.abs(np.cos(angles)), 1.5 / np.abs(np.sin(angles))
+        )
     assert np.abs(ranges - expected).max() < 0.04
 
 
@@ -223,7 +231,9 @@ def test_beams_agree_with_fine_sampling():
     origin, angles = (-1.0 + 2.01, 2.0 + 1.51), np.linspace(-math.pi, math.pi, 200)
     ranges = DistanceField(grid).cast(origin, angles, 10.0)
     samples = np.arange(0.0, 6.0, 0.002)
-    points = np.stack([origin[0] + samples * np.cos(angles)[:, None], origin[1] + samples * np.sin(angles)[:, None]], axis=-1)
+    points = np.stack(
+        [origin[0] + samples * np.cos(angles)[:, None], origin[1] + samples * np.sin(angles)[:, None]], axis=-1
+    )
     blocked = grid.values_at(points.reshape(-1, 2)).reshape(points.shape[:2]) != FREE
     expected = samples[blocked.argmax(axis=1)]
     # a beam may pass a cell's very corner
@@ -328,8 +338,9 @@ def test_scanners_that_do_not_look_all_round(robot, fov, nearest):
     x, y, yaw = lab.robots[robot].pose
     # a person right before it is nearer than it can measure, and that is said
     near = 0.1 + 0.5 * lab.scan_model.person_radius
-    lab.hear_participant(Participant(
-        present=True, pose=(x + near * math.cos(yaw), y + near * math.sin(yaw), 0.0), heard=0.0))
+    lab.hear_participant(
+        Participant(present=True, pose=(x + near * math.cos(yaw), y + near * math.sin(yaw), 0.0), heard=0.0)
+    )
     assert -math.inf in lab.scan(robot)[1]
 
 

@@ -1,4 +1,5 @@
 """Costmap, planner and follower of the stand-in for move_base."""
+
 import math
 
 import numpy as np
@@ -52,9 +53,18 @@ def test_inflation_follows_costmap_2d():
     assert ((costmap.costs == INSCRIBED) == (expected == INSCRIBED)).all()
 
 
-@pytest.mark.parametrize("value, trinary, threshold, cost", [
-    (0, False, 100, 0), (100, False, 100, LETHAL), (UNKNOWN, False, 100, NO_INFORMATION), (75, True, 100, 0),
-    (75, False, 100, 190), (75, False, 65, LETHAL), (75, True, 65, LETHAL)])
+@pytest.mark.parametrize(
+    "value, trinary, threshold, cost",
+    [
+        (0, False, 100, 0),
+        (100, False, 100, LETHAL),
+        (UNKNOWN, False, 100, NO_INFORMATION),
+        (75, True, 100, 0),
+        (75, False, 100, 190),
+        (75, False, 65, LETHAL),
+        (75, True, 65, LETHAL),
+    ],
+)
 def test_static_values_as_static_layer(value, trinary, threshold, cost):
     grid = GridMap(np.full((3, 3), value, np.int8), 0.05)
     params = CostmapParams(trinary_costmap=trinary, lethal_cost_threshold=threshold)
@@ -148,14 +158,17 @@ def test_a_wall_is_gone_round():
     assert after[:, 1].max() > 1.5
 
 
-@pytest.mark.parametrize("start, goal, tolerance, code", [
-    ((0.0, 0.0), (4.5, 0.0), 0.0, "no_path"),
-    ((0.0, 0.0), (2.5, 0.0), 0.0, "goal_blocked"),
-    ((2.5, 0.0), (0.0, 0.0), 0.0, "start_blocked"),
-    ((0.0, 0.0), (99.0, 0.0), 0.0, "off_map"),
-    ((0.0, 0.0), (math.nan, 0.0), 0.0, "off_map"),
-    ((0.0, 0.0), (4.5, 0.0), 0.5, "no_path"),
-])
+@pytest.mark.parametrize(
+    "start, goal, tolerance, code",
+    [
+        ((0.0, 0.0), (4.5, 0.0), 0.0, "no_path"),
+        ((0.0, 0.0), (2.5, 0.0), 0.0, "goal_blocked"),
+        ((2.5, 0.0), (0.0, 0.0), 0.0, "start_blocked"),
+        ((0.0, 0.0), (99.0, 0.0), 0.0, "off_map"),
+        ((0.0, 0.0), (math.nan, 0.0), 0.0, "off_map"),
+        ((0.0, 0.0), (4.5, 0.0), 0.5, "no_path"),
+    ],
+)
 def test_why_there_is_no_path(start, goal, tolerance, code):
     planner = Planner(Costmap(with_wall(room(), gap=False), PARAMS))
     with pytest.raises(CodedError) as caught:
@@ -235,5 +248,7 @@ def test_it_stops_before_an_obstacle_and_says_so():
 
 def test_what_stands_beside_the_path_does_not_matter():
     path = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])
-    poses, motions = follow(path, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0), lambda pose: np.array([[0.5, 0.3], [0.2, -0.3]]), 20.0)
+    poses, motions = follow(
+        path, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0), lambda pose: np.array([[0.5, 0.3], [0.2, -0.3]]), 20.0
+    )
     assert motions[-1].arrived

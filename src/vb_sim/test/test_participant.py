@@ -1,4 +1,5 @@
 """The simulated person, on a small stand-in for the system."""
+
 import sys
 from pathlib import Path
 
@@ -102,14 +103,23 @@ def test_nobody_sees_anything():
 def test_a_refused_seed_is_shown_again():
     sim = system("room", refuse_saves=["no_seed"])
     assert sim.run(120.0) == "saved"
-    assert [command for command, _, _ in sim.commands] == ["define_border", "define_seed", "save", "define_seed", "save"]
+    assert [command for command, _, _ in sim.commands] == [
+        "define_border",
+        "define_seed",
+        "save",
+        "define_seed",
+        "save",
+    ]
 
 
 def test_a_refused_border_is_cancelled_and_drawn_again():
     sim = system("room", refuse_saves=["no_separation"])
     assert sim.run(120.0) == "saved"
     assert [command for command, _, _ in sim.commands] == ["define_border", "define_seed", "save", "cancel"] + [
-        "define_border", "define_seed", "save"]
+        "define_border",
+        "define_seed",
+        "save",
+    ]
 
 
 def test_the_person_gives_up_after_some_tries():
@@ -233,7 +243,10 @@ def test_real_strokes_move_as_people_do():
 
 def test_closed_strokes_have_gaps_and_overlaps():
     ends = np.array(
-        [drawn_by(style, model=ParticipantModel(stroke_scale=1.0, overlap=0.0, aim_sigma=0.0)).points[-1] for style in load_styles()]
+        [
+            drawn_by(style, model=ParticipantModel(stroke_scale=1.0, overlap=0.0, aim_sigma=0.0)).points[-1]
+            for style in load_styles()
+        ]
     )
     gap = np.linalg.norm(ends - SQUARE[0], axis=1) / np.linalg.norm(np.ptp(SQUARE, axis=0))
     assert 0.02 < np.median(gap) < 0.15 and gap.max() > 0.15
@@ -242,14 +255,23 @@ def test_closed_strokes_have_gaps_and_overlaps():
 def test_the_ends_of_open_strokes_are_missed_like_any_corner():
     """A doorway's line has two ends and nothing else: without errors there its index was 1.000 by construction."""
     door = np.array([[3.2, 3.18], [3.2, 3.88]])
-    ends = np.array([Stroke(door, False, ParticipantModel(aim_sigma=0.03), np.random.default_rng(seed)).points[[0, -1]]
-                     for seed in range(200)])
+    ends = np.array(
+        [
+            Stroke(door, False, ParticipantModel(aim_sigma=0.03), np.random.default_rng(seed)).points[[0, -1]]
+            for seed in range(200)
+        ]
+    )
     assert np.sqrt(np.mean((ends[:, :, 0] - 3.2) ** 2)) == pytest.approx(0.03 / np.sqrt(2.0), rel=0.2)
 
 
 def test_open_strokes_end_where_the_floor_ends():
-    stroke = Stroke(np.array([[0.0, 0.0], [0.0, 2.0]]), False, ParticipantModel(late_start=0.0), np.random.default_rng(0),
-                    lambda places: (places[:, 1] > 0.1) & (places[:, 1] < 1.8))
+    stroke = Stroke(
+        np.array([[0.0, 0.0], [0.0, 2.0]]),
+        False,
+        ParticipantModel(late_start=0.0),
+        np.random.default_rng(0),
+        lambda places: (places[:, 1] > 0.1) & (places[:, 1] < 1.8),
+    )
     assert stroke.at(0.0)[1] == pytest.approx(0.11, abs=0.02)
     assert stroke.at(stroke.length)[1] == pytest.approx(1.79, abs=0.02)
 
@@ -260,14 +282,17 @@ def test_marks_on_the_floor_lie_beside_the_map():
     assert np.allclose(perceive_border(SQUARE[::-1], True, (0.0, 0.0), 0.0, 0.05)[::-1], meant - (0.03, -0.01))
     turned = perceive_border(SQUARE, False, (0.0, 0.0), np.pi / 2, 0.05)
     assert np.allclose(
-        turned - turned.mean(axis=0), np.column_stack([-(SQUARE - SQUARE.mean(axis=0))[:, 1], (SQUARE - SQUARE.mean(axis=0))[:, 0]])
+        turned - turned.mean(axis=0),
+        np.column_stack([-(SQUARE - SQUARE.mean(axis=0))[:, 1], (SQUARE - SQUARE.mean(axis=0))[:, 0]]),
     )
 
 
 @pytest.mark.parametrize("method", ["nrs", "robot_only"])
 def test_wrong_words_are_noticed_on_the_display(method):
-    right, wrong = [system("room", method, seed=seed, model=ParticipantModel(wrong_word=share, tries=6))
-                    for seed, share in ((3, 0.0), (3, 0.9))]
+    right, wrong = [
+        system("room", method, seed=seed, model=ParticipantModel(wrong_word=share, tries=6))
+        for seed, share in ((3, 0.0), (3, 0.9))
+    ]
     assert right.run(200.0) == "saved" and wrong.run(290.0) in ("saved", "gave_up")
     assert len(wrong.commands) > len(right.commands) and wrong.percept.now > right.percept.now
 

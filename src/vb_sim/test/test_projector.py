@@ -1,4 +1,5 @@
 """A projector's light on the floor of the simulated lab, and that no detector takes it for a laser spot."""
+
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,15 @@ WORLD = {
     "cameras": [
         {"name": "mono", "x": 2.0, "y": 1.5, "width": 960, "image_height": 540, "encoding": "mono8"},
         {"name": "bayer", "x": 2.0, "y": 1.5, "yaw": 30, "width": 960, "image_height": 540},
-        {"name": "elsewhere", "x": 0.5, "y": 2.6, "height": 0.6, "width": 320, "image_height": 240, "horizontal_fov": 50},
+        {
+            "name": "elsewhere",
+            "x": 0.5,
+            "y": 2.6,
+            "height": 0.6,
+            "width": 320,
+            "image_height": 240,
+            "horizontal_fov": 50,
+        },
     ],
     "robots": [{"name": "robot", "start": [0.5, 1.5, 0.0]}],
     "projector": {"corners": [[1.1, 2.2], [3.3, 2.1], [3.2, 0.6], [1.0, 0.7]], "lumens": 1500},
@@ -132,10 +141,16 @@ def test_the_robot_sees_it_too(lab):
     assert np.array_equal(view.color(snapshot), dark.astype(np.uint8))
 
 
-@pytest.mark.parametrize("projector, key", [
-    ({"corners": [[0, 0], [1, 0], [1, 1]]}, "corners"), ({"corners": [[0, 0], [1, 1], [1, 0], [0, 1]]}, "corners"),
-    ({"corners": "none"}, "corners"), ({"lumens": 0}, "lumens"), ({"lumen": 1}, "lumen"),
-])
+@pytest.mark.parametrize(
+    "projector, key",
+    [
+        ({"corners": [[0, 0], [1, 0], [1, 1]]}, "corners"),
+        ({"corners": [[0, 0], [1, 1], [1, 0], [0, 1]]}, "corners"),
+        ({"corners": "none"}, "corners"),
+        ({"lumens": 0}, "lumens"),
+        ({"lumen": 1}, "lumen"),
+    ],
+)
 def test_mistakes_in_a_world_are_named(projector, key):
     with pytest.raises(ParameterError) as caught:
         world_from_mapping({**WORLD, "projector": projector})
@@ -153,7 +168,9 @@ class Lit:
         self.scenario = world.scenarios["carpet"]
         calibration = projector_calibration.load(str(PACKAGE / "config" / "lab_projector.yaml"))
         self.picture = FloorImage(calibration)
-        self.view = CeilingView(world.camera("green"), {"robot": 0.18}, render_floor(world, 1), world_mesh(world), self.models, 1)
+        self.view = CeilingView(
+            world.camera("green"), {"robot": 0.18}, render_floor(world, 1), world_mesh(world), self.models, 1
+        )
         chain = np.vstack([self.scenario.border, self.scenario.border[:1]])
         self.line = geometry.resample_chain(chain, 0.02)
         self.border = Border("Carpet", points(self.scenario.border), True, tuple(self.scenario.seed))
@@ -198,8 +215,13 @@ def test_the_projector_alone_gives_no_spot(lit):
     lit.start()
     region = Drawing(chain=points(lit.line), seed=tuple(lit.scenario.seed))
     for content in (
-        FloorContent(), FloorContent("default", (lit.border,)), FloorContent(), FloorContent("border"),
-        FloorContent("seed", (), region), FloorContent("seed", (lit.border,)), FloorContent("guide"),
+        FloorContent(),
+        FloorContent("default", (lit.border,)),
+        FloorContent(),
+        FloorContent("border"),
+        FloorContent("seed", (), region),
+        FloorContent("seed", (lit.border,)),
+        FloorContent("guide"),
     ):
         lit.show(content)
         assert not any(lit.see(8)), f"a spot in the light of {content.state}"

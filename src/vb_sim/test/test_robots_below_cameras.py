@@ -1,4 +1,5 @@
 """What is on a robot is not on the floor: a robot with a bright button below two ceiling cameras, rendered."""
+
 import math
 from functools import lru_cache
 from pathlib import Path
@@ -20,15 +21,17 @@ from vb_sim.room.camera_models import CameraModels, Optics
 from vb_sim.room.world import load_world, world_from_mapping
 
 TOP = Path(__file__).resolve().parents[3]
-WORLD = world_from_mapping({
-    "room": {"size": [4.0, 3.0]},
-    "floor": {"kind": "planks", "color": [70, 50, 40], "contrast": 0.16},
-    "cameras": [
-        {"name": "left", "x": 1.4, "y": 1.5, "width": 960, "image_height": 540, "encoding": "bgr8"},
-        {"name": "right", "x": 2.8, "y": 1.5, "yaw": 30, "width": 960, "image_height": 540, "encoding": "bgr8"},
-    ],
-    "robots": [{"name": "robot", "start": [2.0, 1.5, 0.0]}],
-})
+WORLD = world_from_mapping(
+    {
+        "room": {"size": [4.0, 3.0]},
+        "floor": {"kind": "planks", "color": [70, 50, 40], "contrast": 0.16},
+        "cameras": [
+            {"name": "left", "x": 1.4, "y": 1.5, "width": 960, "image_height": 540, "encoding": "bgr8"},
+            {"name": "right", "x": 2.8, "y": 1.5, "yaw": 30, "width": 960, "image_height": 540, "encoding": "bgr8"},
+        ],
+        "robots": [{"name": "robot", "start": [2.0, 1.5, 0.0]}],
+    }
+)
 # so long that the button, which is of a medium green, is saturated, and the floor is not
 LONG_EXPOSURE = CameraModels(optics=Optics(exposure_ms=26.0))
 RATE, EMPTY, ALONE, DRAWN = 25.0, 25, 50, 75  # images per second; images of the empty room, of the robot, of both
@@ -56,12 +59,18 @@ def found(camera, hides):
             seen[step] = laser
         # localisation is a little off, as it always is
         body = Body(x + 0.02, y - 0.02, 0.23, 0.45)
-        frame = ImageGeometry(view.model, lambda: view.pose, projector, stamp=step, bodies=lambda: [body] if hides else [])
-        spots += locate_confirmed(detector, search(detector, view.frame(snapshot), step / RATE, frame, view.encoding), frame)
+        frame = ImageGeometry(
+            view.model, lambda: view.pose, projector, stamp=step, bodies=lambda: [body] if hides else []
+        )
+        spots += locate_confirmed(
+            detector, search(detector, view.frame(snapshot), step / RATE, frame, view.encoding), frame
+        )
     off = {}
     for frame, spot in spots:
         place = frame.point(spot.u, spot.v).position[:2]
-        off.setdefault(frame.stamp, []).append(math.hypot(*(place - seen[frame.stamp])) if frame.stamp in seen else math.inf)
+        off.setdefault(frame.stamp, []).append(
+            math.hypot(*(place - seen[frame.stamp])) if frame.stamp in seen else math.inf
+        )
     true = sum(min(distances) < 0.03 for distances in off.values())
     return len(seen), true, sum(distance > 0.1 for distances in off.values() for distance in distances)
 

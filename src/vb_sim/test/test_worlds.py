@@ -1,4 +1,5 @@
 """World files that are like another one, and those that come with the package."""
+
 from pathlib import Path
 
 import pytest

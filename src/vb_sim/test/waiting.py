@@ -1,4 +1,5 @@
 """Waiting for conditions in rostests; the limits are wall time, generous for a loaded machine."""
+
 import threading
 import time
 
@@ -36,5 +37,7 @@ class Latest:
 
     def until(self, condition, limit=30.0):
         """The first message from now on that fulfils a condition."""
-        assert wait_until(lambda: self.message is not None and condition(self.message), limit), f"never on {self.subscriber.name}"
+        assert wait_until(
+            lambda: self.message is not None and condition(self.message), limit
+        ), f"never on {self.subscriber.name}"
         return self.message

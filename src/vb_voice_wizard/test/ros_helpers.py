@@ -1,4 +1,5 @@
 """What the rostests of this package share: waiting with a deadline, starting nodes, and stub neighbours."""
+
 from __future__ import annotations
 
 import subprocess

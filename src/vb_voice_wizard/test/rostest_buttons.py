@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """buttons over a real roscore, with the interaction manager as a stub."""
+
 from __future__ import annotations
 
 import os
@@ -73,7 +74,10 @@ class ButtonsTest(unittest.TestCase):
     def test_a_bad_mapping_is_one_line(self):
         found = subprocess.run(
             ["rosrun", "vb_voice_wizard", "buttons", "__name:=bad", "_mapping:={dance: 1}"],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, timeout=240,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            universal_newlines=True,
+            timeout=240,
         )
         self.assertEqual(found.returncode, 1)
         self.assertIn("dance", found.stdout)

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The interaction manager over a real roscore, with stub neighbours."""
+
 from __future__ import annotations
 
 import json
@@ -22,15 +23,23 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import Newest, Process, StubNeighbours, rospy_point, wait_until  # noqa: E402
 
 from vb_msgs.msg import (  # noqa: E402
-    BorderPreview, BorderProgress, BorderIssue, InteractionState, NoticeArray, VirtualBorderArray,
+    BorderPreview,
+    BorderProgress,
+    BorderIssue,
+    InteractionState,
+    NoticeArray,
+    VirtualBorderArray,
 )
 from vb_msgs.srv import AddBorderResponse, Command, GetDrawnBorderResponse, PreviewBorderResponse  # noqa: E402
 
 FOLDER = tempfile.mkdtemp(prefix="vb_interaction_")
 LOG = os.path.join(FOLDER, "interactions.jsonl")
 ARGUMENTS = [
-    f"_log_file:={LOG}", f"_state_file:={FOLDER}/state.json", "_method:=a_method",
-    "_service_wait:=5.0", "_service_answer:=10.0",
+    f"_log_file:={LOG}",
+    f"_state_file:={FOLDER}/state.json",
+    "_method:=a_method",
+    "_service_wait:=5.0",
+    "_service_answer:=10.0",
 ]
 
 
@@ -113,7 +122,10 @@ class InteractionManagerTest(unittest.TestCase):
     def draw(self, identity, dx=0.0):
         """Progress with border and seed, as the border fusion tells it."""
         self.progress.publish(
-            interaction_id=identity, code="ok", has_seed=True, seed=rospy_point(0.5 + dx, 0.5),
+            interaction_id=identity,
+            code="ok",
+            has_seed=True,
+            seed=rospy_point(0.5 + dx, 0.5),
             chain=[rospy_point(0, 0), rospy_point(1, 0), rospy_point(1, 1)],
         )
 
@@ -131,7 +143,9 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual(self.stub.previews[-1].border.points, first.border.points)
         # a moved seed is looked at again, and so are borders that others change
         refusal = PreviewBorderResponse(success=False, code="no_separation", message="It separates nothing.")
-        refusal.issues = [BorderIssue(severity=BorderIssue.ERROR, code="no_separation", message="It separates nothing.")]
+        refusal.issues = [
+            BorderIssue(severity=BorderIssue.ERROR, code="no_separation", message="It separates nothing.")
+        ]
         good, self.stub.preview = self.stub.preview, refusal
         self.draw(identity, dx=0.2)
         refused = self.preview.wait(lambda message: message.code == "no_separation", "the refusal")
@@ -271,9 +285,11 @@ class InteractionManagerTest(unittest.TestCase):
         threads = []
         for name in ("cancel", "stop"):
             expires = rospy.Time.now() + rospy.Duration(0.05)
-            threads.append(threading.Thread(
-                target=lambda n=name, e=expires: late.append((n, self.command(n, id=n, expires=e).code))
-            ))
+            threads.append(
+                threading.Thread(
+                    target=lambda n=name, e=expires: late.append((n, self.command(n, id=n, expires=e).code))
+                )
+            )
             threads[-1].start()
         wait_until(lambda: rospy.Time.now() > expires, "the time")
         self.node.process.send_signal(signal.SIGCONT)
@@ -299,17 +315,23 @@ class InteractionManagerTest(unittest.TestCase):
         self.stub.preview.issues = []
 
     def test_a_border_is_not_saved_unasked_while_cameras_disagree(self):
-        notice = Notice("cameras_disagree", Severity.ERROR, camera="south", values={"first": "north", "second": "south", "cm": "11"})
+        notice = Notice(
+            "cameras_disagree", Severity.ERROR, camera="south", values={"first": "north", "second": "south", "cm": "11"}
+        )
         told = [message_from_notice(notice)]
         notices = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=1)
         # notices hold for as long as they are repeated
-        timer = rospy.Timer(rospy.Duration(0.2), lambda _event: notices.publish(NoticeArray(source="/lab_monitor", notices=told)))
+        timer = rospy.Timer(
+            rospy.Duration(0.2), lambda _event: notices.publish(NoticeArray(source="/lab_monitor", notices=told))
+        )
         try:
             self.command("define_border")
             self.command("define_seed")
             identity = self.in_state("seed").interaction_id
             self.draw(identity, dx=0.3)
-            issue = self.preview.wait(lambda message: message.interaction_id == identity and message.issues, "the issue").issues[0]
+            issue = self.preview.wait(
+                lambda message: message.interaction_id == identity and message.issues, "the issue"
+            ).issues[0]
             self.assertEqual((issue.code, issue.message), (notice.code, notice.sentence()))
             # from a shell, which shows neither preview nor notices
             shell = subprocess.run(
@@ -320,15 +342,21 @@ class InteractionManagerTest(unittest.TestCase):
             self.assertIn(notice.sentence(), shell.stdout)
             del told[:]  # they agree again, but what was drawn before may still be at a wrong place
             told_so = lambda message: [issue.code for issue in message.issues] == ["camera_failed_meanwhile"]  # noqa: E731
-            self.preview.wait(lambda message: message.interaction_id == identity and told_so(message), "the doubt that stays")
+            self.preview.wait(
+                lambda message: message.interaction_id == identity and told_so(message), "the doubt that stays"
+            )
             self.command("define_seed")
             self.assertEqual(self.command("save").code, "confirm_save")
             self.assertEqual(self.command("save").code, "saved")
             self.command("define_border")
             self.command("define_seed")
-            other = self.state.wait(lambda state: state.name == "seed" and state.interaction_id != identity, "Seed").interaction_id
+            other = self.state.wait(
+                lambda state: state.name == "seed" and state.interaction_id != identity, "Seed"
+            ).interaction_id
             self.draw(other, dx=0.4)
-            preview = self.preview.wait(lambda message: message.interaction_id == other and message.available, "the preview")
+            preview = self.preview.wait(
+                lambda message: message.interaction_id == other and message.available, "the preview"
+            )
             self.assertEqual(list(preview.issues), [])
         finally:
             timer.shutdown()
@@ -392,8 +420,13 @@ class InteractionManagerTest(unittest.TestCase):
 
     def test_a_command_as_a_shell_call(self):
         called = [
-            subprocess.Popen(["rosrun", "vb_voice_wizard", "command", *words], stdout=subprocess.PIPE,
-                             stderr=subprocess.PIPE, universal_newlines=True, env={**os.environ, **environment})
+            subprocess.Popen(
+                ["rosrun", "vb_voice_wizard", "command", *words],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                universal_newlines=True,
+                env={**os.environ, **environment},
+            )
             for words, environment in (
                 (["save", "--wait", "30", "--language", "de"], {}),
                 (["guide robot", "--source", "shell", "--wait", "30"], {}),
@@ -417,7 +450,7 @@ class InteractionManagerTest(unittest.TestCase):
         del self.state.all[:]
         notices = Newest("/virtual_borders/notices", NoticeArray)
         impatient = Process(
-            "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, "_idle_limit:=3", "_idle_warning:=2.5",
+            "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, "_idle_limit:=3", "_idle_warning:=2.5"
         )
         try:
             self.state.wait(lambda message: message.stopped, "a stop in doubt")
@@ -426,9 +459,14 @@ class InteractionManagerTest(unittest.TestCase):
             wait_until(lambda: notices.all, "the impatient node's notices")
             self.assertTrue(self.command("define_border").success)
             # they may be over when a slow machine looks: what was said counts
-            warned = wait_until(lambda: [message for message in self.state.all if not message.ends_at.is_zero()], "the warning")
+            warned = wait_until(
+                lambda: [message for message in self.state.all if not message.ends_at.is_zero()], "the warning"
+            )
             self.assertEqual(warned[0].name, "border")
-            wait_until(lambda: ["interaction_ends_soon"] in [[n.code for n in said.notices] for said in notices.all], "the notice")
+            wait_until(
+                lambda: ["interaction_ends_soon"] in [[n.code for n in said.notices] for said in notices.all],
+                "the notice",
+            )
             over = self.state.wait(lambda message: message.name == "default", "the end")
             self.assertEqual((over.last_code, over.last_outcome, over.last_success), ("abandoned", "abandoned", False))
             self.assertTrue(over.last_message)
@@ -445,7 +483,10 @@ class InteractionManagerTest(unittest.TestCase):
         # limits and unknown keys are tested where parameters are checked; each node here costs a second
         found = subprocess.run(
             ["rosrun", "vb_voice_wizard", "interaction_manager", "__name:=bad", "_log_file:=/tmp"],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, timeout=120,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            universal_newlines=True,
+            timeout=120,
         )
         self.assertEqual(found.returncode, 1)
         self.assertIn("log_file", found.stdout)

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The real voice node with spoken commands: from sound to the command service."""
+
 from __future__ import annotations
 
 import itertools
@@ -36,9 +37,14 @@ class VoiceCommandsTest(unittest.TestCase):
         cls.audio = rospy.Publisher(AUDIO, Audio, queue_size=100)
         cls.sound = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=10)
         cls.node = Process(
-            "voice_commands", "_source:=topic", "_sounds/success:=0.2", "_mute_after:=0.0",
+            "voice_commands",
+            "_source:=topic",
+            "_sounds/success:=0.2",
+            "_mute_after:=0.0",
             # what the test says follows at once: it must not fall into the answer to what it said before
-            "_sounds/understood:=0.0", "_sounds/refusal:=0.0", "_service_answer:=60.0",
+            "_sounds/understood:=0.0",
+            "_sounds/refusal:=0.0",
+            "_service_answer:=60.0",
         )
         cls.heard = Newest(HEARD, SpeechCommand)
         cls.sounds = Newest("/virtual_borders/sound", Sound)
@@ -112,7 +118,9 @@ class VoiceCommandsTest(unittest.TestCase):
 
     def test_nothing_is_done_during_own_sounds(self):
         spoken = say("this sentence goes on and on and on and on", "en-us")
-        pieces = itertools.cycle(spoken[at : at + RATE // 10].tobytes() for at in range(RATE, len(spoken) - RATE, RATE // 10))
+        pieces = itertools.cycle(
+            spoken[at : at + RATE // 10].tobytes() for at in range(RATE, len(spoken) - RATE, RATE // 10)
+        )
 
         told = itertools.count(1)
 
@@ -133,8 +141,13 @@ class VoiceCommandsTest(unittest.TestCase):
         return any(message.command == text and message.accepted for message in self.heard.all)
 
     def test_silence_is_reported_and_the_level_shown(self):
-        levels, notices = Newest("/virtual_borders/voice/level", Float32), Newest("/virtual_borders/notices", NoticeArray)
-        notices.wait(lambda message: [n.code for n in message.notices] == ["microphone_silent"], "silence that is noticed")
+        levels, notices = (
+            Newest("/virtual_borders/voice/level", Float32),
+            Newest("/virtual_borders/notices", NoticeArray),
+        )
+        notices.wait(
+            lambda message: [n.code for n in message.notices] == ["microphone_silent"], "silence that is noticed"
+        )
         self.speak("define border")
         notices.wait(lambda message: not message.notices, "the end of the silence")
         wait_until(lambda: any(-60.0 < level.data < 0.0 for level in levels.all), "the level of a voice")
@@ -151,14 +164,13 @@ class VoiceCommandsTest(unittest.TestCase):
 
     def test_a_bad_parameter_is_one_line(self):
         # limits and choices are tested where parameters are checked; each node here costs a second
-        cases = {
-            "treshold": ["_source:=topic", "_recognizer/treshold:=0.5"],
-            "source": ["_source:=wav"],
-        }
+        cases = {"treshold": ["_source:=topic", "_recognizer/treshold:=0.5"], "source": ["_source:=wav"]}
         started = {
             word: subprocess.Popen(
                 ["rosrun", "vb_voice_wizard", "voice_commands", f"__name:=bad_{number}", *arguments],
-                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                universal_newlines=True,
             )
             for number, (word, arguments) in enumerate(cases.items())
         }

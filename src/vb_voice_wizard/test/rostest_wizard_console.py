@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The wizard console in a pseudo-terminal: a whole interaction, and what it says when others go away."""
+
 from __future__ import annotations
 
 import os
@@ -46,8 +47,10 @@ class WizardConsoleTest(unittest.TestCase):
         cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, queue_size=1, latch=True)
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, queue_size=1, latch=True)
         cls.manager = Process(
-            "interaction_manager", "__name:=interaction_manager",
-            f"_log_file:={FOLDER}/log", f"_state_file:={FOLDER}/state",
+            "interaction_manager",
+            "__name:=interaction_manager",
+            f"_log_file:={FOLDER}/log",
+            f"_state_file:={FOLDER}/state",
         )
         # one console for all that does not need another one: starting it is most of a test's time
         cls.terminal = Terminal()
@@ -96,18 +99,23 @@ class WizardConsoleTest(unittest.TestCase):
     def test_the_preview_and_another_size_and_leaving(self):
         preview = rospy.Publisher("/virtual_borders/preview", BorderPreview, queue_size=1, latch=True)
         preview.publish(
-            available=True, success=False, message="It separates nothing.", free_parts=1,
+            available=True,
+            success=False,
+            message="It separates nothing.",
+            free_parts=1,
             issues=[BorderIssue(severity=BorderIssue.WARNING, code="robot_inside", message="The robot stands inside.")],
         )
         terminal = self.terminal
         # the manager that runs publishes a preview of its own, of nothing: ours is said again
-        wait_until(lambda: preview.publish(preview.impl.latch) or "It separates nothing." in terminal.text, "the refusal")
+        wait_until(
+            lambda: preview.publish(preview.impl.latch) or "It separates nothing." in terminal.text, "the refusal"
+        )
         terminal.shows("! " + sentences.say("robot_inside")[:30])
         for size in ((120, 40), (80, 24), (40, 12)):
             terminal.resize(*size)
             wait_until(lambda: size[0] in panel_widths(terminal), f"a screen of {size}")
         # a screen is written over the one before, never cleared: nothing flickers
-        self.assertNotIn(b"\x1b[2J", terminal.raw[terminal.raw.index(b"separates"):])
+        self.assertNotIn(b"\x1b[2J", terminal.raw[terminal.raw.index(b"separates") :])
         preview.publish(BorderPreview())
         self.assertNotIn("Traceback", terminal.text)
         self.assertEqual(terminal.leave(), (0, True))
@@ -128,8 +136,12 @@ class WizardConsoleTest(unittest.TestCase):
 
         def master():
             # the master alone: it is up in a moment
-            return subprocess.Popen(["rosmaster", "--core", "-p", str(port)], stdout=subprocess.DEVNULL,
-                                    stderr=subprocess.DEVNULL, env={**os.environ, **environment})
+            return subprocess.Popen(
+                ["rosmaster", "--core", "-p", str(port)],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env={**os.environ, **environment},
+            )
 
         first = master()
         terminal.shows("Connected to the ROS master")
@@ -147,8 +159,14 @@ class WizardConsoleTest(unittest.TestCase):
         second.wait()
 
     def test_without_a_terminal(self):
-        found = subprocess.run(["rosrun", "vb_voice_wizard", "wizard_console"], stdin=subprocess.DEVNULL,
-                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True, timeout=240)
+        found = subprocess.run(
+            ["rosrun", "vb_voice_wizard", "wizard_console"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            universal_newlines=True,
+            timeout=240,
+        )
         self.assertEqual(found.returncode, 1)
         self.assertIn("needs a terminal", found.stderr)
         self.assertNotIn("Traceback", found.stderr)

@@ -1,4 +1,5 @@
 """Speech for the tests: espeak-ng in room noise; and what the recogniser makes of a recording."""
+
 from __future__ import annotations
 
 import subprocess

@@ -1,4 +1,5 @@
 """A program in a pseudo-terminal, for the rostests."""
+
 from __future__ import annotations
 
 import fcntl
@@ -28,8 +29,12 @@ class Terminal:
         self.raw = b""
         self.process = subprocess.Popen(
             ["bash", "-c", 'exec "$@"', "-", "rosrun", "vb_voice_wizard", "wizard_console"],
-            stdin=self.slave, stdout=self.slave, stderr=self.slave, close_fds=True,
-            env={**os.environ, "TERM": "xterm", **(environment or {})}, start_new_session=True,
+            stdin=self.slave,
+            stdout=self.slave,
+            stderr=self.slave,
+            close_fds=True,
+            env={**os.environ, "TERM": "xterm", **(environment or {})},
+            start_new_session=True,
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

@@ -1,4 +1,5 @@
 """Commands that are sent again are carried out once."""
+
 from __future__ import annotations
 
 import threading

@@ -1,4 +1,5 @@
 """What the manager says of a border that other nodes do not give."""
+
 import pytest
 
 from vb_core.errors import CodedError

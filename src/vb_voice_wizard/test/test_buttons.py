@@ -1,4 +1,5 @@
 """Buttons to commands."""
+
 from __future__ import annotations
 
 import pytest

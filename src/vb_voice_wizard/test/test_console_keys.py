@@ -1,4 +1,5 @@
 """The wizard console's keys."""
+
 from __future__ import annotations
 
 import pytest

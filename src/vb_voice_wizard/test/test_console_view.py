@@ -1,4 +1,5 @@
 """The wizard console's screen, drawn into a text."""
+
 from __future__ import annotations
 
 import io
@@ -26,19 +27,33 @@ def border(name, area_m2=1.0, **more):
 
 
 def refused(message, *issues):
-    return BorderPreview(available=True, message=message, issues=[BorderIssue(severity=BorderIssue.ERROR, message=one) for one in issues])
+    return BorderPreview(
+        available=True, message=message, issues=[BorderIssue(severity=BorderIssue.ERROR, message=one) for one in issues]
+    )
 
 
 def drawing():
     view = ConsoleContent("http://here:11311", True)
     view.state = InteractionState(
-        name="border", interaction_id="ab12", guide_s=1.0, border_s=72.3, commands=["define_seed", "cancel"])
+        name="border", interaction_id="ab12", guide_s=1.0, border_s=72.3, commands=["define_seed", "cancel"]
+    )
     view.progress = BorderProgress(
-        interaction_id="ab12", border_spots=120, seed_spots=3, ignored_spots=7, chain=[Point()] * 9, closed=True,
-        seeing=["red"], cameras=["red", "robot"])
+        interaction_id="ab12",
+        border_spots=120,
+        seed_spots=3,
+        ignored_spots=7,
+        chain=[Point()] * 9,
+        closed=True,
+        seeing=["red"],
+        cameras=["red", "robot"],
+    )
     view.robot = "x 2.10 m, y 0.43 m, drives"
-    view.preview = BorderPreview(available=True, success=True, area_m2=2.5, issues=[
-        BorderIssue(severity=BorderIssue.WARNING, message="The robot stands inside the new border.")])
+    view.preview = BorderPreview(
+        available=True,
+        success=True,
+        area_m2=2.5,
+        issues=[BorderIssue(severity=BorderIssue.WARNING, message="The robot stands inside the new border.")],
+    )
     view.borders = [border("Nursery", 8.0), border("Old carpet", enabled=False, occupancy=0.5)]
     view.say("10:00:00", "wizard, define border: Draw the border.", GOOD)
     return view
@@ -47,9 +62,29 @@ def drawing():
 @pytest.mark.parametrize("width, height", [(80, 24), (120, 40), (200, 60)])
 def test_everything_is_on_the_screen(width, height):
     text = screen(drawing(), width, height)
-    for word in ("BORDER", "1:13", "ab12", "120 border, 3 seed, 7 ignored", "9 points, polygon", "red (before: robot)", "Nursery",
-                 "50% off", "resume", "stop", "Draw the border", "borders (2)", "72.3", "quit", "undo", "redo", "define border",
-                 "guide robot", "drives", "restrict 2.50 m\u00b2", "stands inside"):
+    for word in (
+        "BORDER",
+        "1:13",
+        "ab12",
+        "120 border, 3 seed, 7 ignored",
+        "9 points, polygon",
+        "red (before: robot)",
+        "Nursery",
+        "50% off",
+        "resume",
+        "stop",
+        "Draw the border",
+        "borders (2)",
+        "72.3",
+        "quit",
+        "undo",
+        "redo",
+        "define border",
+        "guide robot",
+        "drives",
+        "restrict 2.50 m\u00b2",
+        "stands inside",
+    ):
         assert word in text, word
 
 
@@ -129,8 +164,16 @@ def test_stop_cameras_notices_and_the_microphone_are_shown():
     view.detectors, view.level_db = (("green", 24.6), ("red", 0.0)), -31.7
     view.notices = (Notice("stopped", Severity.WARNING), Notice("of_a_newer_version", Severity.ERROR, message="Look!"))
     text = screen(view, 100)
-    for word in ("STOPPED", "by voice", "ends in 0:45", "save again to confirm", "red silent, green 25/s", "-32 dB",
-                 "! Stopped: no robot drives", "! Look!"):
+    for word in (
+        "STOPPED",
+        "by voice",
+        "ends in 0:45",
+        "save again to confirm",
+        "red silent, green 25/s",
+        "-32 dB",
+        "! Stopped: no robot drives",
+        "! Look!",
+    ):
         assert word in text, word
     assert "STOPPED" in screen(view, 30)
 

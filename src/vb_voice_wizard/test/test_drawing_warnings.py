@@ -1,4 +1,5 @@
 """What makes a drawing doubtful: present errors of cameras, those that are over, and what is left out."""
+
 import pytest
 
 from vb_core.notices import Notice, Severity
@@ -43,9 +44,10 @@ def test_what_is_left_out_is_a_doubt_for_as_long_as_it_is_said():
     assert not warnings.all
 
 
-@pytest.mark.parametrize("notice", [
-    Notice("camera_silent", Severity.WARNING, camera="south"), Notice("robot_lost", Severity.ERROR, robot="ada"),
-])
+@pytest.mark.parametrize(
+    "notice",
+    [Notice("camera_silent", Severity.WARNING, camera="south"), Notice("robot_lost", Severity.ERROR, robot="ada")],
+)
 def test_other_notices_are_no_doubt(notice):
     warnings = DrawingWarnings()
     warnings.start()

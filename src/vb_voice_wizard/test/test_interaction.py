@@ -1,4 +1,5 @@
 """The state machine: every state x command pair, timing, memory."""
+
 from __future__ import annotations
 
 import itertools
@@ -292,10 +293,16 @@ def drawn(**params) -> Interaction:
     return interaction
 
 
-@pytest.mark.parametrize("rule, unclear, doubtful, asked", [
-    (NEVER, True, True, False), ("unclear", False, False, False), ("unclear", True, False, True),
-    ("unclear", False, True, True), (ALWAYS, False, False, True),
-])
+@pytest.mark.parametrize(
+    "rule, unclear, doubtful, asked",
+    [
+        (NEVER, True, True, False),
+        ("unclear", False, False, False),
+        ("unclear", True, False, True),
+        ("unclear", False, True, True),
+        (ALWAYS, False, False, True),
+    ],
+)
 def test_save_is_asked_about_as_the_rule_says(rule, unclear, doubtful, asked):
     interaction = drawn(confirm_save=rule)
     answer = interaction.command(SAVE, "voice", 3.0, unclear, doubtful)
@@ -335,11 +342,22 @@ def test_one_misunderstood_word_changes_no_map_and_loses_no_drawing_and_lets_no_
     assert drawing in ("", interaction.interaction_id) and set(interaction.missing()) <= set(missing)
 
 
-@pytest.mark.parametrize("command, way", [
-    (SAVE, ()), (SAVE, (DEFINE_BORDER,)), (CANCEL, ()), (UNDO, (DEFINE_BORDER,)), (REDO, (DEFINE_SEED,)), (RESUME, ()),
-])
+@pytest.mark.parametrize(
+    "command, way",
+    [
+        (SAVE, ()),
+        (SAVE, (DEFINE_BORDER,)),
+        (CANCEL, ()),
+        (UNDO, (DEFINE_BORDER,)),
+        (REDO, (DEFINE_SEED,)),
+        (RESUME, ()),
+    ],
+)
 def test_what_has_no_effect_is_not_asked_about(command, way):
-    asked, certain = after(*way).command(command, "voice", 10.0, unclear=True), after(*way).command(command, "voice", 10.0)
+    asked, certain = (
+        after(*way).command(command, "voice", 10.0, unclear=True),
+        after(*way).command(command, "voice", 10.0),
+    )
     assert asked == certain and not asked.code.startswith("confirm")
 
 
@@ -366,9 +384,15 @@ def test_an_abandoned_interaction_ends_after_a_warning():
     interaction.count_spots(1, 0, 0, 1090.0)
     assert not interaction.end_if_idle(1100.0) and interaction.ends_at == 0.0
     # over a restart of the node too: tomorrow's spots must not join today's border
-    interaction = Interaction.from_mapping(interaction.to_mapping(), InteractionParams(idle_limit=100.0, idle_warning=20.0))
+    interaction = Interaction.from_mapping(
+        interaction.to_mapping(), InteractionParams(idle_limit=100.0, idle_warning=20.0)
+    )
     assert interaction.end_if_idle(90000.0)
-    assert (interaction.state, interaction.last_outcome, interaction.last_answer.code) == (State.DEFAULT, "abandoned", "abandoned")
+    assert (interaction.state, interaction.last_outcome, interaction.last_answer.code) == (
+        State.DEFAULT,
+        "abandoned",
+        "abandoned",
+    )
     assert interaction.take_record().outcome == "abandoned"
 
 

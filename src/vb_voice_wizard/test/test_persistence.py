@@ -1,4 +1,5 @@
 """The files of the interaction manager."""
+
 from __future__ import annotations
 
 import json

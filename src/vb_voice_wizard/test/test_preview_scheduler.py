@@ -1,4 +1,5 @@
 """When a preview is made again."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -18,7 +19,9 @@ def changed(**changes) -> PreviewInputs:
     return dataclasses.replace(DRAWN, **changes)
 
 
-def shown(situation: PreviewInputs = DRAWN, started: float = 100.0, took: float = 0.0, answered: bool = True) -> PreviewScheduler:
+def shown(
+    situation: PreviewInputs = DRAWN, started: float = 100.0, took: float = 0.0, answered: bool = True
+) -> PreviewScheduler:
     pace = PreviewScheduler()
     pace.done(situation, started, started + took, answered)
     return pace

@@ -1,4 +1,5 @@
 """The voice recogniser: spoken words for the whole, and the speech model's files."""
+
 from __future__ import annotations
 
 import sys

@@ -1,4 +1,5 @@
 """Endpointing, and sound from a microphone."""
+
 from __future__ import annotations
 
 import itertools
@@ -111,7 +112,9 @@ def test_a_recording_program_is_read_and_started_again():
 def test_a_missing_recording_program_is_reported():
     told = threading.Event()
     sentences = []
-    microphone = Microphone(["no_such_program"], lambda _: None, lambda text: (sentences.append(text), told.set()), start=start_thread)
+    microphone = Microphone(
+        ["no_such_program"], lambda _: None, lambda text: (sentences.append(text), told.set()), start=start_thread
+    )
     assert told.wait(20)
     microphone.close()
     assert "cannot start no_such_program" in sentences[0]
@@ -122,7 +125,12 @@ def test_a_program_that_talks_is_drained_and_its_last_word_reported():
     told, sentences_, heard = threading.Event(), [], []
     script = "for i in $(seq 4000); do echo 'overrun of at least some milliseconds' >&2; done; head -c 2000 /dev/zero; echo end >&2"
     microphone = Microphone(
-        ["bash", "-c", script], heard.append, lambda text: (sentences_.append(text), told.set()), chunk=100, retry=60.0, start=start_thread
+        ["bash", "-c", script],
+        heard.append,
+        lambda text: (sentences_.append(text), told.set()),
+        chunk=100,
+        retry=60.0,
+        start=start_thread,
     )
     assert told.wait(60)
     microphone.close()
@@ -135,7 +143,9 @@ def test_a_stream_is_resampled_as_one(rate):
     pcm = (10000 * np.sin(2 * np.pi * 440 * time)).astype(np.int16)
     whole = soxr.resample(pcm, rate, RATE).astype(float)
     resampler = Resampler()
-    pieces = np.concatenate([resampler.push(pcm[at : at + rate // 20], rate) for at in range(0, rate, rate // 20)]).astype(float)
+    pieces = np.concatenate(
+        [resampler.push(pcm[at : at + rate // 20], rate) for at in range(0, rate, rate // 20)]
+    ).astype(float)
     # the stream lags by its filter, and is otherwise the same: each piece alone was off by a tenth at its ends
     assert len(whole) - 2000 < len(pieces) <= len(whole)
     middle = slice(500, len(pieces) - 500)

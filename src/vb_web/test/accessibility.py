@@ -2,6 +2,7 @@
 
 `bench/page.py axe FILE` runs axe-core beside them.
 """
+
 from __future__ import annotations
 
 _CHECKS = r"""

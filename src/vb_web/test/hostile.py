@@ -1,4 +1,5 @@
 """Malformed and hostile messages, drawn from good ones; for the tests and for bench/page.py."""
+
 from __future__ import annotations
 
 import copy
@@ -6,8 +7,13 @@ import json
 import random
 
 GOOD_DRAFT = {
-    "points": [[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]], "kind": "polygon", "seed": [1.7, 1.3], "name": "carpet",
-    "zone": "keep_out", "max_speed": 0.0, "schedule": "",
+    "points": [[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]],
+    "kind": "polygon",
+    "seed": [1.7, 1.3],
+    "name": "carpet",
+    "zone": "keep_out",
+    "max_speed": 0.0,
+    "schedule": "",
 }
 TEMPLATES = [
     {"do": "command", "id": "1", "command": "save"},
@@ -18,14 +24,61 @@ TEMPLATES = [
     {"do": "mark", "id": "1", "text": "note"},
 ]
 NASTY = [
-    None, True, False, 0, -1, 2**63, 10**400, 1e308, -1e308, "", "\x00", "../../etc/passwd", "/cmd_vel", "$(reboot)", "`id`", "'; --",
-    "<script>alert(1)</script>", "%s%n{0.__class__}", "\ud800", "\u202e", "A" * 5000, [], [[]], {}, {"__proto__": {}}, [1] * 600,
-    [[0, 0]] * 600, "define_border\n", "SAVE", "save;reboot", "b1/../..", {"do": "save"},
+    None,
+    True,
+    False,
+    0,
+    -1,
+    2**63,
+    10**400,
+    1e308,
+    -1e308,
+    "",
+    "\x00",
+    "../../etc/passwd",
+    "/cmd_vel",
+    "$(reboot)",
+    "`id`",
+    "'; --",
+    "<script>alert(1)</script>",
+    "%s%n{0.__class__}",
+    "\ud800",
+    "\u202e",
+    "A" * 5000,
+    [],
+    [[]],
+    {},
+    {"__proto__": {}},
+    [1] * 600,
+    [[0, 0]] * 600,
+    "define_border\n",
+    "SAVE",
+    "save;reboot",
+    "b1/../..",
+    {"do": "save"},
 ]
 RAW = [
-    "", " ", "{", "}", "[]", "null", "true", "0", '"save"', "{}", '{"do":"command"}', '{"do":NaN}', "{" * 500, "[" * 5000, "\x00",
-    '{"do":"command","id":"1","command":"save","command":"reboot"}', '{"do":"command","id":"1","command":"save","x":1}', "1" * 9000,
-    '{"do":"add","id":"1","draft":{"points":[[NaN,1],[1,1]]}}', "\ufeff{}", '{"do":"command","id":"' + "x" * 999 + '","command":"save"}',
+    "",
+    " ",
+    "{",
+    "}",
+    "[]",
+    "null",
+    "true",
+    "0",
+    '"save"',
+    "{}",
+    '{"do":"command"}',
+    '{"do":NaN}',
+    "{" * 500,
+    "[" * 5000,
+    "\x00",
+    '{"do":"command","id":"1","command":"save","command":"reboot"}',
+    '{"do":"command","id":"1","command":"save","x":1}',
+    "1" * 9000,
+    '{"do":"add","id":"1","draft":{"points":[[NaN,1],[1,1]]}}',
+    "\ufeff{}",
+    '{"do":"command","id":"' + "x" * 999 + '","command":"save"}',
 ]
 
 
@@ -55,7 +108,9 @@ def hostile_messages(count, seed):
                 if draw.random() < 0.25 and isinstance(target, dict):
                     target.pop(path[-1], None)
                 elif draw.random() < 0.2 and isinstance(target, dict):
-                    target[draw.choice(["topic", "path", "__class__", "param", "/rosout"])] = copy.deepcopy(draw.choice(NASTY))
+                    target[draw.choice(["topic", "path", "__class__", "param", "/rosout"])] = copy.deepcopy(
+                        draw.choice(NASTY)
+                    )
                 else:
                     target[path[-1]] = copy.deepcopy(draw.choice(NASTY))
             except (KeyError, IndexError, TypeError):

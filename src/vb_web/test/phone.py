@@ -1,5 +1,6 @@
 """Chromium as a phone or a wall display, for the tests of the page; Debian's packages chromium, chromium-driver and
 python3-selenium."""
+
 from __future__ import annotations
 
 import contextlib
@@ -11,8 +12,16 @@ from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
 
 PHONE, WALL = (360, 740), (1920, 1080)
-_SWITCHES = ("--no-sandbox", "--headless=new", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage",
-             "--hide-scrollbars", "--disable-extensions", "--no-first-run")
+_SWITCHES = (
+    "--no-sandbox",
+    "--headless=new",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--disable-extensions",
+    "--no-first-run",
+)
 PATIENCE_S = 120.0  # a busy machine takes ten times as long; only a fault waits to the end
 
 
@@ -60,13 +69,19 @@ class Browser:
     def said(self):
         """The page's words on one line, what is urgent last: a report of failed tests keeps the end."""
         return " | ".join(
-            line for part in ("main", "#dialog", "#toast", "#banners") for line in self.text(part).splitlines() if line.strip()
+            line
+            for part in ("main", "#dialog", "#toast", "#banners")
+            for line in self.text(part).splitlines()
+            if line.strip()
         )
 
     def wait_ready(self):
         """The map is there and fitted, and the system's state is known."""
-        self.wait("window.virtualBorders && window.virtualBorders.map.info && document.body.dataset.state == 'default'"
-                  " && document.getElementById('base').classList.contains('there')", what="a page that is ready")
+        self.wait(
+            "window.virtualBorders && window.virtualBorders.map.info && document.body.dataset.state == 'default'"
+            " && document.getElementById('base').classList.contains('there')",
+            what="a page that is ready",
+        )
 
     def click(self, selector, text=None):
         """Clicks the first enabled element of a selector, with this text if one is given."""
@@ -84,8 +99,12 @@ class Browser:
         return self.run("const e = document.querySelector(arguments[0]); return e ? e.innerText : ''", selector)
 
     def wait_text(self, selector, part):
-        self.wait("(document.querySelector(arguments[0]) || {innerText: ''}).innerText.includes(arguments[1])", selector, part,
-                  what=f"'{part}' in {selector}")
+        self.wait(
+            "(document.querySelector(arguments[0]) || {innerText: ''}).innerText.includes(arguments[1])",
+            selector,
+            part,
+            what=f"'{part}' in {selector}",
+        )
 
     def on_screen(self, point):
         """A point of the floor [m] on the screen [px]."""
@@ -116,9 +135,16 @@ class Browser:
 
     def wait_click(self):
         """Waits until the browser has clicked where a finger tapped, if it does."""
-        self.driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(arguments[0])))")
+        self.driver.execute_async_script(
+            "requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(arguments[0])))"
+        )
 
     def faults(self):
         """What the browser's console has of faults in the page itself; a server that is away is none."""
-        return [entry["message"] for entry in self.driver.get_log("browser")
-                if entry["level"] == "SEVERE" and "ERR_CONNECTION" not in entry["message"] and "WebSocket" not in entry["message"]]
+        return [
+            entry["message"]
+            for entry in self.driver.get_log("browser")
+            if entry["level"] == "SEVERE"
+            and "ERR_CONNECTION" not in entry["message"]
+            and "WebSocket" not in entry["message"]
+        ]

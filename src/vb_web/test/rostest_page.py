@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The page in a real browser, with the real nodes behind it: what people do at home and in a study."""
+
 from __future__ import annotations
 
 import json
@@ -65,7 +66,9 @@ class PageTest(unittest.TestCase):
         ):
             rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
         cls.said = {}
-        rospy.Subscriber(names.NOTICES, NoticeArray, lambda message: cls.said.__setitem__(message.source, message.notices))
+        rospy.Subscriber(
+            names.NOTICES, NoticeArray, lambda message: cls.said.__setitem__(message.source, message.notices)
+        )
         cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=5)
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
@@ -83,7 +86,9 @@ class PageTest(unittest.TestCase):
     @classmethod
     def start_page(cls, *arguments):
         files = (f"_events_file:={cls.events}", f"_codes_file:={cls.events.parent}/page_codes.yaml")
-        cls.page = subprocess.Popen(["rosrun", "vb_web", "page", "__name:=page", f"_port:={cls.port}", *files, *arguments])
+        cls.page = subprocess.Popen(
+            ["rosrun", "vb_web", "page", "__name:=page", f"_port:={cls.port}", *files, *arguments]
+        )
         until(cls.listening, "the page to listen")
 
     @classmethod
@@ -125,8 +130,14 @@ class PageTest(unittest.TestCase):
 
     def store_carpet(self, name="Rug", shown="Rug"):
         """A border that a test only needs to be there."""
-        border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0,
-                               points=[Point(x, y, 0.0) for x, y in CARPET], seed=Point(4.0, 1.5, 0.0))
+        border = VirtualBorder(
+            name=name,
+            kind=VirtualBorder.POLYGON,
+            enabled=True,
+            occupancy=1.0,
+            points=[Point(x, y, 0.0) for x, y in CARPET],
+            seed=Point(4.0, 1.5, 0.0),
+        )
         answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
         self.assertTrue(answer.success, answer.message)
         self.browser.wait_text("#borders", shown)
@@ -134,7 +145,9 @@ class PageTest(unittest.TestCase):
     def remove_all(self):
         while self.borders():
             left = len(self.borders()) - 1  # counted before: the removal may be heard at once
-            self.browser.wait("document.querySelectorAll('#borders .name').length == arguments[0]", left + 1, what="the borders")
+            self.browser.wait(
+                "document.querySelectorAll('#borders .name').length == arguments[0]", left + 1, what="the borders"
+            )
             self.browser.click("#borders .name")
             self.browser.click("#dialog button", "Remove")
             self.wait_borders(left)
@@ -143,12 +156,16 @@ class PageTest(unittest.TestCase):
     def test_1_a_border_round_the_carpet_from_the_phone(self):
         border = self.draw_carpet("Küche 厨房")
         self.assertEqual((border.name, border.kind), ("Küche 厨房", VirtualBorder.POLYGON))
-        prior, posterior = (grid_from_message(self.heard[topic]) for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS))
+        prior, posterior = (
+            grid_from_message(self.heard[topic]) for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)
+        )
         cells = np.argwhere(posterior.data > prior.data)
         places = posterior.cell_to_world(cells)
         self.assertLess(np.abs(places.min(axis=0) - CARPET[0]).max(), 0.1)
         self.assertLess(np.abs(places.max(axis=0) - CARPET[2]).max(), 0.1)
-        self.browser.wait("document.getElementById('restricted').classList.contains('there')", what="the restricted floor")
+        self.browser.wait(
+            "document.getElementById('restricted').classList.contains('there')", what="the restricted floor"
+        )
         self.browser.wait_text("#borders", "Küche 厨房")
         # undo and redo
         self.browser.click("#undo")
@@ -169,19 +186,28 @@ class PageTest(unittest.TestCase):
         until(lambda: self.borders()[0].name == "Rug", "the new name")
         self.browser.click("#borders .switch")
         until(lambda: not self.borders()[0].enabled, "the border to be off")
-        until(lambda: (self.heard[names.MAP_WITH_BORDERS].data == self.heard[names.PHYSICAL_MAP].data).all(), "the map without it")
+        until(
+            lambda: (self.heard[names.MAP_WITH_BORDERS].data == self.heard[names.PHYSICAL_MAP].data).all(),
+            "the map without it",
+        )
         self.browser.wait_text("#borders", "Switched off")
         # the history says it all
         for part in ("Küche 厨房 was added", "Rug has a new name", "Rug was switched off"):
-            self.browser.wait("document.getElementById('events').textContent.includes(arguments[0])", part, what=f"'{part}' in the history")
+            self.browser.wait(
+                "document.getElementById('events').textContent.includes(arguments[0])",
+                part,
+                what=f"'{part}' in the history",
+            )
         self.remove_all()
         self.assertEqual(self.browser.faults(), [])
 
     def test_2_corners_times_and_a_wall(self):
         self.draw_carpet("Rug")
         # a tap on the map opens the menu, and presses nothing that comes up under the finger
-        middle = self.browser.run("const line = window.virtualBorders.map.borders[0].line; return [0, 1].map("
-                                  "(axis) => line.reduce((sum, point) => sum + point[axis], 0) / line.length)")
+        middle = self.browser.run(
+            "const line = window.virtualBorders.map.borders[0].line; return [0, 1].map("
+            "(axis) => line.reduce((sum, point) => sum + point[axis], 0) / line.length)"
+        )
         for point in ([middle[0] + 0.4, middle[1]], [middle[0] - 0.4, middle[1]]):
             self.browser.tap(point)
             self.browser.wait_text("#dialog", "Switch off")
@@ -193,13 +219,23 @@ class PageTest(unittest.TestCase):
         self.browser.wait("document.querySelectorAll('#handles [data-corner]').length >= 4", what="corners")
         self.browser.wait_text("#review", " m\u00b2")
         area = self.browser.text("#review").split(" m\u00b2")[0].split()[-1]
-        corner = self.browser.run("return window.virtualBorders.draft().points.reduce((a, b) => b[0] + b[1] > a[0] + a[1] ? b : a)")
+        corner = self.browser.run(
+            "return window.virtualBorders.draft().points.reduce((a, b) => b[0] + b[1] > a[0] + a[1] ? b : a)"
+        )
         end = [corner[0] + 0.5, corner[1] + 0.4]
         self.browser.stroke([corner, [corner[0] + 0.2, corner[1] + 0.1], end])
         # the corner follows the finger to the end, and the area is that of the new shape
-        self.browser.wait("Math.hypot(...window.virtualBorders.draft().points.reduce((a, b) => b[0] + b[1] > a[0] + a[1] ? b : a)"
-                          ".map((value, axis) => value - arguments[0][axis])) < 0.1", end, what="the corner under the finger")
-        self.browser.wait("!document.getElementById('review').innerText.includes(arguments[0])", f"{area} m\u00b2", what="the new area")
+        self.browser.wait(
+            "Math.hypot(...window.virtualBorders.draft().points.reduce((a, b) => b[0] + b[1] > a[0] + a[1] ? b : a)"
+            ".map((value, axis) => value - arguments[0][axis])) < 0.1",
+            end,
+            what="the corner under the finger",
+        )
+        self.browser.wait(
+            "!document.getElementById('review').innerText.includes(arguments[0])",
+            f"{area} m\u00b2",
+            what="the new area",
+        )
         # the same by keys
         index = self.browser.run("""const points = window.virtualBorders.draft().points;
             const i = points.reduce((a, b, k) => b[0] + b[1] < points[a][0] + points[a][1] ? k : a, 0);
@@ -207,8 +243,12 @@ class PageTest(unittest.TestCase):
         low = self.browser.run("return window.virtualBorders.draft().points[arguments[0]]", index)
         self.browser.driver.switch_to.active_element.send_keys("\ue012" * 2)  # the left arrow
         self.browser.click("#review button", "Save")
-        points = until(lambda: len(self.borders()) == 1 and any(p.x > 5.4 for p in self.borders()[0].points) and self.borders()[0].points,
-                       "the moved corner")
+        points = until(
+            lambda: len(self.borders()) == 1
+            and any(p.x > 5.4 for p in self.borders()[0].points)
+            and self.borders()[0].points,
+            "the moved corner",
+        )
         self.assertAlmostEqual(min(abs(p.x - (low[0] - 0.1)) + abs(p.y - low[1]) for p in points), 0.0, delta=0.02)
         # times
         self.browser.click("#borders .name")
@@ -222,8 +262,10 @@ class PageTest(unittest.TestCase):
         self.browser.click("#dialog button", "Save")
         until(lambda: self.borders()[0].schedule == "mon-fri 08:00-12:30", "the schedule")
         self.browser.wait_text("#toast", "in force Mon")
-        self.browser.wait("document.getElementById('borders').innerText.replace(/\\u2060/g, '').includes('Mon–Fri 08:00–12:30')",
-                          what="the schedule in the list")
+        self.browser.wait(
+            "document.getElementById('borders').innerText.replace(/\\u2060/g, '').includes('Mon–Fri 08:00–12:30')",
+            what="the schedule in the list",
+        )
         # a wall by two taps
         self.browser.click("#wall")
         for point in ([3.3, 4.0], [3.3, 3.1]):
@@ -244,12 +286,19 @@ class PageTest(unittest.TestCase):
         self.browser.click("#stop")
         until(lambda: self.heard[names.STATE].stopped and self.heard[names.STOP].data, "stop")
         self.browser.wait_text("#banners", "All robots are stopped")
-        self.assertGreaterEqual(self.browser.run(
-            "window.scrollTo(0, 300); return document.getElementById('banners').getBoundingClientRect().top"), 0)  # wherever one is
+        self.assertGreaterEqual(
+            self.browser.run(
+                "window.scrollTo(0, 300); return document.getElementById('banners').getBoundingClientRect().top"
+            ),
+            0,
+        )  # wherever one is
         self.browser.run("window.scrollTo(0, 0)")
         # a stop of all robots stands there, so neither the answer nor a notice says it again
-        self.browser.wait("document.getElementById('toast').dataset.code == 'stopped'"
-                          " && window.virtualBorders.view.notices.some((one) => one.code == 'stopped')", what="the answer and the notice")
+        self.browser.wait(
+            "document.getElementById('toast').dataset.code == 'stopped'"
+            " && window.virtualBorders.view.notices.some((one) => one.code == 'stopped')",
+            what="the answer and the notice",
+        )
         self.assertEqual(self.browser.text("#toast"), "")
         self.assertNotIn("topped", self.browser.text("#notices"))
         self.assertEqual(self.browser.text("#state"), "Stopped")
@@ -259,7 +308,9 @@ class PageTest(unittest.TestCase):
         self.browser.wait_text("#toast", "Robots may drive again.")
         self.browser.click("#commands button", "Cancel")
         self.browser.wait("document.body.dataset.state == 'default'", what="the state default")
-        told = [json.loads(line)["values"]["command"] for line in self.events.read_text().splitlines() if "command" in line]
+        told = [
+            json.loads(line)["values"]["command"] for line in self.events.read_text().splitlines() if "command" in line
+        ]
         self.assertEqual(told[-4:], ["define_border", "stop", "resume", "cancel"])  # each once
 
     def test_3a_nothing_moves_under_a_finger_and_the_map_stays_in_its_frame(self):
@@ -278,7 +329,9 @@ class PageTest(unittest.TestCase):
         # what is told already, as somebody's stop, is no problem besides
         diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1, latch=True)
         stop = DiagnosticStatus(DiagnosticStatus.WARN, "lab: lab", "Stopped.", "lab", [KeyValue("code", "stopped")])
-        diagnostics.publish(DiagnosticArray(status=[stop, DiagnosticStatus(DiagnosticStatus.WARN, "driver", "It is slow.", "", [])]))
+        diagnostics.publish(
+            DiagnosticArray(status=[stop, DiagnosticStatus(DiagnosticStatus.WARN, "driver", "It is slow.", "", [])])
+        )
         self.browser.wait_text("#health-sum", "Problems: 1")
         diagnostics.unregister()
         # a second tap on Stop is no Resume
@@ -319,7 +372,9 @@ class PageTest(unittest.TestCase):
     def test_4_stop_reaches_robots_without_the_manager_and_it_comes_back_by_itself(self):
         self.heard.pop(names.STOP, None)
         # halted first: killed at once it would be restarted before anybody has missed it
-        process = ServerProxy(rosgraph.Master("/rostest_page").lookupNode("/interaction_manager")).getPid("/rostest_page")[2]
+        process = ServerProxy(rosgraph.Master("/rostest_page").lookupNode("/interaction_manager")).getPid(
+            "/rostest_page"
+        )[2]
         os.kill(process, signal.SIGSTOP)
         try:
             self.browser.wait_text("#banners", "has not responded for more than 0:0")
@@ -349,8 +404,12 @@ class PageTest(unittest.TestCase):
             other.click("#undo", "Rückgängig")
             other.wait_text("#borders", "Noch keine Grenzen")
             notices = NoticePublisher()
-            notices.set([Notice("interaction_ends_soon", Severity.WARNING),
-                         Notice("robot_leaves_border", values={"who": sentences.robot(""), "border": "Rug"})])
+            notices.set(
+                [
+                    Notice("interaction_ends_soon", Severity.WARNING),
+                    Notice("robot_leaves_border", values={"who": sentences.robot(""), "border": "Rug"}),
+                ]
+            )
             self.browser.wait_text("#notices", "discarded soon")
             self.browser.wait_text("#notices", "The robot is leaving Rug by itself.")
             other.wait_text("#notices", "Der Roboter verlässt Rug von selbst.")
@@ -376,15 +435,19 @@ class PageTest(unittest.TestCase):
         self.browser.driver.find_element("css selector", "#mark-form input").send_keys(evil)
         self.browser.click("#mark-form button")
         until(lambda: names.STUDY_EVENTS in self.heard and self.heard[names.STUDY_EVENTS].text == evil, "the note")
-        self.browser.wait("document.getElementById('events').textContent.includes(arguments[0])", evil, what="the note in the history")
+        self.browser.wait(
+            "document.getElementById('events').textContent.includes(arguments[0])", evil, what="the note in the history"
+        )
         self.assertFalse(self.browser.run("return document.querySelectorAll('#events img').length || window.evil || 0"))
         self.assertIn(evil, [json.loads(line)["values"].get("text") for line in self.events.read_text().splitlines()])
 
     def test_6b_a_picture_that_is_not_there_yet_is_asked_for_again(self):
         """The floor comes from cameras, which may start after the page was opened."""
         self.browser.run("window.virtualBorders.map.picture('floor', 'floor.webp?early')")
-        self.browser.wait("performance.getEntriesByType('resource').filter((one) => one.name.endsWith('floor.webp?early')).length > 1",
-                          what="the second request")
+        self.browser.wait(
+            "performance.getEntriesByType('resource').filter((one) => one.name.endsWith('floor.webp?early')).length > 1",
+            what="the second request",
+        )
         self.browser.run("window.virtualBorders.map.picture('floor', '')")
         self.browser.faults()  # the browser's console has each failed request
 
@@ -394,13 +457,18 @@ class PageTest(unittest.TestCase):
         self.stop_page(kill=True)
         self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
         self.start_page("_address:=0.0.0.0")
-        self.browser.wait("document.querySelector('#login input').getClientRects().length", what="the form for the code")
-        self.assertEqual(self.browser.run("return document.querySelectorAll('#borders li').length"), 1)  # as it was before
+        self.browser.wait(
+            "document.querySelector('#login input').getClientRects().length", what="the form for the code"
+        )
+        self.assertEqual(
+            self.browser.run("return document.querySelectorAll('#borders li').length"), 1
+        )  # as it was before
         field = self.browser.driver.find_element("css selector", "#login input")
         field.send_keys("wrong-code\n")
         self.browser.wait_text("#login-answer", "not a valid code")
         shown = until(
-            lambda: [notice for notice in self.said.get("/page", ()) if notice.code == "page_invitation"], "the code on the display"
+            lambda: [notice for notice in self.said.get("/page", ()) if notice.code == "page_invitation"],
+            "the code on the display",
         )
         field.clear()
         field.send_keys(mapping_from_values(shown[0].values)["code"] + "\n")

@@ -1,4 +1,5 @@
 """Codes, cookies, origins, limits: who gets in."""
+
 import os
 import stat
 
@@ -23,10 +24,17 @@ def test_keys_are_made_once_and_only_their_owner_can_read_them(tmp_path):
     assert first.role_of(first.operator) == Role.OPERATOR and first.role_of(first.viewer) == Role.VIEWER
 
 
-@pytest.mark.parametrize("change", [
-    {"viewer": "short"}, {"operator": ""}, {"cookie_key": "k"}, {"operator": "samesame", "viewer": "same-same"}, {"more": "x"},
-    {"viewer": 12345678},
-])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"viewer": "short"},
+        {"operator": ""},
+        {"cookie_key": "k"},
+        {"operator": "samesame", "viewer": "same-same"},
+        {"more": "x"},
+        {"viewer": 12345678},
+    ],
+)
 def test_a_file_of_codes_that_protects_nothing_is_refused(tmp_path, change):
     path = tmp_path / "codes.yaml"
     path.write_text(yaml.safe_dump({**vars(KEYS), **change}))
@@ -64,7 +72,7 @@ def test_a_cookie_gives_its_role_and_only_with_the_same_key(role):
 def test_a_changed_cookie_is_nobodys(place, letter):
     cookie = KEYS.make_cookie(Role.VIEWER)
     place %= len(cookie)
-    forged = cookie[:place] + letter + cookie[place + 1:]
+    forged = cookie[:place] + letter + cookie[place + 1 :]
     if forged != cookie:
         assert KEYS.read_cookie(forged)[0] == Role.NOBODY
 
@@ -74,20 +82,43 @@ def test_any_other_text_is_no_cookie(text):
     assert KEYS.read_cookie(text) == (Role.NOBODY, "")
 
 
-@pytest.mark.parametrize("host, expected", [
-    ("localhost", True), ("LOCALHOST.", True), ("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("[::1]", True),
-    ("localhost.evil.example", False), ("127.0.0.1.evil.example", False), ("192.168.1.2", False), ("0.0.0.0", False),
-    ("", False), ("evil", False),
-])
+@pytest.mark.parametrize(
+    "host, expected",
+    [
+        ("localhost", True),
+        ("LOCALHOST.", True),
+        ("127.0.0.1", True),
+        ("127.9.9.9", True),
+        ("::1", True),
+        ("[::1]", True),
+        ("localhost.evil.example", False),
+        ("127.0.0.1.evil.example", False),
+        ("192.168.1.2", False),
+        ("0.0.0.0", False),
+        ("", False),
+        ("evil", False),
+    ],
+)
 def test_loopback(host, expected):
     assert access.is_loopback(host) is expected
 
 
-@pytest.mark.parametrize("origin, expected", [
-    ("http://lab:8420", True), ("http://LAB:8420", True), ("https://lab:8420", False), ("http://lab", False),
-    ("http://lab:8421", False), ("http://evil", False), ("null", False), ("", False), (None, False), ("http://lab:8420@evil", False),
-    ("http://[", False),
-])
+@pytest.mark.parametrize(
+    "origin, expected",
+    [
+        ("http://lab:8420", True),
+        ("http://LAB:8420", True),
+        ("https://lab:8420", False),
+        ("http://lab", False),
+        ("http://lab:8421", False),
+        ("http://evil", False),
+        ("null", False),
+        ("", False),
+        (None, False),
+        ("http://lab:8420@evil", False),
+        ("http://[", False),
+    ],
+)
 def test_only_the_pages_own_origin_counts(origin, expected):
     assert access.same_origin(origin, "http", "lab:8420") is expected
 
@@ -116,7 +147,10 @@ def test_codes_cannot_be_tried_fast_from_one_address_nor_from_many():
 
 def test_headers_let_nothing_in_from_elsewhere():
     headers = access.security_headers(secure=False)
-    assert "default-src 'none'" in headers["Content-Security-Policy"] and "unsafe" not in headers["Content-Security-Policy"]
+    assert (
+        "default-src 'none'" in headers["Content-Security-Policy"]
+        and "unsafe" not in headers["Content-Security-Policy"]
+    )
     assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
 
 

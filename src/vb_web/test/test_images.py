@@ -1,4 +1,5 @@
 """Pictures lie where the map is, and show what is there."""
+
 import cv2
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
 """Only well-formed requests get through, whatever else a browser sends."""
+
 import json
 import math
 import sys
@@ -57,14 +58,36 @@ def test_each_missing_or_additional_field_is_refused(action):
         parse(**whole, topic="/cmd_vel")
 
 
-@pytest.mark.parametrize("change", [
-    {"points": [[0, 0]]}, {"points": [[1, 1]] * 501}, {"points": [[1, 1], [99, 1]]}, {"points": [[1, 1], [1, "2"]]},
-    {"points": [[1, 1], [1, 2, 3]]}, {"points": [[1, 1], [True, 1]]}, {"points": {"0": [1, 1]}}, {"points": [[1, 1], [10**400, 1]]},
-    {"seed": [1, None]}, {"seed": [1, -1e308]}, {"seed": 5}, {"kind": "circle"}, {"kind": 1}, {"zone": "KEEP_OUT"},
-    {"max_speed": -0.1}, {"max_speed": "fast"}, {"zone": "slow", "max_speed": 0.0}, {"name": "x" * 61}, {"name": "a\u202eb"},
-    {"name": "a\x00b"}, {"name": None}, {"schedule": "always"}, {"schedule": "mon 25:00-26:00"}, {"schedule": "mon 08:00-12:00; rm"},
-    {"topic": "/x"},
-])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"points": [[0, 0]]},
+        {"points": [[1, 1]] * 501},
+        {"points": [[1, 1], [99, 1]]},
+        {"points": [[1, 1], [1, "2"]]},
+        {"points": [[1, 1], [1, 2, 3]]},
+        {"points": [[1, 1], [True, 1]]},
+        {"points": {"0": [1, 1]}},
+        {"points": [[1, 1], [10**400, 1]]},
+        {"seed": [1, None]},
+        {"seed": [1, -1e308]},
+        {"seed": 5},
+        {"kind": "circle"},
+        {"kind": 1},
+        {"zone": "KEEP_OUT"},
+        {"max_speed": -0.1},
+        {"max_speed": "fast"},
+        {"zone": "slow", "max_speed": 0.0},
+        {"name": "x" * 61},
+        {"name": "a\u202eb"},
+        {"name": "a\x00b"},
+        {"name": None},
+        {"schedule": "always"},
+        {"schedule": "mon 25:00-26:00"},
+        {"schedule": "mon 08:00-12:00; rm"},
+        {"topic": "/x"},
+    ],
+)
 def test_bad_drafts_are_refused(change):
     with pytest.raises(CodedError) as found:
         parse(do="add", id="a", draft={**GOOD_DRAFT, **change})
@@ -80,7 +103,14 @@ def test_numbers_that_are_none_are_refused(text):
 
 @pytest.mark.parametrize(
     "schedule",
-    ["", "08:00-12:00", "mon-fri 08:00-12:00", "mon,wed,sat-sun 22:00-06:00", "tue 00:00-24:00", "daily 9:00-10:00; sat-mon 22:00-06:00"],
+    [
+        "",
+        "08:00-12:00",
+        "mon-fri 08:00-12:00",
+        "mon,wed,sat-sun 22:00-06:00",
+        "tue 00:00-24:00",
+        "daily 9:00-10:00; sat-mon 22:00-06:00",
+    ],
 )
 def test_schedules_as_people_set_them(schedule):
     assert parse(do="add", id="a", draft={**GOOD_DRAFT, "schedule": schedule}).values["draft"].schedule == schedule
@@ -100,8 +130,14 @@ def test_a_message_that_is_too_long_or_too_deep_is_refused():
 
 
 @settings(max_examples=50)
-@given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=20), lambda inner: st.lists(inner, max_size=4)
-                    | st.dictionaries(st.sampled_from(["do", "id", "draft", "command", "border", "x"]), inner, max_size=6), max_leaves=12))
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.floats() | st.text(max_size=20),
+        lambda inner: st.lists(inner, max_size=4)
+        | st.dictionaries(st.sampled_from(["do", "id", "draft", "command", "border", "x"]), inner, max_size=6),
+        max_leaves=12,
+    )
+)
 def test_any_json_is_a_request_or_a_coded_refusal(value):
     try:
         requests.parse(json.dumps(value), BOUNDS)
@@ -119,7 +155,11 @@ def test_what_gets_through_of_hostile_messages_is_harmless():
         passed += 1
         draft = request.values.get("draft")
         if isinstance(draft, Draft):
-            assert np.isfinite(draft.points).all() and (np.abs(draft.points) <= 9.0).all() and math.isfinite(draft.max_speed)
+            assert (
+                np.isfinite(draft.points).all()
+                and (np.abs(draft.points) <= 9.0).all()
+                and math.isfinite(draft.max_speed)
+            )
         for value in request.values.values():
             assert not isinstance(value, str) or (len(value) <= 300 and value.isprintable())
     assert 0 < passed < 1000

@@ -1,4 +1,5 @@
 """The server over real sockets: who gets in, what is answered, what hostile messages do."""
+
 import asyncio
 import json
 import socket
@@ -80,6 +81,7 @@ class Running:
 
     def link(self, work, **headers):
         """Runs work(socket) over a WebSocket; gives its result."""
+
         async def run():
             given = {"Origin": f"http://{self.host}", **headers}
             connection = await websocket_connect(HTTPRequest(f"ws://{self.host}/link", headers=given))
@@ -141,9 +143,20 @@ def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path)
     running = Running(KEYS, params)
     try:
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
-        answer = running.ask("/login", "POST", json.dumps({"code": KEYS.viewer}), scheme="https", options=trusted,
-                             Origin=f"https://{running.host}", Content_Type="application/json")
-        assert answer.code == 200 and "Secure" in answer.headers["Set-Cookie"] and "Strict-Transport-Security" in answer.headers
+        answer = running.ask(
+            "/login",
+            "POST",
+            json.dumps({"code": KEYS.viewer}),
+            scheme="https",
+            options=trusted,
+            Origin=f"https://{running.host}",
+            Content_Type="application/json",
+        )
+        assert (
+            answer.code == 200
+            and "Secure" in answer.headers["Set-Cookie"]
+            and "Strict-Transport-Security" in answer.headers
+        )
         with pytest.raises(OSError):  # http: no answer at all
             running.ask("/session")
     finally:
@@ -179,10 +192,16 @@ def test_this_computer_needs_no_code(local):
     assert local.ask("/").headers["Content-Security-Policy"]
 
 
-@pytest.mark.parametrize("headers", [
-    {"Host": "evil.example"}, {"Host": "localhost.evil.example:8420"}, {"X_Forwarded_For": "127.0.0.1"}, {"Forwarded": "for=1.2.3.4"},
-    {"Via": "1.1 proxy"},
-])
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "evil.example"},
+        {"Host": "localhost.evil.example:8420"},
+        {"X_Forwarded_For": "127.0.0.1"},
+        {"Forwarded": "for=1.2.3.4"},
+        {"Via": "1.1 proxy"},
+    ],
+)
 def test_a_foreign_name_or_a_proxy_is_not_this_computer(local, headers):
     assert json.loads(local.ask("/session", **headers).body)["role"] == "nobody"
     assert [local.ask(path, **headers).code for path in PRIVATE] == [401, 401, 401]
@@ -236,12 +255,23 @@ def test_a_page_from_elsewhere_gets_no_link(local, headers):
     assert local.backend.done == []
 
 
-@pytest.mark.parametrize("path, method, body, expected", [
-    ("/../../etc/passwd", "GET", None, 404), ("/static/../server.py", "GET", None, 404), ("/%2e%2e/server.py", "GET", None, 404),
-    ("/server.py", "GET", None, 404), ("/picture/map/../../x.png", "GET", None, 404), ("/camera/rosout.jpg", "GET", None, 404),
-    ("/camera/..%2f..%2fx.jpg", "GET", None, 404), ("/words/xx.json", "GET", None, 404), ("/", "DELETE", None, 403), ("/", "PUT", "x", 403),
-    ("/login", "POST", "{", 404), ("/" + "a" * 60, "GET", None, 404),
-])
+@pytest.mark.parametrize(
+    "path, method, body, expected",
+    [
+        ("/../../etc/passwd", "GET", None, 404),
+        ("/static/../server.py", "GET", None, 404),
+        ("/%2e%2e/server.py", "GET", None, 404),
+        ("/server.py", "GET", None, 404),
+        ("/picture/map/../../x.png", "GET", None, 404),
+        ("/camera/rosout.jpg", "GET", None, 404),
+        ("/camera/..%2f..%2fx.jpg", "GET", None, 404),
+        ("/words/xx.json", "GET", None, 404),
+        ("/", "DELETE", None, 403),
+        ("/", "PUT", "x", 403),
+        ("/login", "POST", "{", 404),
+        ("/" + "a" * 60, "GET", None, 404),
+    ],
+)
 def test_only_what_is_listed_can_be_fetched(local, path, method, body, expected):
     assert local.ask(path, method, body).code in (expected, 403 if method != "GET" else expected)
 
@@ -249,8 +279,13 @@ def test_only_what_is_listed_can_be_fetched(local, path, method, body, expected)
 def test_a_body_that_is_large_or_a_form_is_never_parsed(network):
     big = network.ask("/login", "POST", "x" * 100000, Origin=f"http://{network.host}")
     assert big.code in (400, 413, 599)
-    form = network.ask("/login", "POST", "--b\r\n\r\nx\r\n--b--", Origin=f"http://{network.host}",
-                       Content_Type="multipart/form-data; boundary=b")
+    form = network.ask(
+        "/login",
+        "POST",
+        "--b\r\n\r\nx\r\n--b--",
+        Origin=f"http://{network.host}",
+        Content_Type="multipart/form-data; boundary=b",
+    )
     assert form.code == 400
 
 
@@ -283,7 +318,10 @@ def test_a_request_that_is_sent_again_is_carried_out_once(local):
 
 def test_refusals_come_as_codes(local):
     async def work(connection):
-        return [await answer_to(connection, do="remove", border="b", revision=1), await answer_to(connection, do="reboot")]
+        return [
+            await answer_to(connection, do="remove", border="b", revision=1),
+            await answer_to(connection, do="reboot"),
+        ]
 
     assert [answer["code"] for answer in local.link(work)] == ["page_no_border", "page_bad_request"]
 
@@ -293,7 +331,9 @@ def test_stop_does_not_wait_for_what_takes_long(local):
 
     async def work(connection):
         for number in range(12):  # more than there are threads, and than one browser may have under way
-            await connection.write_message(json.dumps({"do": "preview", "id": f"p{number}", "draft": GOOD_DRAFT, "border": ""}))
+            await connection.write_message(
+                json.dumps({"do": "preview", "id": f"p{number}", "draft": GOOD_DRAFT, "border": ""})
+            )
         answer = await answer_to(connection, do="command", id="stop", command="stop")
         local.backend.gate.set()
         return answer
@@ -315,14 +355,19 @@ def test_one_browser_cannot_ask_without_end(local):
 
 def test_hostile_messages_leave_no_trace(local):
     """As an operator, the most that somebody who got in could do; messages that are requests by accident are left out."""
+
     async def work():
         sent = 0
         messages = [text for text in hostile_messages(400, seed=2) if not is_request(text)]
         while messages:
-            connection = await websocket_connect(HTTPRequest(f"ws://{local.host}/link", headers={"Origin": f"http://{local.host}"}))
+            connection = await websocket_connect(
+                HTTPRequest(f"ws://{local.host}/link", headers={"Origin": f"http://{local.host}"})
+            )
             try:
                 while messages:
-                    await connection.write_message(messages.pop().encode("utf-8", "surrogatepass").decode("utf-8", "replace"))
+                    await connection.write_message(
+                        messages.pop().encode("utf-8", "surrogatepass").decode("utf-8", "replace")
+                    )
                     sent += 1
             except WebSocketClosedError:
                 pass  # after so many faults the server hangs up

@@ -1,4 +1,5 @@
 """The view's revisions, the history's changes, and the words."""
+
 import json
 import re
 from pathlib import Path
@@ -46,14 +47,29 @@ def test_an_age_that_is_read_out_changes_seldom():
 
 
 def border(**changes):
-    return {"name": "a", "enabled": True, "points": [], "seed": [], "schedule": "", "zone": "keep_out", "max_speed": 0, **changes}
+    return {
+        "name": "a",
+        "enabled": True,
+        "points": [],
+        "seed": [],
+        "schedule": "",
+        "zone": "keep_out",
+        "max_speed": 0,
+        **changes,
+    }
 
 
-@pytest.mark.parametrize("after, expected", [
-    ({"1": border()}, []), ({}, [("page_event_removed", "a")]), ({"1": border(name="b")}, [("page_event_renamed", "b")]),
-    ({"1": border(enabled=False)}, [("page_event_disabled", "a")]), ({"1": border(points=[1])}, [("page_event_changed", "a")]),
-    ({"1": border(), "2": border(name="c")}, [("page_event_added", "c")]),
-])
+@pytest.mark.parametrize(
+    "after, expected",
+    [
+        ({"1": border()}, []),
+        ({}, [("page_event_removed", "a")]),
+        ({"1": border(name="b")}, [("page_event_renamed", "b")]),
+        ({"1": border(enabled=False)}, [("page_event_disabled", "a")]),
+        ({"1": border(points=[1])}, [("page_event_changed", "a")]),
+        ({"1": border(), "2": border(name="c")}, [("page_event_added", "c")]),
+    ],
+)
 def test_what_happened_between_two_lists_of_borders(after, expected):
     assert border_changes({"1": border()}, after) == expected
 
@@ -67,7 +83,11 @@ def used_words():
 @pytest.mark.parametrize("language", sentences.languages())
 def test_every_word_of_the_page_is_there_in_every_language(language):
     words = sentences.catalogue(language)
-    missing = [code for code in used_words() if not any(code == word or (code.endswith("_") and word.startswith(code)) for word in words)]
+    missing = [
+        code
+        for code in used_words()
+        if not any(code == word or (code.endswith("_") and word.startswith(code)) for word in words)
+    ]
     # page_zone and page_title are words and beginnings of words at once
     assert not missing
 
@@ -76,7 +96,11 @@ def test_no_word_of_the_page_is_left_over():
     sources = "".join(path.read_text(encoding="utf-8") for path in STATIC.parent.glob("*.py"))
     used = used_words() | set(re.findall(r"\bpage_[a-z_]+", sources))
     stems = [code for code in used if code.endswith("_")] + ["page_title_", "page_zone_"]
-    left = [word for word in sentences.catalogue() if word.startswith("page_") and word not in used and not word.startswith(tuple(stems))]
+    left = [
+        word
+        for word in sentences.catalogue()
+        if word.startswith("page_") and word not in used and not word.startswith(tuple(stems))
+    ]
     assert not left
 
 

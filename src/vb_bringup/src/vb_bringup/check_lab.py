@@ -1,4 +1,5 @@
 """Checks a running lab before people come: one line each, what is wrong and how to fix it."""
+
 from __future__ import annotations
 
 import argparse
@@ -17,7 +18,9 @@ from vb_core import sentences
 
 READY, FAULTS, NO_MASTER = 0, 1, 3
 _MARKS = {
-    CheckState.OK: "[green]ok[/]", CheckState.UNKNOWN: "?", CheckState.WARNING: "[yellow]warning[/]",
+    CheckState.OK: "[green]ok[/]",
+    CheckState.UNKNOWN: "?",
+    CheckState.WARNING: "[yellow]warning[/]",
     CheckState.ERROR: "[bold red]error[/]",
 }
 
@@ -35,14 +38,24 @@ def print_table(lines: List[CheckLine], language: str, console: Console) -> None
 def to_json(lines: List[CheckLine], language: str) -> str:
     """Formats the lines for programs.
 
-    Each has subject, state, code, values, the sentence for people, and whether a node tells it by itself (`from_notice`).
+    Each has subject, state, code, values, the sentence for people, and whether a node tells it by itself
+    (`from_notice`).
     """
-    return json.dumps([
-        {"subject": line.subject, "state": line.state.name.lower(), "code": line.code,
-         "values": {key: str(value) for key, value in line.values.items()}, "message": line.sentence(language),
-         "from_notice": line.from_notice}
-        for line in lines
-    ], indent=1, ensure_ascii=False)
+    return json.dumps(
+        [
+            {
+                "subject": line.subject,
+                "state": line.state.name.lower(),
+                "code": line.code,
+                "values": {key: str(value) for key, value in line.values.items()},
+                "message": line.sentence(language),
+                "from_notice": line.from_notice,
+            }
+            for line in lines
+        ],
+        indent=1,
+        ensure_ascii=False,
+    )
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
@@ -52,15 +65,20 @@ def run(arguments: Optional[List[str]] = None) -> int:
         The exit status: 0 ready (warnings allowed), 1 faults, 3 no ROS master. (2 is argparse's, for a wrong call.)
     """
     parser = argparse.ArgumentParser(
-        prog="check_lab", description=__doc__,
-        epilog="Exit status: 0 ready, 1 something is wrong, 2 wrong call, 3 the ROS master does not answer.")
+        prog="check_lab",
+        description=__doc__,
+        epilog="Exit status: 0 ready, 1 something is wrong, 2 wrong call, 3 the ROS master does not answer.",
+    )
     parser.add_argument("--json", action="store_true", help="for programs")
     parser.add_argument("--seconds", type=float, default=4.0, help="how long to listen to cameras and scans (4)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages())
     chosen = parser.parse_args(rospy.myargv(["check_lab", *(sys.argv[1:] if arguments is None else arguments)])[1:])
     if not rosgraph.is_master_online():
-        print(f"The ROS master does not answer at {rosgraph.get_master_uri()}: start lab.launch first, and set "
-              "ROS_MASTER_URI if it runs on another computer.", file=sys.stderr)
+        print(
+            f"The ROS master does not answer at {rosgraph.get_master_uri()}: start lab.launch first, and set "
+            "ROS_MASTER_URI if it runs on another computer.",
+            file=sys.stderr,
+        )
         return NO_MASTER
     rospy.init_node("check_lab", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
     lines = observe_lab(chosen.seconds)

@@ -4,6 +4,7 @@ Every check is one line: a subject, a state, and a code whose sentence (vb_core/
 fix it. What the lab's nodes tell people anyway is not measured again: their notices are lines too (`from_notice`).
 `lab_observation` observes the running lab; this module only judges.
 """
+
 from __future__ import annotations
 
 import enum
@@ -72,9 +73,10 @@ class CameraObservation:
         frame: that the images name; bright: share of the image at its white level.
         detector: the detector's node; "" if none runs.
         has_pose: whether tf knows the frame in the map.
-        file: the calibration file, "" if others publish the pose; file_missing: there is none; file_error: why it cannot
-            be used; file_camera: the other camera that it is of;
-        file_frame: the frame that it names; file_focal: [px] of the lens with which it was made, 0 if that is not known.
+        file: the calibration file, "" if others publish the pose; file_missing: there is none; file_error: why it
+            cannot be used; file_camera: the other camera that it is of;
+        file_frame: the frame that it names; file_focal: [px] of the lens with which it was made, 0 if that is not
+            known.
     """
 
     name: str
@@ -111,7 +113,9 @@ def check_cameras(cameras: Sequence[CameraObservation]) -> List[CheckLine]:
     for camera in cameras:
         faults = list(_camera_faults(camera, by_frame))
         values = {
-            "camera": camera.name, "rate": f"{camera.rate:.1f}", "size": f"{camera.width} x {camera.height}",
+            "camera": camera.name,
+            "rate": f"{camera.rate:.1f}",
+            "size": f"{camera.width} x {camera.height}",
             "encoding": camera.encoding,
         }
         lines += faults or [CheckLine(f"camera {camera.name}", CheckState.OK, "lab_camera_ok", values)]
@@ -128,7 +132,12 @@ def _camera_faults(camera: CameraObservation, by_frame: Mapping[str, Sequence[st
         yield fault(CheckState.ERROR, "lab_camera_no_detector")
     if not camera.publishers:
         if camera.others:
-            yield fault(CheckState.ERROR, "lab_camera_other_topic", others=", ".join(camera.others), image=camera.others[0].strip("/"))
+            yield fault(
+                CheckState.ERROR,
+                "lab_camera_other_topic",
+                others=", ".join(camera.others),
+                image=camera.others[0].strip("/"),
+            )
         else:
             yield fault(CheckState.ERROR, "lab_camera_no_publisher")
         return
@@ -155,12 +164,21 @@ def _lens_faults(camera: CameraObservation, fault: Any) -> Iterable[CheckLine]:
         yield fault(CheckState.ERROR, "lab_camera_not_calibrated")
     elif (info.width, info.height) != (camera.width, camera.height):
         yield fault(
-            CheckState.ERROR, "lab_camera_info_size", size=f"{camera.width} x {camera.height}",
-            info_size=f"{info.width} x {info.height}")
+            CheckState.ERROR,
+            "lab_camera_info_size",
+            size=f"{camera.width} x {camera.height}",
+            info_size=f"{info.width} x {info.height}",
+        )
     elif camera.file_focal > 0.0 and all(
-            abs(focal / camera.file_focal - 1.0) > OTHER_LENS for focal in (info.focal, info.rectified)):
+        abs(focal / camera.file_focal - 1.0) > OTHER_LENS for focal in (info.focal, info.rectified)
+    ):
         yield fault(
-            CheckState.ERROR, "lab_camera_other_lens", focal=f"{info.focal:.0f}", file_focal=f"{camera.file_focal:.0f}", file=camera.file)
+            CheckState.ERROR,
+            "lab_camera_other_lens",
+            focal=f"{info.focal:.0f}",
+            file_focal=f"{camera.file_focal:.0f}",
+            file=camera.file,
+        )
 
 
 def _pose_faults(camera: CameraObservation, by_frame: Mapping[str, Sequence[str]], fault: Any) -> Iterable[CheckLine]:
@@ -175,13 +193,23 @@ def _pose_faults(camera: CameraObservation, by_frame: Mapping[str, Sequence[str]
     elif camera.file_error and (camera.has_pose or not camera.file_missing):
         # the running lab still has the last good pose; calibrating again is not the first thing to do
         yield fault(
-            CheckState.ERROR, "lab_camera_wrong_file" if camera.file_camera else "lab_camera_file_broken", file=camera.file,
-            error=camera.file_error, other=camera.file_camera, pose="$lab_pose_kept" if camera.has_pose else "$lab_pose_missing")
+            CheckState.ERROR,
+            "lab_camera_wrong_file" if camera.file_camera else "lab_camera_file_broken",
+            file=camera.file,
+            error=camera.file_error,
+            other=camera.file_camera,
+            pose="$lab_pose_kept" if camera.has_pose else "$lab_pose_missing",
+        )
     elif camera.file_error:
         yield fault(CheckState.ERROR, "lab_camera_no_calibration", file=camera.file, error=camera.file_error)
     elif camera.file_frame and camera.file_frame != camera.frame:
         yield fault(
-            CheckState.ERROR, "lab_camera_frame_differs", frame=camera.frame, file=camera.file, file_frame=camera.file_frame)
+            CheckState.ERROR,
+            "lab_camera_frame_differs",
+            frame=camera.frame,
+            file=camera.file,
+            file_frame=camera.file_frame,
+        )
     elif not camera.has_pose:
         yield fault(CheckState.ERROR, "lab_camera_no_pose", frame=camera.frame)
 
@@ -234,7 +262,8 @@ class MapObservation:
     Attributes:
         shape: (rows, columns) of /map; None: no map arrived.
         publishers: nodes that publish /map; with_borders: whether /virtual_borders/map has the same geometry.
-        borders, in_force: how many are switched on, and how many of these are in force; disabled: how many are switched off.
+        borders, in_force: how many are switched on, and how many of these are in force; disabled: how many are switched
+            off.
         file: what the lab was given as its map; "" if nothing.
     """
 
@@ -252,18 +281,27 @@ class MapObservation:
 def check_map(seen: MapObservation) -> List[CheckLine]:
     """Checks whether there is one physical map, and whose borders are in it."""
     if seen.shape is None:
-        return [CheckLine("map", CheckState.ERROR, "lab_map_not_served" if seen.file else "lab_map_missing", {"file": seen.file})]
+        return [
+            CheckLine(
+                "map", CheckState.ERROR, "lab_map_not_served" if seen.file else "lab_map_missing", {"file": seen.file}
+            )
+        ]
     lines = []
     if len(seen.publishers) > 1:
-        lines.append(CheckLine("map", CheckState.ERROR, "lab_map_many_publishers", {"nodes": ", ".join(seen.publishers)}))
+        lines.append(
+            CheckLine("map", CheckState.ERROR, "lab_map_many_publishers", {"nodes": ", ".join(seen.publishers)})
+        )
     if not seen.with_borders:
         lines.append(CheckLine("map", CheckState.ERROR, "lab_map_without_borders"))
     if seen.needs_confirmation:
         lines.append(CheckLine("map", CheckState.ERROR, "lab_borders_need_confirmation"))
     rows, columns = seen.shape
     values = {
-        "width": f"{columns * seen.resolution:.1f}", "height": f"{rows * seen.resolution:.1f}",
-        "borders": seen.borders, "in_force": seen.in_force, "disabled": seen.disabled,
+        "width": f"{columns * seen.resolution:.1f}",
+        "height": f"{rows * seen.resolution:.1f}",
+        "borders": seen.borders,
+        "in_force": seen.in_force,
+        "disabled": seen.disabled,
     }
     if seen.in_force < seen.borders and not lines:
         lines.append(CheckLine("map", CheckState.WARNING, "lab_borders_not_in_force", values))
@@ -326,22 +364,34 @@ def check_disk(folder: str, free_mb: float, writable: bool = True) -> CheckLine:
 
 
 # people are told of these at once, by the node that the fault is in: a check that comes later adds nothing
-_TOLD_BY_OTHERS = frozenset({
-    "lab_camera_no_detector", "lab_camera_no_publisher", "lab_camera_silent", "lab_robot_no_pose", "lab_robot_old_pose",
-    "lab_borders_need_confirmation",
-})
+_TOLD_BY_OTHERS = frozenset(
+    {
+        "lab_camera_no_detector",
+        "lab_camera_no_publisher",
+        "lab_camera_silent",
+        "lab_robot_no_pose",
+        "lab_robot_old_pose",
+        "lab_borders_need_confirmation",
+    }
+)
 
 
 def notices_from_lines(lines: Iterable[CheckLine]) -> List[Notice]:
     """Makes notices of the errors that no other node tells people."""
     return [
-        Notice(line.code, Severity.ERROR, camera=str(line.values.get("camera", "")),
-               values={key: str(value) for key, value in line.values.items()})
-        for line in lines if line.state is CheckState.ERROR and not line.from_notice and line.code not in _TOLD_BY_OTHERS
+        Notice(
+            line.code,
+            Severity.ERROR,
+            camera=str(line.values.get("camera", "")),
+            values={key: str(value) for key, value in line.values.items()},
+        )
+        for line in lines
+        if line.state is CheckState.ERROR and not line.from_notice and line.code not in _TOLD_BY_OTHERS
     ]
 
 
-# the same, seen by a node that knows less: an error that a check found with that camera, or with the map, says what lies behind
+# the same, seen by a node that knows less: an error that a check found with that camera, or with the map, says what
+# lies behind
 _EXPLAINED = frozenset({"camera_silent", "detector_missing", "camera_no_pose", "camera_no_lens", "borders_unconfirmed"})
 
 

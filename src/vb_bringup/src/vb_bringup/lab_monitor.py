@@ -2,6 +2,7 @@
 
 Without it, an unplugged camera looks to a person as if the laser were off.
 """
+
 from __future__ import annotations
 
 import math
@@ -23,8 +24,8 @@ DISAGREE_M = 0.05
 _SIGHTINGS, _REMEMBERED_S = 200, 300.0
 # [s] a detector looks a fixed camera's pose up every two seconds: what it sees until then may still have the former one
 _TAKEN_S = 5.0
-# a detector's count of dropped spots, to the code of the notice; the first that holds hides those behind it. Of a shared
-# frame `check_lab` tells, which knows the cameras that have it.
+# a detector's count of dropped spots, to the code of the notice; the first that holds hides those behind it. Of a
+# shared frame `check_lab` tells, which knows the cameras that have it.
 _REASONS = {"shared_frame": "", "no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}
 
 
@@ -84,7 +85,10 @@ class LabMonitor:
             return "detector_missing"
         if now - camera.image_at > SILENT_S:
             return "camera_silent"
-        return next((code for reason, code in _REASONS.items() if now - camera.dropped_at.get(reason, -math.inf) <= SILENT_S), "")
+        return next(
+            (code for reason, code in _REASONS.items() if now - camera.dropped_at.get(reason, -math.inf) <= SILENT_S),
+            "",
+        )
 
 
 class CameraComparison:
@@ -115,7 +119,12 @@ class CameraComparison:
         except CodedError:
             return []  # no two of them saw the laser together
         return [
-            Notice("cameras_disagree", Severity.ERROR, camera=pair.second,
-                   values={"first": pair.first, "second": pair.second, "cm": f"{100 * pair.median:.0f}"})
-            for pair in pairs if pair.median > DISAGREE_M
+            Notice(
+                "cameras_disagree",
+                Severity.ERROR,
+                camera=pair.second,
+                values={"first": pair.first, "second": pair.second, "cm": f"{100 * pair.median:.0f}"},
+            )
+            for pair in pairs
+            if pair.median > DISAGREE_M
         ]

@@ -1,4 +1,5 @@
 """Node: tells people when a camera fails while they work, checks the whole lab whenever nodes came or went, and logs what is wrong."""
+
 from __future__ import annotations
 
 import json
@@ -33,8 +34,12 @@ AGAIN_S = {CheckState.ERROR: 60.0, CheckState.OK: 600.0}  # a check takes two se
 LOGGED_AGAIN_S = 60.0  # before what comes and goes is logged again
 # what rospy appends to the names of tools, whose coming and going does not change the lab
 _ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
-_LEVELS = {CheckState.OK: DiagnosticStatus.OK, CheckState.UNKNOWN: DiagnosticStatus.WARN, CheckState.WARNING: DiagnosticStatus.WARN,
-           CheckState.ERROR: DiagnosticStatus.ERROR}
+_LEVELS = {
+    CheckState.OK: DiagnosticStatus.OK,
+    CheckState.UNKNOWN: DiagnosticStatus.WARN,
+    CheckState.WARNING: DiagnosticStatus.WARN,
+    CheckState.ERROR: DiagnosticStatus.ERROR,
+}
 # in a separate process, which gives its memory back; below everything that people wait for
 _CHECK = ["nice", "-n", "15", sys.executable, "-c", "from vb_bringup.check_lab import main; main()", "--json"]
 
@@ -129,7 +134,9 @@ class LabMonitorNode:
     def _new(self, said: List[CheckLine]) -> List[CheckLine]:
         """Returns the lines that did not hold a moment ago: what flickers is logged once."""
         now = time.monotonic()
-        new = [line for line in said if now - self._logged.get((line.subject, line.code), float("-inf")) > LOGGED_AGAIN_S]
+        new = [
+            line for line in said if now - self._logged.get((line.subject, line.code), float("-inf")) > LOGGED_AGAIN_S
+        ]
         self._logged.update({(line.subject, line.code): now for line in said})
         return new
 
@@ -179,8 +186,11 @@ class LabMonitorNode:
             found = json.loads(text)
         except ValueError:
             return None  # the ROS master has ended
-        return [CheckLine(line["subject"], CheckState[line["state"].upper()], line["code"], line["values"])
-                for line in found if not line["from_notice"]]
+        return [
+            CheckLine(line["subject"], CheckState[line["state"].upper()], line["code"], line["values"])
+            for line in found
+            if not line["from_notice"]
+        ]
 
     def _adopt(self, lines: List[CheckLine]) -> None:
         with self._lock:
@@ -205,8 +215,13 @@ def _diagnostics(lines: List[CheckLine]) -> DiagnosticArray:
     array = DiagnosticArray()
     array.header.stamp = rospy.Time.now()
     array.status = [
-        DiagnosticStatus(name=f"lab: {line.subject}", level=_LEVELS[line.state], message=line.sentence(),
-                         hardware_id="lab", values=values_from_mapping({"code": line.code, **line.values}))
+        DiagnosticStatus(
+            name=f"lab: {line.subject}",
+            level=_LEVELS[line.state],
+            message=line.sentence(),
+            hardware_id="lab",
+            values=values_from_mapping({"code": line.code, **line.values}),
+        )
         for line in lines
     ]
     return array

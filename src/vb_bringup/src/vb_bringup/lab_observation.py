@@ -1,4 +1,5 @@
 """Observes the running lab: what its cameras, robots, maps and nodes send within some seconds, and what they tell people."""
+
 from __future__ import annotations
 
 import os
@@ -17,8 +18,20 @@ from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 
 from vb_bringup.lab import (
-    CameraInfoObservation, CameraObservation, CheckLine, CheckState, MapObservation, NavigationObservation, RobotObservation,
-    check_cameras, check_disk, check_map, check_navigation, check_nodes, check_robot, lines_from_notices,
+    CameraInfoObservation,
+    CameraObservation,
+    CheckLine,
+    CheckState,
+    MapObservation,
+    NavigationObservation,
+    RobotObservation,
+    check_cameras,
+    check_disk,
+    check_map,
+    check_navigation,
+    check_nodes,
+    check_robot,
+    lines_from_notices,
 )
 from vb_core import names
 from vb_core.errors import CodedError
@@ -85,8 +98,9 @@ class ObservedTopic:
     def age(self) -> float:
         """Returns the time [s] from a message's stamp to its arrival, of the quickest one; negative: from the future.
 
-        A busy computer delays some messages; clocks that differ shift all of them. Simulated time comes as messages that are
-        delayed, too, which makes others look too early: there the smallest difference in either direction counts.
+        A busy computer delays some messages; clocks that differ shift all of them. Simulated time comes
+        as messages that are delayed, too, which makes others look too early: there the smallest
+        difference in either direction counts.
         """
         with self._lock:
             return min(self._ages, key=None if rospy.rostime.is_wallclock() else abs, default=0.0)
@@ -114,8 +128,10 @@ def observe_lab(seconds: float) -> List[CheckLine]:
     transforms = TransformLookup()
     robots = _robots()
     running = sorted(node for node in graph.nodes if node.split("/")[-1].startswith(_DETECTOR))
-    detectors = {node: {"camera": node.split("/")[-1][len(_DETECTOR):].strip("_"), **_parameters(node)}
-                 for node in [*running, *_missing_detectors(running)]}
+    detectors = {
+        node: {"camera": node.split("/")[-1][len(_DETECTOR) :].strip("_"), **_parameters(node)}
+        for node in [*running, *_missing_detectors(running)]
+    }
     images = {node: _image_topic(graph, node, found) for node, found in detectors.items()}
     streams: Dict[str, ObservedTopic] = {}
     for topic, kind in images.values():
@@ -125,8 +141,11 @@ def observe_lab(seconds: float) -> List[CheckLine]:
         streams[_within(robot, "scan")] = ObservedTopic(_within(robot, "scan"), LaserScan)
         for name in ("camera/rgb/image_raw", "camera/depth_registered/image_raw"):
             streams.setdefault(_within(robot, name), ObservedTopic(_within(robot, name), Image))
-    for topic, kind in ((names.PHYSICAL_MAP, OccupancyGrid), (names.MAP_WITH_BORDERS, OccupancyGrid),
-                        (names.BORDERS, VirtualBorderArray)):
+    for topic, kind in (
+        (names.PHYSICAL_MAP, OccupancyGrid),
+        (names.MAP_WITH_BORDERS, OccupancyGrid),
+        (names.BORDERS, VirtualBorderArray),
+    ):
         streams[topic] = ObservedTopic(topic, kind)
     wait_for_publishers([told.subscriber, *(stream.subscriber for stream in streams.values())], _CONNECTION_PATIENCE_S)
     rospy.rostime.wallsleep(seconds)
@@ -222,8 +241,12 @@ class _CalibrationFiles:
         try:
             found = self._files.load(path)
         except CodedError as error:
-            return {"file": str(path), "file_missing": error.code == "no_calibration", "file_error": error.message,
-                    "file_camera": error.values.get("camera", "")}
+            return {
+                "file": str(path),
+                "file_missing": error.code == "no_calibration",
+                "file_error": error.message,
+                "file_camera": error.values.get("camera", ""),
+            }
         return {"file": str(path), "file_frame": found.frame, "file_focal": found.focal}
 
 
@@ -231,27 +254,43 @@ def _other_images(graph: NodeGraph, topic: str) -> List[str]:
     """Lists topics of images beside one that nobody publishes: what the driver calls its images."""
     name = topic.strip("/").split("/")[0]
     return sorted(
-        other for other, nodes in graph.publishers.items()
-        if nodes and other != topic and other.startswith(f"/{name}/") and graph.types.get(other) == "sensor_msgs/Image")
+        other
+        for other, nodes in graph.publishers.items()
+        if nodes and other != topic and other.startswith(f"/{name}/") and graph.types.get(other) == "sensor_msgs/Image"
+    )
 
 
 def _camera(
-    graph: NodeGraph, node: str, parameters: Mapping[str, Any], topic: str, streams: Mapping[str, ObservedTopic],
-    transforms: TransformLookup, poses: _CalibrationFiles,
+    graph: NodeGraph,
+    node: str,
+    parameters: Mapping[str, Any],
+    topic: str,
+    streams: Mapping[str, ObservedTopic],
+    transforms: TransformLookup,
+    poses: _CalibrationFiles,
 ) -> CameraObservation:
     name = str(parameters.get("camera", node))
     image, info = streams[topic].message(), streams[_info_topic(topic)].message()
     pixels = _pixels(image)
     frame = str(parameters.get("frame", "")) or (image.header.frame_id if image is not None else "")
     return CameraObservation(
-        name=name, topic=topic, publishers=graph.publishers.get(topic, []), others=_other_images(graph, topic),
+        name=name,
+        topic=topic,
+        publishers=graph.publishers.get(topic, []),
+        others=_other_images(graph, topic),
         rate=streams[topic].rate(),
-        age=streams[topic].age(), width=pixels.shape[1], height=pixels.shape[0],
-        encoding=getattr(image, "encoding", "") or getattr(image, "format", ""), frame=frame,
+        age=streams[topic].age(),
+        width=pixels.shape[1],
+        height=pixels.shape[0],
+        encoding=getattr(image, "encoding", "") or getattr(image, "format", ""),
+        frame=frame,
         bright=saturated_share(pixels),
-        info=None if info is None else CameraInfoObservation(info.width, info.height, float(info.K[0]), float(info.P[0])),
+        info=None
+        if info is None
+        else CameraInfoObservation(info.width, info.height, float(info.K[0]), float(info.P[0])),
         detector=node if node in graph.nodes else "",
-        has_pose=bool(frame) and _transform_age(transforms, frame) is not None, **poses.describe(name),
+        has_pose=bool(frame) and _transform_age(transforms, frame) is not None,
+        **poses.describe(name),
     )
 
 
@@ -279,7 +318,8 @@ def _robot(robot: str, streams: Mapping[str, ObservedTopic], transforms: Transfo
     color = streams[_within(robot, "camera/rgb/image_raw")].message()
     depth = streams[_within(robot, "camera/depth_registered/image_raw")].message()
     return RobotObservation(
-        name=robot, pose_age=_transform_age(transforms, f"{robot}/base_link" if robot else "base_link"),
+        name=robot,
+        pose_age=_transform_age(transforms, f"{robot}/base_link" if robot else "base_link"),
         scan_topic=_within(robot, "scan"),
         scan_deg=0.0 if scan is None else float(np.degrees(scan.angle_max - scan.angle_min)),
         color_frame="" if color is None else color.header.frame_id,
@@ -302,9 +342,11 @@ def _map(graph: NodeGraph, streams: Mapping[str, ObservedTopic]) -> MapObservati
         return MapObservation(file=str(rospy.get_param("/map_server/map_yaml", "")), publishers=publishers)
     found = [] if borders is None else borders.borders
     return MapObservation(
-        shape=(physical.info.height, physical.info.width), resolution=physical.info.resolution, publishers=publishers,
-        with_borders=virtual is not None and (virtual.info.width, virtual.info.height)
-        == (physical.info.width, physical.info.height),
+        shape=(physical.info.height, physical.info.width),
+        resolution=physical.info.resolution,
+        publishers=publishers,
+        with_borders=virtual is not None
+        and (virtual.info.width, virtual.info.height) == (physical.info.width, physical.info.height),
         disabled=len([border for border in found if not border.enabled]),
         borders=len([border for border in found if border.enabled]),
         in_force=len([border for border in found if border.enabled and border.in_force]),

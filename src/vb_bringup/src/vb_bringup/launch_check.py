@@ -1,13 +1,14 @@
 """Refuses a launch that cannot work, before roslaunch starts its first node.
 
-The idea: every argument of the stack's launch files is of a kind, and is judged by it where a mistake costs one sentence
-instead of a node that dies again and again. The launch files begin with `<param command="python3 -m vb_bringup.launch_check
-...">`; roslaunch runs that command while it still reads the file.
+The idea: every argument of the stack's launch files is of a kind, and is judged by it where a mistake costs one
+sentence instead of a node that dies again and again. The launch files begin with `<param command="python3 -m
+vb_bringup.launch_check ...">`; roslaunch runs that command while it still reads the file.
 
     launch_check lab cameras:="north south" robot:=false      what lab.launch and borders_only.launch ask
     launch_check simulation navigation:=standin               what simulation.launch asks
     launch_check navigation amcl move_base                    what navigation.launch asks
 """
+
 from __future__ import annotations
 
 import argparse
@@ -94,7 +95,9 @@ def check_file(argument: str, value: str) -> None:
         if value:
             Path(value).open("rb").close()
     except (OSError, ValueError) as error:
-        raise CodedError("launch_no_file", argument=argument, file=value, why=getattr(error, "strerror", "") or error) from None
+        raise CodedError(
+            "launch_no_file", argument=argument, file=value, why=getattr(error, "strerror", "") or error
+        ) from None
 
 
 def check_node_file(argument: str, value: str) -> None:
@@ -167,8 +170,21 @@ Kind = Callable[[str, str], Any]
 _TRUTH: Kind = partial(check_choice, choices=("true", "false", "1", "0"))  # what roslaunch takes as a condition
 _IMAGES = ("raw", "compressed")
 KINDS: Dict[str, Kind] = {
-    **{name: _TRUTH for name in (
-        "robot", "leave_borders", "record_maps", "rviz", "sound", "projector_window", "kobuki", "buttons", "voice", "page")},
+    **{
+        name: _TRUTH
+        for name in (
+            "robot",
+            "leave_borders",
+            "record_maps",
+            "rviz",
+            "sound",
+            "projector_window",
+            "kobuki",
+            "buttons",
+            "voice",
+            "page",
+        )
+    },
     "cameras": check_names,
     "robots": check_names,
     "robot_types": check_robot_types,
@@ -243,7 +259,8 @@ def check_alone(master_uri: str) -> None:
     """Refuses a second lab on one ROS master: each would end the other's nodes, and start its own again, for ever.
 
     Raises:
-        CodedError: "lab_already_running" naming the roslaunch to end; "lab_node_already_running" if none started the node.
+        CodedError: "lab_already_running" naming the roslaunch to end; "lab_node_already_running" if none started the
+            node.
     """
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(ANSWER_S)
@@ -275,7 +292,9 @@ def _lab_of(uri: str) -> Optional[int]:
     server = xmlrpc.client.ServerProxy(uri)
     try:
         names = server.get_node_names()[2]
-        return int(server.get_pid()[2]) if UNIQUE_NODE.strip("/") in {_SPAWNED.sub("", name) for name in names} else None
+        return (
+            int(server.get_pid()[2]) if UNIQUE_NODE.strip("/") in {_SPAWNED.sub("", name) for name in names} else None
+        )
     except (OSError, xmlrpc.client.Error):
         return None  # it has ended
 
@@ -292,7 +311,7 @@ def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
     import roslaunch
     import roslaunch.rlutil
 
-    options, rest = roslaunch._get_optparse().parse_args(words[start + 1:])
+    options, rest = roslaunch._get_optparse().parse_args(words[start + 1 :])
     if any([options.node_args, options.node_list, options.find_node, options.dump_params, options.file_list]):
         return [], [], ""
     files = [Path(name) for name in roslaunch.rlutil.resolve_launch_arguments(rest) if os.path.isfile(name)]
@@ -305,7 +324,9 @@ def run(arguments: Optional[List[str]] = None, process: Optional[int] = None) ->
     """Checks; returns the exit status, 0 or 1. `process`: roslaunch, by default the parent process."""
     parser = argparse.ArgumentParser(prog="launch_check", description=__doc__.split("\n")[0])
     parser.add_argument("what", choices=("lab", "simulation", "navigation"))
-    parser.add_argument("words", nargs="*", help="NAME:=VALUE of the launch file's arguments; or programs of the navigation stack")
+    parser.add_argument(
+        "words", nargs="*", help="NAME:=VALUE of the launch file's arguments; or programs of the navigation stack"
+    )
     chosen = parser.parse_args(arguments)
     process = os.getppid() if process is None else process
     files: List[Path] = []

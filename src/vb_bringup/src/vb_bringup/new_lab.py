@@ -2,6 +2,7 @@
 
 The stack itself is unchanged, so that a newer version never touches a lab's settings.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -116,9 +117,7 @@ The way to the first border:
 """
 
 
-def write_lab(
-    folder: Path, cameras: Sequence[str], robot: str, map_file: Optional[Path], profiles: Path
-) -> List[Path]:
+def write_lab(folder: Path, cameras: Sequence[str], robot: str, map_file: Optional[Path], profiles: Path) -> List[Path]:
     """Writes the folder; returns the files.
 
     Args:
@@ -129,8 +128,8 @@ def write_lab(
         profiles: folder of the robot types.
 
     Raises:
-        CodedError: "folder_not_empty", "bad_camera_name", "unknown_robot_type" or "bad_map_file", nothing was written then;
-            or "cannot_write_lab".
+        CodedError: "folder_not_empty", "bad_camera_name", "unknown_robot_type" or "bad_map_file", nothing was
+            written then; or "cannot_write_lab".
     """
     known = sorted(path.stem for path in profiles.glob("*.yaml"))
     if folder.exists() and any(folder.iterdir()):
@@ -144,11 +143,15 @@ def write_lab(
         read_map(map_file)
     files: Dict[str, str] = {
         "lab.launch": _LAUNCH.format(
-            folder=folder, cameras=" ".join(cameras) or "none", robot=str(bool(robot)).lower(),
+            folder=folder,
+            cameras=" ".join(cameras) or "none",
+            robot=str(bool(robot)).lower(),
             map="$(dirname)/map.yaml" if map_file else "",
-            configs=" ".join(f"{name}=$(dirname)/detectors/{name}.yaml" for name in cameras)),
+            configs=" ".join(f"{name}=$(dirname)/detectors/{name}.yaml" for name in cameras),
+        ),
         "cameras.launch": _CAMERAS.format(
-            drivers="".join(_DRIVER.format(name=name, number=2 * number) for number, name in enumerate(cameras))),
+            drivers="".join(_DRIVER.format(name=name, number=2 * number) for number, name in enumerate(cameras))
+        ),
         "network.sh": _NETWORK,
         "README.md": _README.format(title=folder.name, folder=folder, first=(list(cameras) or ["NAME"])[0]),
         ".gitignore": "/state/\n",
@@ -184,9 +187,11 @@ def run(arguments: Optional[List[str]] = None) -> int:
     """Writes the folder and says what comes next; exit status 0, or 1 if nothing was written."""
     parser = argparse.ArgumentParser(prog="new_lab", description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=Path, help="a new one, for instance ~/my_lab")
-    parser.add_argument("--cameras", default="", help="names of the ceiling cameras, for instance \"north south\"")
+    parser.add_argument("--cameras", default="", help='names of the ceiling cameras, for instance "north south"')
     parser.add_argument("--robot", default="", help="its type, for instance turtlebot2; left out: no robot")
-    parser.add_argument("--map", default="", help="YAML file of the map, which is copied; left out: /map is published by others")
+    parser.add_argument(
+        "--map", default="", help="YAML file of the map, which is copied; left out: /map is published by others"
+    )
     chosen = parser.parse_args(sys.argv[1:] if arguments is None else arguments)
     import rospkg
 

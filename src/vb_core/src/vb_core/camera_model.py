@@ -1,4 +1,5 @@
 """Cameras with lens distortion, fisheyes among them, as sensor_msgs/CameraInfo describes them."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -22,7 +23,8 @@ class CameraModel:
     Attributes:
         width, height: image size [px].
         matrix: (3, 3) intrinsic matrix K [px].
-        distortion: (4,), (5,) or (8,) coefficients of OpenCV's plumb_bob or rational_polynomial model; (4,) for a fisheye.
+        distortion: (4,), (5,) or (8,) coefficients of OpenCV's plumb_bob or rational_polynomial model; (4,) for a
+            fisheye.
         fisheye: the distortion is OpenCV's fisheye model, which ROS calls equidistant. Rays have z = 1, so nothing is
             seen at 90 degrees from the axis or more.
 
@@ -42,7 +44,9 @@ class CameraModel:
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "distortion", distortion if distortion.size else np.zeros(5))
         if self.width <= 0 or self.height <= 0:
-            raise CodedError("bad_camera_info", f"the image size is {self.width} x {self.height}; is the camera running?")
+            raise CodedError(
+                "bad_camera_info", f"the image size is {self.width} x {self.height}; is the camera running?"
+            )
         if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
             raise CodedError(
                 "bad_camera_info", "the camera matrix K has no focal length: calibrate the camera (camera_calibration)"
@@ -50,8 +54,13 @@ class CameraModel:
         if self.fisheye and self.distortion.size != 4:
             if not distortion.size or not self.distortion[4:].any():
                 object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
-        if self.distortion.size not in ((4,) if self.fisheye else (4, 5, 8, 12, 14)) or not np.isfinite(self.distortion).all():
-            raise CodedError("bad_camera_info", f"the distortion D has {self.distortion.size} values; expected 4, 5 or 8")
+        if (
+            self.distortion.size not in ((4,) if self.fisheye else (4, 5, 8, 12, 14))
+            or not np.isfinite(self.distortion).all()
+        ):
+            raise CodedError(
+                "bad_camera_info", f"the distortion D has {self.distortion.size} values; expected 4, 5 or 8"
+            )
 
     @staticmethod
     def ideal(width: int, height: int, focal_px: float) -> "CameraModel":

@@ -1,4 +1,5 @@
 """Errors that a program can tell apart and a person can act on."""
+
 from __future__ import annotations
 
 from typing import Any, Dict

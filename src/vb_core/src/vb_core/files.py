@@ -1,4 +1,5 @@
 """Writing files so that nobody finds half of anything in them."""
+
 from __future__ import annotations
 
 import os

@@ -3,6 +3,7 @@
 Transforms are 4x4 float64 matrices; `T_a_b` maps coordinates in frame b to frame a.
 Quaternions are in ROS's order (x, y, z, w).
 """
+
 from __future__ import annotations
 
 import math

@@ -5,6 +5,7 @@
 >>> grid.shape, grid.world_to_cell([0.0, 1.0])[0].tolist()   # (x, y) [m] to (row, column)
 ((40, 60), [20, 20])
 """
+
 from __future__ import annotations
 
 import math
@@ -146,6 +147,4 @@ class GridMap:
     def corners(self) -> np.ndarray:
         """Returns the map's outer corners (4, 2) [m], counter-clockwise, starting at the origin."""
         rows, columns = self.shape
-        return self.grid_to_world(
-            np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], dtype=float) - 0.5
-        )
+        return self.grid_to_world(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], dtype=float) - 0.5)

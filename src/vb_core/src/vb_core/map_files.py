@@ -3,6 +3,7 @@
 Trinary files know free, occupied and unknown. Raw ones keep soft values: the pixel is the occupancy, 255 is
 unknown. (A soft value written by map_saver comes back as 100, unknown or 0.)
 """
+
 from __future__ import annotations
 
 import math

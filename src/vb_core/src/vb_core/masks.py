@@ -1,4 +1,5 @@
 """Masks of images and grids, (H, W) uint8 with 0 and 255, as OpenCV uses them."""
+
 from __future__ import annotations
 
 from typing import Optional
@@ -7,8 +8,12 @@ import cv2
 import numpy as np
 
 _OPERATIONS = {
-    cv2.CMP_LT: np.less, cv2.CMP_LE: np.less_equal, cv2.CMP_GT: np.greater, cv2.CMP_GE: np.greater_equal,
-    cv2.CMP_EQ: np.equal, cv2.CMP_NE: np.not_equal,
+    cv2.CMP_LT: np.less,
+    cv2.CMP_LE: np.less_equal,
+    cv2.CMP_GT: np.greater,
+    cv2.CMP_GE: np.greater_equal,
+    cv2.CMP_EQ: np.equal,
+    cv2.CMP_NE: np.not_equal,
 }
 
 

@@ -1,4 +1,5 @@
 """Notices for people: each node publishes all of its own at once, and readers keep those that still hold."""
+
 from __future__ import annotations
 
 import enum
@@ -50,7 +51,9 @@ class NoticeBook:
 
     def current(self, now: float) -> List[Notice]:
         """Returns the notices that hold at a time [s], most severe first; a jump back in time drops none."""
-        held = [notice for heard, notices in self._said.values() if now - heard <= FORGOTTEN_AFTER for notice in notices]
+        held = [
+            notice for heard, notices in self._said.values() if now - heard <= FORGOTTEN_AFTER for notice in notices
+        ]
         codes = {notice.code for notice in held}
         held = [notice for notice in held if codes.isdisjoint(_SAID_OF_ALL.get(notice.code, ()))]
         return sorted(held, key=lambda notice: (-notice.severity, notice.code, notice.robot, notice.border_id))

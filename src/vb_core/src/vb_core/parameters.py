@@ -9,6 +9,7 @@ A parameter class lists its values with `param`, which carries unit and limits:
 `DriveParams.from_mapping({"speed": 0.1})` reads values from YAML or the parameter server. An unknown
 key, a wrong type or a value out of range is a `ParameterError` that names the key.
 """
+
 from __future__ import annotations
 
 import dataclasses
@@ -53,7 +54,9 @@ class Parameters:
             object.__setattr__(self, field.name, value)
 
     @classmethod
-    def from_mapping(cls: Type[P], mapping: Optional[Mapping[str, Any]], where: str = "", others: Sequence[str] = ()) -> P:
+    def from_mapping(
+        cls: Type[P], mapping: Optional[Mapping[str, Any]], where: str = "", others: Sequence[str] = ()
+    ) -> P:
         """Makes parameters from a mapping; missing keys keep their defaults.
 
         Args:

@@ -3,6 +3,7 @@
 The idea: every program that needs to know something about a robot reads the same file (robots/<type>.yaml), and
 derives from it what it can, so that another robot needs only another file.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields

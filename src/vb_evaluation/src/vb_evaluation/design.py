@@ -1,4 +1,5 @@
 """Plans who does what in which order; the simulated study and the one with people use the same plan."""
+
 from __future__ import annotations
 
 import zlib
@@ -20,5 +21,8 @@ def order_of_runs(number: int, scenarios: Sequence[str], methods: Sequence[str],
     block, place = divmod(number - 1, len(methods))
     first = int(np.random.default_rng([seed, block, zlib.crc32(b"methods")]).permutation(len(methods))[place])
     random = np.random.default_rng([seed, number, zlib.crc32(b"scenarios")])
-    return [(str(scenario), str(method)) for method in [*methods[first:], *methods[:first]]
-            for scenario in random.permutation(list(scenarios))]
+    return [
+        (str(scenario), str(method))
+        for method in [*methods[first:], *methods[:first]]
+        for scenario in random.permutation(list(scenarios))
+    ]

@@ -1,4 +1,5 @@
 """Sends a robot to a goal through move_base and records the path that it truly drove."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -16,8 +17,13 @@ from vb_core.ros.messages import pose_from_2d
 from vb_evaluation.observer import wait_until
 from vb_msgs.msg import LabState
 
-OUTCOMES = {GoalStatus.SUCCEEDED: "reached", GoalStatus.ABORTED: "refused", GoalStatus.REJECTED: "refused",
-            GoalStatus.PREEMPTED: "cancelled", GoalStatus.RECALLED: "cancelled"}
+OUTCOMES = {
+    GoalStatus.SUCCEEDED: "reached",
+    GoalStatus.ABORTED: "refused",
+    GoalStatus.REJECTED: "refused",
+    GoalStatus.PREEMPTED: "cancelled",
+    GoalStatus.RECALLED: "cancelled",
+}
 
 
 @dataclass(frozen=True)

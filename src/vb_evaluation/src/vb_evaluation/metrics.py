@@ -6,6 +6,7 @@
 >>> jaccard(wanted, drawn)
 0.5
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -94,7 +95,9 @@ def accuracy(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Dict[
     Rounded, for the last bits differ between processors and libraries, and mean nothing.
     """
     error = boundary_error(prior, truth, restricted)
-    found = ("", "", "") if error is None else (round(100.0 * value, 2) for value in (error.mean, error.p95, error.largest))
+    found = (
+        ("", "", "") if error is None else (round(100.0 * value, 2) for value in (error.mean, error.p95, error.largest))
+    )
     return {"jaccard": round(jaccard(truth, restricted), 4), **dict(zip(ERRORS, found))}
 
 

@@ -1,4 +1,5 @@
 """Watches a running system over ROS and keeps what an evaluation needs."""
+
 from __future__ import annotations
 
 import json
@@ -39,7 +40,9 @@ class Observer:
             rospy.Subscriber(names.PROGRESS, BorderProgress, lambda m: setattr(self, "progress", m)),
             rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda m: setattr(self, "borders", m.borders)),
             rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, lambda m: self._on_map("prior", m)),
-            rospy.Subscriber(names.MAP_WITH_BORDERS, messages.OccupancyGridArray, lambda m: self._on_map("posterior", m)),
+            rospy.Subscriber(
+                names.MAP_WITH_BORDERS, messages.OccupancyGridArray, lambda m: self._on_map("posterior", m)
+            ),
             rospy.Subscriber(names.LAB_STATE, LabState, lambda m: setattr(self, "lab", m), queue_size=1),
             rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.detectors.update({m.camera: m})),
             rospy.Subscriber("/sim/participant_done", String, self._on_done),

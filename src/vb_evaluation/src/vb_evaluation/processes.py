@@ -1,8 +1,9 @@
 """Child processes of a script: a roslaunch with its own master, a screen for RViz.
 
-The idea: the kernel ends a child when its parent ends, however that ends. No handler has to run, so that neither SIGTERM nor
-SIGKILL leaves a roslaunch or a screen behind; roslaunch then ends its nodes.
+The idea: the kernel ends a child when its parent ends, however that ends. No handler has to run, so that neither
+SIGTERM nor SIGKILL leaves a roslaunch or a screen behind; roslaunch then ends its nodes.
 """
+
 from __future__ import annotations
 
 import os
@@ -43,7 +44,11 @@ class Child:
         log.parent.mkdir(parents=True, exist_ok=True)
         with open(str(log), "w") as output:
             self._process = spawn(
-                command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, env=env,
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=env,
                 start_new_session=True,
             )
 
@@ -86,7 +91,15 @@ def start_screen(log: Path, width: int, height: int) -> "tuple[Child, str]":
     """
     chosen = log.with_suffix(".display")
     screen = Child(
-        ["sh", "-c", 'exec Xvfb -displayfd 3 -screen 0 "$1" -nolisten tcp 3>"$2"', "Xvfb", f"{width}x{height}x24", str(chosen)], log
+        [
+            "sh",
+            "-c",
+            'exec Xvfb -displayfd 3 -screen 0 "$1" -nolisten tcp 3>"$2"',
+            "Xvfb",
+            f"{width}x{height}x24",
+            str(chosen),
+        ],
+        log,
     )
     deadline = time.monotonic() + 60.0
     # Xvfb says which display it took once it is ready
@@ -101,7 +114,10 @@ def start_screen(log: Path, width: int, height: int) -> "tuple[Child, str]":
 def screenshot(display: str, path: Path) -> bool:
     """Takes a screenshot of a screen; returns whether it worked."""
     done = subprocess.run(
-        ["import", "-window", "root", str(path)], env={**os.environ, "DISPLAY": display},
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
+        ["import", "-window", "root", str(path)],
+        env={**os.environ, "DISPLAY": display},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        stdin=subprocess.DEVNULL,
     )
     return done.returncode == 0 and path.exists()

@@ -3,6 +3,7 @@
 The Wilcoxon signed-rank test is reported as in SPSS and the paper: zero differences are dropped, ties share
 their mean rank and shrink the variance, Z has no continuity correction and is never above 0.
 """
+
 from __future__ import annotations
 
 import math
@@ -203,9 +204,19 @@ def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method
     for name in dict.fromkeys((method, "percentile") if len(values[0]) > 1 else ()):
         with warnings.catch_warnings(), np.errstate(invalid="ignore", divide="ignore"):
             warnings.simplefilter("ignore")
-            low, high = map(float, stats.bootstrap(
-                values, statistic, n_resamples=RESAMPLES, vectorized=True, paired=True, confidence_level=CONFIDENCE, method=name,
-                random_state=0).confidence_interval)
+            low, high = map(
+                float,
+                stats.bootstrap(
+                    values,
+                    statistic,
+                    n_resamples=RESAMPLES,
+                    vectorized=True,
+                    paired=True,
+                    confidence_level=CONFIDENCE,
+                    method=name,
+                    random_state=0,
+                ).confidence_interval,
+            )
         if math.isfinite(low) and math.isfinite(high):
             return Interval(estimate, low, high, CONFIDENCE)
     return Interval(estimate, low, high, CONFIDENCE if len(values[0]) > 1 else math.nan)

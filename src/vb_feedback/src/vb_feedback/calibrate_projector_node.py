@@ -1,4 +1,5 @@
 """Calibrates a projector over the floor: shows four markers in turn and takes a click on each."""
+
 from __future__ import annotations
 
 import threading
@@ -71,8 +72,11 @@ class CalibrateProjector:
     def _ask(self) -> None:
         number = len(self._clicked)
         self._show(floor_image.draw_calibration_image(self._params.width, self._params.height, number))
-        rospy.loginfo("calibrate_projector: click in RViz ('Publish Point') where marker %d of %d shines brightly on the floor",
-                      number + 1, _MARKERS)
+        rospy.loginfo(
+            "calibrate_projector: click in RViz ('Publish Point') where marker %d of %d shines brightly on the floor",
+            number + 1,
+            _MARKERS,
+        )
 
     def _show(self, picture: np.ndarray) -> None:
         self._publisher.publish(image_message(picture, "rgb8", rospy.Time.now(), FRAME))
@@ -105,8 +109,12 @@ class CalibrateProjector:
         content = yaml.safe_dump(calibration.to_mapping(), sort_keys=False)
         head = "# Written by vb_feedback/calibrate_projector: map coordinates [m] to pixels of the projector.\n"
         write_atomically(path, (head + content).encode("utf-8"))
-        rospy.loginfo("calibrate_projector: wrote %s; the grid now shown has lines every 0.5 m, bright ones every 1 m, "
-                      "for %g s", path, params.check)
+        rospy.loginfo(
+            "calibrate_projector: wrote %s; the grid now shown has lines every 0.5 m, bright ones every 1 m, "
+            "for %g s",
+            path,
+            params.check,
+        )
         self._show(floor_image.draw_grid_image(calibration))
         node.start_thread(self._end)
 
@@ -118,8 +126,14 @@ class CalibrateProjector:
 def _build() -> CalibrateProjector:
     params = parameters.read(CalibrationParams)
     if not params.file:
-        raise ParameterError("~file", "must name the file to be written, for instance ~/.ros/virtual_borders/projector.yaml")
-    window = ProjectorWindow(params.window_x, params.window_y, params.width, params.height, node.start_thread) if params.window else None
+        raise ParameterError(
+            "~file", "must name the file to be written, for instance ~/.ros/virtual_borders/projector.yaml"
+        )
+    window = (
+        ProjectorWindow(params.window_x, params.window_y, params.width, params.height, node.start_thread)
+        if params.window
+        else None
+    )
     return CalibrateProjector(params, window)
 
 

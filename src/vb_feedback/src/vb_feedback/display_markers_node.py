@@ -1,4 +1,5 @@
 """Node: draws on the smart display."""
+
 from __future__ import annotations
 
 import collections
@@ -18,9 +19,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, grid_from_message, message_from_grid
 from vb_core.ros.notices import NoticeListener
-from vb_msgs.msg import (
-    BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray,
-)
+from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_feedback.display import display_messages, notices, restriction_overlay, scene
@@ -90,7 +89,8 @@ class DisplayMarkers:
     def __init__(self, params: DisplayParams) -> None:
         self._params = params
         self._radii = {
-            frame: robot_profile.read_radius(str(frame).rpartition("/")[0], params.robot_radius) for frame in params.robots
+            frame: robot_profile.read_radius(str(frame).rpartition("/")[0], params.robot_radius)
+            for frame in params.robots
         }
         self._lock = threading.Lock()
         self._wake = node.WakeTimer(_REFRESH_S)
@@ -110,7 +110,11 @@ class DisplayMarkers:
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
         self._full_due = self._refreshed = 0.0
         node.Worker(self._wake, lambda _woken: self._work())
-        for topic, which in ((names.PHYSICAL_MAP, "physical"), (names.MAP_WITH_BORDERS, "posterior"), (names.COVERAGE, "coverage")):
+        for topic, which in (
+            (names.PHYSICAL_MAP, "physical"),
+            (names.MAP_WITH_BORDERS, "posterior"),
+            (names.COVERAGE, "coverage"),
+        ):
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, which, queue_size=1)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
@@ -146,7 +150,9 @@ class DisplayMarkers:
         before = self._known.state
         # it is repeated constantly: only what a person waits for is urgent
         news = before is None or (before.last_answered, before.name, before.stopped) != (
-            message.last_answered, message.name, message.stopped
+            message.last_answered,
+            message.name,
+            message.stopped,
         )
         self._store(message, "state", urgent=news)
 
@@ -262,20 +268,31 @@ class DisplayMarkers:
     def _compose(self, known: _Inputs, has_map: bool, now: float) -> List[scene.Shape]:
         layout, params, state, progress = self._layout, self._params, known.state, known.progress
         # what belongs to an interaction that has ended is not shown any more
-        if state is None or not state.interaction_id or progress is None or progress.interaction_id != state.interaction_id:
+        if (
+            state is None
+            or not state.interaction_id
+            or progress is None
+            or progress.interaction_id != state.interaction_id
+        ):
             progress = None
         seeing = list(progress.seeing) if progress is not None else []
         said = self._notices(known, seeing, now)
         talk = display_messages.panel_from_state(state, seeing, said, has_map, params.language)
         shapes = list(self._part("words", (layout, talk), lambda: words(layout, talk)))
         off = sentences.say("display_off", {}, params.language)
-        shapes += self._part("borders", (layout, known.borders), lambda: scene.borders(
-            layout, [display_messages.border_from_message(border, params.language) for border in known.borders], off
-        ))
+        shapes += self._part(
+            "borders",
+            (layout, known.borders),
+            lambda: scene.borders(
+                layout, [display_messages.border_from_message(border, params.language) for border in known.borders], off
+            ),
+        )
         if progress is not None:
-            shapes += self._part("drawing", (layout, progress), lambda: scene.drawing(
-                layout, display_messages.drawing_from_progress(progress)
-            ))
+            shapes += self._part(
+                "drawing",
+                (layout, progress),
+                lambda: scene.drawing(layout, display_messages.drawing_from_progress(progress)),
+            )
         shapes += scene.trails(layout, known.spots, now)
         shapes += scene.live_spots(layout, known.spots, now)
         for number, frame in enumerate(params.robots):

@@ -1,4 +1,5 @@
 """Node: makes light and sound."""
+
 from __future__ import annotations
 
 import threading
@@ -40,7 +41,12 @@ class Feedback:
         light = "stopped" if message.stopped else message.name
         with self._lock:
             sounds = self._tones.on_state(
-                message.name, message.last_success, message.last_outcome, answer, message.last_code, message.stopped,
+                message.name,
+                message.last_success,
+                message.last_outcome,
+                answer,
+                message.last_code,
+                message.stopped,
                 not message.ends_at.is_zero(),
             )
             self._play(sounds)

@@ -1,4 +1,5 @@
 """Node: draws on the floor with a projector."""
+
 from __future__ import annotations
 
 import threading
@@ -127,7 +128,10 @@ class FloorProjector:
         """Where the spot is, in steps: an image for each of its moves would never rest."""
         if spot is None or not abs(now - spot[2]) <= _SPOT_S:
             self._spot_shown = None
-        elif self._spot_shown is None or np.hypot(spot[0] - self._spot_shown[0], spot[1] - self._spot_shown[1]) > _SPOT_STEP:
+        elif (
+            self._spot_shown is None
+            or np.hypot(spot[0] - self._spot_shown[0], spot[1] - self._spot_shown[1]) > _SPOT_STEP
+        ):
             self._spot_shown = spot[:2]
         return self._spot_shown
 

@@ -1,4 +1,5 @@
 """Node: light and sound on a Kobuki base."""
+
 from __future__ import annotations
 
 import importlib
@@ -14,8 +15,14 @@ from vb_msgs.msg import InteractionState, Sound
 LEDS = {"default": "BLACK", "border": "ORANGE", "seed": "GREEN", "guide": "RED"}
 # by sound a constant of kobuki_msgs/Sound; none for ticks: they are too loud
 BEEPS = {
-    "border": "BUTTON", "seed": "BUTTON", "guide": "BUTTON", "default": "OFF", "success": "CLEANINGEND", "refusal": "ERROR",
-    "asked": "RECHARGE", "stopped": "OFF",
+    "border": "BUTTON",
+    "seed": "BUTTON",
+    "guide": "BUTTON",
+    "default": "OFF",
+    "success": "CLEANINGEND",
+    "refusal": "ERROR",
+    "asked": "RECHARGE",
+    "stopped": "OFF",
 }
 
 
@@ -57,7 +64,8 @@ def _build() -> KobukiFeedback:
         messages = importlib.import_module("kobuki_msgs.msg")
     except ImportError:
         raise CodedError(
-            "no_kobuki", "the package kobuki_msgs is not installed on this computer; without a Kobuki base leave this node out"
+            "no_kobuki",
+            "the package kobuki_msgs is not installed on this computer; without a Kobuki base leave this node out",
         ) from None
     return KobukiFeedback(messages)
 

@@ -1,4 +1,5 @@
 """Fits RViz to the map and the screen, then becomes RViz."""
+
 from __future__ import annotations
 
 import os

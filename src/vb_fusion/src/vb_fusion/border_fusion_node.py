@@ -1,4 +1,5 @@
 """The node border_fusion: spots of all cameras in, progress and candidate out."""
+
 from __future__ import annotations
 
 import threading
@@ -150,7 +151,11 @@ class BorderFusionNode:
             return
         position = message.position
         spot = FloorSpot(
-            message.header.stamp.to_sec(), position.x, position.y, message.camera, float(message.confidence),
+            message.header.stamp.to_sec(),
+            position.x,
+            position.y,
+            message.camera,
+            float(message.confidence),
             bool(message.mobile),
         )
         with self._lock:
@@ -187,9 +192,14 @@ class BorderFusionNode:
                 problems.append(CodedError("spots_wrong_frame", camera=self._wrong_camera))
             chain = self._live.candidate.chain
         notices = [
-            Notice(problem.code, Severity.WARNING, camera=str(problem.values.get("camera", "")),
-                   values={name: str(value) for name, value in problem.values.items()})
-            for problem in problems if problem is not None
+            Notice(
+                problem.code,
+                Severity.WARNING,
+                camera=str(problem.values.get("camera", "")),
+                values={name: str(value) for name, value in problem.values.items()},
+            )
+            for problem in problems
+            if problem is not None
         ]
         if chain is not None and chain.left_out_spots:
             notices.append(Notice("strokes_left_out", Severity.WARNING, values={"spots": str(chain.left_out_spots)}))

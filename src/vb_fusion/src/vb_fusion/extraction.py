@@ -21,6 +21,7 @@ Bare points, without stamps, get an order in space first (stroke/ordering.py); a
 >>> chain.closed, abs(chain.length - 2.0 * np.pi) < 0.2
 (True, True)
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -211,8 +212,12 @@ def _join_tracks(
 
 
 def _make_line(
-    drawn: Observations, placed: Observations, left_out: Observations, params: ExtractionParams,
-    stations: ResumableLoop, sides: ResumableLoop,
+    drawn: Observations,
+    placed: Observations,
+    left_out: Observations,
+    params: ExtractionParams,
+    stations: ResumableLoop,
+    sides: ResumableLoop,
 ) -> BorderChain:
     """Runs stages 3 to 6: makes the line through the stroke as it was placed."""
     if len(placed.points) < 3 or not 0.8 * params.min_exp < bounding_diagonal(placed.points) < params.max_exp:

@@ -1,8 +1,10 @@
 """The border so far, kept up to date while a person draws, within a share of one core.
 
-It is the same extraction as at the end; what was extracted before is kept (resumable_loop.py). The paper's mode cannot do
+It is the same extraction as at the end; what was extracted before is kept (resumable_loop.py). The paper's mode cannot
+do
 that: evenly chosen spots show what it makes of the drawing.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -12,7 +14,12 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_fusion.extraction import (
-    BorderChain, ExtractionError, ExtractionParams, GrowingBorder, extract_border, extract_seed,
+    BorderChain,
+    ExtractionError,
+    ExtractionParams,
+    GrowingBorder,
+    extract_border,
+    extract_seed,
 )
 from vb_fusion.spots.collector import Collection
 from vb_fusion.stroke.observations import make_observations

@@ -3,6 +3,7 @@
 Where the paper leaves a choice open, the first point is taken. All pairs of neighbours are held in memory, as usual
 implementations of DBSCAN do; too many points for that are refused. The default mode has no such limit.
 """
+
 from __future__ import annotations
 
 from typing import List

@@ -4,6 +4,7 @@ Each expensive stage is a loop over rows in the order of time that does not look
 on the rows up to there only. So the states are kept, and the loop goes on behind the last row that is still the same.
 A stage that is given all rows at once and one that is given them bit by bit come to the same result.
 """
+
 from __future__ import annotations
 
 from typing import Tuple

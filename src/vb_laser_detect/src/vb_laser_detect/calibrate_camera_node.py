@@ -1,4 +1,5 @@
 """Guides a person through the calibration of a ceiling camera, in a terminal; see docs/how-to/calibrate-cameras.md."""
+
 from __future__ import annotations
 
 import argparse
@@ -25,7 +26,13 @@ from vb_core.ros.cameras import camera_from_info
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.pose import PoseEstimationParams
 from vb_laser_detect.calibration.board import (
-    BoardParams, BoardView, corners_on_map, find_board, merge_views, write_board)
+    BoardParams,
+    BoardView,
+    corners_on_map,
+    find_board,
+    merge_views,
+    write_board,
+)
 from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, parse_numbers
 from vb_laser_detect.calibration.consistency import Sighting, compare_cameras, find_suspect
 from vb_laser_detect.detector import DetectorParams, SpotDetector
@@ -168,7 +175,9 @@ class CalibrationDialog:
         compressed = arguments.compressed or running.get("image_transport") == "compressed"
         self._input = CameraInput(image, info, compressed, self.on_image)
         self.camera = self._input.wait(arguments.patience)
-        self._frame = arguments.frame or running.get("frame") or self._input.frame_id or f"{arguments.camera}_optical_frame"
+        self._frame = (
+            arguments.frame or running.get("frame") or self._input.frame_id or f"{arguments.camera}_optical_frame"
+        )
         # before the person does any work
         for frames in (calibration_file.read_frames(arguments.folder), collect_detector_frames()):
             calibration_file.require_own_frame(arguments.camera, self._frame, frames)
@@ -222,7 +231,8 @@ class CalibrationDialog:
             say("  " + line)
         a = self._arguments
         pose = calibration_file.CameraPose(
-            a.camera, names.MAP_FRAME, self._frame, estimate.T_map_camera, float(self.camera.matrix[0, 0]))
+            a.camera, names.MAP_FRAME, self._frame, estimate.T_map_camera, float(self.camera.matrix[0, 0])
+        )
         path = calibration_file.calibration_path(a.folder, a.camera)
         date = datetime.datetime.now().isoformat(" ", "minutes")
         calibration_file.save(path, calibration_file.make_document(pose, estimate, observed, a.command, date))
@@ -338,8 +348,12 @@ def check(arguments: argparse.Namespace) -> int:
     apart = any(pair.median > arguments.limit / 100.0 for pair in pairs)
     camera = find_suspect(pairs, arguments.limit / 100.0)
     cure = "$calibrate_suspect" if camera else "$calibrate_moved"
-    say(sentences.say("cameras_apart" if apart else "cameras_agree",
-                      {"limit": f"{arguments.limit:g}", "camera": camera, "cure": cure}))
+    say(
+        sentences.say(
+            "cameras_apart" if apart else "cameras_agree",
+            {"limit": f"{arguments.limit:g}", "camera": camera, "cure": cure},
+        )
+    )
     return 1 if apart else 0
 
 
@@ -372,22 +386,36 @@ def _parser() -> argparse.ArgumentParser:
 
     guided = argparse.ArgumentParser(add_help=False)
     guided.add_argument("camera", help="its name: /NAME/image_raw, /NAME/camera_info")
-    guided.add_argument("--image", default="", help="image topic; default: that of its running detector, else NAME/image_raw")
+    guided.add_argument(
+        "--image", default="", help="image topic; default: that of its running detector, else NAME/image_raw"
+    )
     guided.add_argument("--camera_info", default="", help="camera_info topic, if it is not beside the image topic")
     guided.add_argument("--compressed", action="store_true", help="take the compressed images")
     guided.add_argument("--frame", default="", help="optical frame; default: what the images say")
     guided.add_argument("--patience", type=float, default=15.0, help="[s] for the first image; default: %(default)s")
-    guided.add_argument("--folder", default="", help="where NAME.yaml is written; default: where the running lab.launch looks "
-                        f"for it, {FOLDER} if none is running")
+    guided.add_argument(
+        "--folder",
+        default="",
+        help="where NAME.yaml is written; default: where the running lab.launch looks "
+        f"for it, {FOLDER} if none is running",
+    )
 
     board = commands.add_parser("board", parents=[guided], help="from a printed board on known places")
     board.add_argument("--paper", **board_paper)
     board.add_argument("--square", type=float, help="[m] side of a square as measured, if the print is not exact")
-    board.add_argument("--placement_sigma", type=float, default=PoseEstimationParams.placement_sigma,
-                       help="[m] how exactly P1 and P2 lie on their places; default: %(default)s")
+    board.add_argument(
+        "--placement_sigma",
+        type=float,
+        default=PoseEstimationParams.placement_sigma,
+        help="[m] how exactly P1 and P2 lie on their places; default: %(default)s",
+    )
     spots = commands.add_parser("spots", parents=[guided], help="from laser spots on known places")
-    spots.add_argument("--point_sigma", type=float, default=PoseEstimationParams.point_sigma,
-                       help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz")
+    spots.add_argument(
+        "--point_sigma",
+        type=float,
+        default=PoseEstimationParams.point_sigma,
+        help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz",
+    )
 
     agreed = commands.add_parser("check", help="how well cameras that overlap agree")
     agreed.add_argument("--seconds", type=float, default=30.0, help="how long to listen to live spots")

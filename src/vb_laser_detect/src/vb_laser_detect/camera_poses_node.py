@@ -1,4 +1,5 @@
 """Publishes the poses of calibrated ceiling cameras as static transforms."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -56,7 +57,8 @@ class CameraPosesNode:
             try:
                 self._poses[camera] = calibration_file.load(paths[camera])
             except CodedError as error:
-                # of a camera that was never calibrated lab_monitor says what comes first: its frame, its lens, or its pose
+                # of a camera that was never calibrated lab_monitor says what comes first: its frame, its lens, or its
+                # pose
                 new = error.code == "no_calibration" and camera not in self._poses
                 (rospy.loginfo if new else rospy.logwarn)("%s: no pose of %s: %s", rospy.get_name(), camera, error)
         frames = {camera: pose.frame for camera, pose in self._poses.items()}
@@ -71,7 +73,9 @@ class CameraPosesNode:
             valid.append(messages.transform_message(pose.T, pose.parent, pose.frame, rospy.Time.now()))
             if camera in changed:
                 place = " ".join(f"{value:.3f}" for value in pose.T[:3, 3])
-                rospy.loginfo("%s: %s is at %s in %s (%s)", rospy.get_name(), pose.frame, place, pose.parent, paths[camera])
+                rospy.loginfo(
+                    "%s: %s is at %s in %s (%s)", rospy.get_name(), pose.frame, place, pose.parent, paths[camera]
+                )
         if changed and valid:
             # all of them: a latched topic keeps its last message only
             self._broadcaster.sendTransform(valid)

@@ -1,4 +1,5 @@
 """Watches whether the clocks of the computers that run detectors agree with this one's."""
+
 from __future__ import annotations
 
 import math

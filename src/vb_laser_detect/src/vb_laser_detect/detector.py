@@ -1,8 +1,8 @@
 """Finds laser spots in a camera's images, one call per frame.
 
 Five stages that share only what they pass on: `image_format` says what the numbers mean, `proposals` where a
-closer look is worth it, `features` what is there, `classifier` whether that is a spot, and `tracking` which spot it is and
-whether it counts.
+closer look is worth it, `features` what is there, `classifier` whether that is a spot, and `tracking` which
+spot it is and whether it counts.
 
 >>> import numpy as np
 >>> detector = SpotDetector(DetectorParams.stationary())
@@ -12,6 +12,7 @@ whether it counts.
 >>> spots
 []
 """
+
 from __future__ import annotations
 
 import math
@@ -37,20 +38,25 @@ _SMEAR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
 _MAX_ELONGATION = 2.0  # times its diameter: a fast one is elongated
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _MIN_PX = 2.5  # smaller blobs are noise
-_MIN_CERTAIN_PROBABILITY = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
+_MIN_CERTAIN_PROBABILITY = (
+    0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
+)
 
 
 class SpotDetector:
     """Finds the spots of one camera; keeps its knowledge of the scene between frames.
 
     Attributes:
-        tag: anything that the caller wants to keep with the next frame; returned with each of its spots that is backfilled.
+        tag: anything that the caller wants to keep with the next frame; returned with each of its spots that is
+            backfilled.
         candidates: the last frame's spots, and its proposals that were rejected, for debug images.
         backfilled: spots of earlier frames that the last one confirmed, the oldest first: what a stroke began with.
         encoding: of the images, as in sensor_msgs/Image; (H, W) images are grey ones unless it says bayer.
     """
 
-    def __init__(self, params: Optional[DetectorParams] = None, spot_classifier: Optional[classifier.SpotClassifier] = None) -> None:
+    def __init__(
+        self, params: Optional[DetectorParams] = None, spot_classifier: Optional[classifier.SpotClassifier] = None
+    ) -> None:
         self.params = params or DetectorParams.stationary()
         self.tag: Any = None
         self.encoding = ""
@@ -195,7 +201,9 @@ class SpotDetector:
         """Returns a spot's smallest and largest diameter [px] where a pixel is this long on the floor [m]."""
         if math.isnan(pixel_size):
             return _MIN_PX, _MAX_DIAGONAL_SHARE * camera.diagonal
-        smallest, largest = (0.001 / pixel_size * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm))
+        smallest, largest = (
+            0.001 / pixel_size * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm)
+        )
         return max(_MIN_PX, smallest), largest + _SMEAR_PX
 
     def _wrong_size(self, blob: Blob, camera: Camera) -> str:

@@ -1,4 +1,5 @@
 """A spot detector's parameters that a lab may set."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -26,7 +27,9 @@ class DetectorParams(Parameters):
     """The defaults are those of a stationary camera; config/stationary.yaml lists them, config/mobile.yaml what differs."""
 
     moving_camera: bool = param(False, doc="the camera may move: its motion is told from the images")
-    confirm_frames: int = param(4, "frames", low=1, high=50, doc="a spot must be seen in so many; 1: each image by itself")
+    confirm_frames: int = param(
+        4, "frames", low=1, high=50, doc="a spot must be seen in so many; 1: each image by itself"
+    )
     max_spots: int = param(1, "", low=1, high=20, doc="at most so many spots per frame")
     min_rise: float = param(18.0, "grey levels", low=2.0, high=255.0, doc="of a block that is looked at closely")
     min_probability: float = param(0.5, "", above=0.0, high=0.999, doc="the classifier's, for a spot")

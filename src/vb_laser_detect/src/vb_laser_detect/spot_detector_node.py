@@ -1,4 +1,5 @@
 """Finds laser spots in one camera's images and publishes them on the floor of the map (paper, Sect. 4.3)."""
+
 from __future__ import annotations
 
 import threading
@@ -24,7 +25,14 @@ from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
 from vb_laser_detect.detection.image_geometry import ImageGeometry, locate_confirmed, search
 from vb_laser_detect.detection.image_format import PixelReader
 from vb_laser_detect.detection.projection import FloorPoint, FloorProjection, ProjectionParams
-from vb_laser_detect.ros.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, decode, is_rectified, sibling_topic
+from vb_laser_detect.ros.camera_geometry import (
+    CameraGeometry,
+    DepthTopic,
+    InfoTopic,
+    decode,
+    is_rectified,
+    sibling_topic,
+)
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
 from vb_msgs.srv import GetTime, GetTimeRequest, GetTimeResponse
@@ -54,7 +62,9 @@ class SpotDetectorNode:
         while it runs (dynamic_reconfigure, in the same namespaces). <robot>/robot_profile: how large a robot is.
     """
 
-    def __init__(self, params: SpotDetectorNodeParams, detector: DetectorParams, projection_params: ProjectionParams) -> None:
+    def __init__(
+        self, params: SpotDetectorNodeParams, detector: DetectorParams, projection_params: ProjectionParams
+    ) -> None:
         # one process per camera: threads within each would only fight for the cores
         cv2.setNumThreads(1)
         node.disable_heap_trimming()

@@ -4,6 +4,7 @@
 >>> border.zone, border.enabled, border.points.shape
 ('keep_out', True, (4, 2))
 """
+
 from __future__ import annotations
 
 import dataclasses

@@ -1,4 +1,5 @@
 """What all other input methods do with a border: preview, then commit, by the map integrator's services."""
+
 from __future__ import annotations
 
 from typing import Any, NamedTuple, Tuple, Type
@@ -78,8 +79,12 @@ class BorderClient:
             return self.update(border, revision)._replace(id=border.id, area_m2=checked.area_m2)
         message = message_from_border(border)
         request = AddBorderRequest(
-            border=message, frame_id=self._frame_id, source=self._source, request_id=str(uuid4()),
-            disabled=not border.enabled, expected_revision=revision,
+            border=message,
+            frame_id=self._frame_id,
+            source=self._source,
+            request_id=str(uuid4()),
+            disabled=not border.enabled,
+            expected_revision=revision,
         )
         return self._call(names.ADD_BORDER, AddBorder, request)._replace(area_m2=checked.area_m2)
 

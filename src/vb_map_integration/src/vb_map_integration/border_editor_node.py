@@ -1,4 +1,5 @@
 """Node: borders whose vertices are dragged in RViz."""
+
 from __future__ import annotations
 
 import threading
@@ -31,9 +32,17 @@ TOOL, NEW = "tool", "new"
 # numbers of menu entries; fixed, so that other programs may send them too
 SAVE, CANCEL, INSERT, REMOVE_VERTEX, EDIT, TOGGLE, DELETE, NEW_POLYGON, NEW_CURVE, UNDO, REDO = range(1, 12)
 TITLES = {
-    SAVE: "Save", CANCEL: "Cancel", INSERT: "Insert vertex behind", REMOVE_VERTEX: "Remove vertex",
-    EDIT: "Edit", TOGGLE: "Enable or disable", DELETE: "Delete",
-    NEW_POLYGON: "New polygon here", NEW_CURVE: "New separating curve here", UNDO: "Undo", REDO: "Redo",
+    SAVE: "Save",
+    CANCEL: "Cancel",
+    INSERT: "Insert vertex behind",
+    REMOVE_VERTEX: "Remove vertex",
+    EDIT: "Edit",
+    TOGGLE: "Enable or disable",
+    DELETE: "Delete",
+    NEW_POLYGON: "New polygon here",
+    NEW_CURVE: "New separating curve here",
+    UNDO: "Undo",
+    REDO: "Redo",
 }
 _DRAFT_MENU, _STORED_MENU, _TOOL_MENU = (SAVE, CANCEL), (EDIT, TOGGLE, DELETE), (NEW_POLYGON, NEW_CURVE, UNDO, REDO)
 

@@ -1,4 +1,5 @@
 """Node: borders from RViz's "Publish Point" tool."""
+
 from __future__ import annotations
 
 import threading
@@ -136,6 +137,8 @@ def main() -> None:
 
     def build() -> Any:
         own, shared = (tuple(cls.__dataclass_fields__) for cls in (ClickedBorderParams, ClickParams))
-        return ClickedBorderNode(parameters.read(ClickedBorderParams, ignore=shared), parameters.read(ClickParams, ignore=own))
+        return ClickedBorderNode(
+            parameters.read(ClickedBorderParams, ignore=shared), parameters.read(ClickParams, ignore=own)
+        )
 
     node.run("clicked_border", build)

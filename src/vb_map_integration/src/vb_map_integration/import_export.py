@@ -1,4 +1,5 @@
 """Commands: borders from a file into the store, and from the store into a file. YAML or GeoJSON."""
+
 from __future__ import annotations
 
 import argparse

@@ -10,6 +10,7 @@ their value; the prior itself is never changed.
 >>> round(result.area_m2, 2), int(result.posterior.data[30, 30]), int(result.posterior.data[10, 10])
 (1.0, 100, 0)
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -27,7 +28,14 @@ from vb_map_integration.border import SLOW, VirtualBorder
 from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError, make_issue
 
 __all__ = [
-    "ERROR", "WARNING", "Area", "Issue", "Integration", "IntegrationError", "IntegrationParams", "integrate",
+    "ERROR",
+    "WARNING",
+    "Area",
+    "Issue",
+    "Integration",
+    "IntegrationError",
+    "IntegrationParams",
+    "integrate",
     "restricted_area",
 ]
 # positions [m] of things that should not be inside, by name
@@ -38,9 +46,13 @@ Places = Mapping[str, Sequence[float]]
 class IntegrationParams(Parameters):
     """Parameters of the integration."""
 
-    occupied_threshold: int = param(OCCUPIED_FROM, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's")
+    occupied_threshold: int = param(
+        OCCUPIED_FROM, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's"
+    )
     fit_length_m: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
-    end_tolerance_m: float = param(0.2, "m", low=0.0, doc="how far a drawn end may be from its wall: less than a robot's width")
+    end_tolerance_m: float = param(
+        0.2, "m", low=0.0, doc="how far a drawn end may be from its wall: less than a robot's width"
+    )
     seed_radius_m: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")
     max_area_share: float = param(0.98, low=0.0, high=1.0, doc="share of the free space that is worth a warning")
 
@@ -107,10 +119,7 @@ class Integration:
 
 
 def integrate(
-    prior: GridMap,
-    border: VirtualBorder,
-    params: Optional[IntegrationParams] = None,
-    places: Optional[Places] = None,
+    prior: GridMap, border: VirtualBorder, params: Optional[IntegrationParams] = None, places: Optional[Places] = None
 ) -> Integration:
     """Integrates a border into a map; see `restricted_area` for what is restricted, and raised.
 
@@ -138,10 +147,7 @@ def integrate(
 
 
 def restricted_area(
-    prior: GridMap,
-    border: VirtualBorder,
-    params: Optional[IntegrationParams] = None,
-    places: Optional[Places] = None,
+    prior: GridMap, border: VirtualBorder, params: Optional[IntegrationParams] = None, places: Optional[Places] = None
 ) -> Area:
     """Computes what a border restricts.
 
@@ -239,8 +245,10 @@ def _polygon(
         raise IntegrationError("empty_region")
     row, column = (int(value) for value in np.floor(seed[::-1] + 0.5))
     rows, columns = window
-    is_inner = rows.start <= row < rows.stop and columns.start <= column < columns.stop and (
-        inner[row - rows.start, column - columns.start] != 0
+    is_inner = (
+        rows.start <= row < rows.stop
+        and columns.start <= column < columns.stop
+        and (inner[row - rows.start, column - columns.start] != 0)
     )
     if is_inner:
         mask, part = inner, cells[window]
@@ -344,5 +352,3 @@ def _free_cell(
     moved = distance[best] * prior.resolution
     issues.append(make_issue(WARNING, "seed_moved", distance=f"{moved:.2f}"))
     return int(rows[best] + top), int(columns[best] + left)
-
-

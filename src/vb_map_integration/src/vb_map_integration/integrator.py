@@ -3,6 +3,7 @@
 Borders are kept in the frame of the map at which their place's first one was drawn; here they are moved into the frame
 of the current map. Which borders act, and why others do not, is decided in one place: `_recompute`.
 """
+
 from __future__ import annotations
 
 import time
@@ -255,7 +256,11 @@ class MapIntegrator:
         if not drawn:
             return {"place": "$place_before"}
         names = ", ".join(border.name for border in drawn[:_NAMED]) + (", ..." if len(drawn) > _NAMED else "")
-        return {"place": "$place_of_borders", "borders": names, "date": time.strftime("%Y-%m-%d", time.localtime(drawn[0].created))}
+        return {
+            "place": "$place_of_borders",
+            "borders": names,
+            "date": time.strftime("%Y-%m-%d", time.localtime(drawn[0].created)),
+        }
 
     def area_m2(self, border_id: str) -> float:
         """Returns the area [m^2] that a border restricts now; 0 if it is not in force."""
@@ -506,7 +511,14 @@ class MapIntegrator:
         check = self.check(new, places)
         self._check_confirmed()
         self._keep_map()
-        self._commit(self._recognition.place, (BorderChange(new.id, None, self._to_place_frame(new)),), "new", now, request_id, check)
+        self._commit(
+            self._recognition.place,
+            (BorderChange(new.id, None, self._to_place_frame(new)),),
+            "new",
+            now,
+            request_id,
+            check,
+        )
         return ChangeResult((new.id,), check.issues, f"'{new.name}' restricts {check.area.area_m2:.2f} m2")
 
     def update(
@@ -539,7 +551,9 @@ class MapIntegrator:
         issues = self._commit(place, (BorderChange(border.id, before, after),), "new", now, "", check)
         return ChangeResult((border.id,), check.issues if check else issues, f"'{after.name}' was changed")
 
-    def enable(self, border_id: str, enabled: bool, now: float, expires: float = 0.0, expected: int = 0) -> ChangeResult:
+    def enable(
+        self, border_id: str, enabled: bool, now: float, expires: float = 0.0, expected: int = 0
+    ) -> ChangeResult:
         """Turns a border of any map on or off, for ever or until `expires` [s]; raises CodedError."""
         return self._adjust(border_id, now, expected, enabled=enabled, expires=expires)
 
@@ -567,7 +581,9 @@ class MapIntegrator:
         stored = self._database.borders(self._recognition.place)
         if not stored:
             raise CodedError("nothing_to_clear")
-        return self._make_change(tuple(BorderChange(border.id, border, None) for border in stored), "new", "removed", now)
+        return self._make_change(
+            tuple(BorderChange(border.id, border, None) for border in stored), "new", "removed", now
+        )
 
     def undo(self, now: float = 0.0) -> ChangeResult:
         """Undoes the last change; raises CodedError "nothing_to_undo"."""
@@ -582,7 +598,8 @@ class MapIntegrator:
         stored = self._database.borders(self._recognition.place)
         change = tuple(
             BorderChange(border.id, border, border.replace(enabled=not border.enabled, expires=0.0, modified=now))
-            for border in stored if 0.0 < border.expires <= now
+            for border in stored
+            if 0.0 < border.expires <= now
         )
         refused: Optional[CodedError] = None
         if change:
@@ -622,7 +639,10 @@ class MapIntegrator:
         """Keeps the map on which a person draws: later ones are compared with it."""
         if self._database.map_of(self._map_id) is None:
             place = self._database.add_map(
-                self.physical, self._map_id, self._recognition.place, self._recognition.transform,
+                self.physical,
+                self._map_id,
+                self._recognition.place,
+                self._recognition.transform,
                 "" if self._recognition.place else self._free_name(),
             )
             self._database.remember_place(place)
@@ -637,7 +657,13 @@ class MapIntegrator:
         return ChangeResult(tuple(entry.id for entry in change), issues, f"{what}: {names}")
 
     def _commit(
-        self, place: int, change: Change, kind: str, now: float, request_id: str = "", check: Optional[CheckResult] = None
+        self,
+        place: int,
+        change: Change,
+        kind: str,
+        now: float,
+        request_id: str = "",
+        check: Optional[CheckResult] = None,
     ) -> Tuple[Issue, ...]:
         """Makes a change, all of it or, with a CodedError, nothing; returns warnings about borders that do not act."""
         ready = self._ready()

@@ -1,4 +1,5 @@
 """Node: virtual borders into the map that navigation uses."""
+
 from __future__ import annotations
 
 import contextlib
@@ -177,8 +178,14 @@ class MapIntegratorNode:
                 rospy.logwarn("%s: %s", rospy.get_name(), note)
             if changed:
                 rows, columns = grid.shape
-                rospy.loginfo("%s: %s map of %d x %d cells, %d border(s)", rospy.get_name(),
-                              "got the" if first else "got another", columns, rows, len(self._integrator.borders))
+                rospy.loginfo(
+                    "%s: %s map of %d x %d cells, %d border(s)",
+                    rospy.get_name(),
+                    "got the" if first else "got another",
+                    columns,
+                    rows,
+                    len(self._integrator.borders),
+                )
                 with contextlib.suppress(CodedError):  # whatever the disk is like, what expired does not act
                     self._integrator.expire(self._now().to_sec())
                 self._publish()

@@ -1,4 +1,5 @@
 """Node: stores each new posterior map on disk, for evaluation."""
+
 from __future__ import annotations
 
 import datetime
@@ -72,7 +73,8 @@ class MapRecorderNode:
             self._match()
             if self._maps is None:
                 self._maps = rospy.Subscriber(
-                    names.MAP_WITH_BORDERS, messages.OccupancyGridArray, self._on_map, queue_size=10, buff_size=2**24)
+                    names.MAP_WITH_BORDERS, messages.OccupancyGridArray, self._on_map, queue_size=10, buff_size=2**24
+                )
 
     def _on_timer(self, _event: Any) -> None:
         with self._lock:

@@ -1,4 +1,5 @@
 """Shows which floor the stationary cameras see, and which none does."""
+
 from __future__ import annotations
 
 import functools
@@ -66,8 +67,13 @@ class CameraCoverageNode:
         self._worker = node.Worker(self._beat, lambda _woken: self._look())
         self._subscribers = [
             rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, queue_size=1),
-            *(rospy.Subscriber(f"{name}/camera_info", rospy.AnyMsg, functools.partial(self._infos.__setitem__, name),
-                               queue_size=1) for name in params.cameras)]
+            *(
+                rospy.Subscriber(
+                    f"{name}/camera_info", rospy.AnyMsg, functools.partial(self._infos.__setitem__, name), queue_size=1
+                )
+                for name in params.cameras
+            ),
+        ]
 
     def close(self) -> None:
         """Ends the worker."""
@@ -99,7 +105,9 @@ class CameraCoverageNode:
 
     def _look_at(self, name: str, info: CameraInfo, grid: GridMap) -> None:
         camera = camera_from_info(info)
-        pose = self._transforms.lookup(names.MAP_FRAME, info.header.frame_id or f"{name}_optical_frame", rospy.Time(0), 0.0)
+        pose = self._transforms.lookup(
+            names.MAP_FRAME, info.header.frame_id or f"{name}_optical_frame", rospy.Time(0), 0.0
+        )
         numbers = (camera.width, camera.height, *camera.matrix.ravel(), *camera.distortion, *np.round(pose, 4).ravel())
         if name not in self._seen or self._seen[name][0] != numbers:
             self._seen[name] = (numbers, floor_seen(grid, camera, pose))

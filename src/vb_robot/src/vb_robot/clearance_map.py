@@ -3,6 +3,7 @@
 The idea: only the floor around the line and the robot matters. `crop` cuts that window out of the map, so that the
 cost of a choice does not depend on the map's size; a robot from outside enters over the window's edge.
 """
+
 from __future__ import annotations
 
 from typing import Optional, Tuple
@@ -47,8 +48,9 @@ def crop(grid: GridMap, window: Window) -> GridMap:
     data = np.full(high - low + 1, -1, dtype=np.int8)
     begin, end = np.maximum(low, 0), np.minimum(high + 1, grid.shape)
     if (begin < end).all():
-        data[begin[0] - low[0]:end[0] - low[0], begin[1] - low[1]:end[1] - low[1]] = (
-            grid.data[begin[0]:end[0], begin[1]:end[1]])
+        data[begin[0] - low[0] : end[0] - low[0], begin[1] - low[1] : end[1] - low[1]] = grid.data[
+            begin[0] : end[0], begin[1] : end[1]
+        ]
     x, y = grid.grid_to_world(low[None, ::-1] - 0.5)[0]
     return GridMap(data, grid.resolution, (x, y, grid.origin[2]))
 
@@ -74,9 +76,7 @@ def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float 
     return values
 
 
-def nearest_cell(
-    grid: GridMap, mask: np.ndarray, point, reach: float
-) -> Tuple[Optional[Tuple[int, int]], np.ndarray]:
+def nearest_cell(grid: GridMap, mask: np.ndarray, point, reach: float) -> Tuple[Optional[Tuple[int, int]], np.ndarray]:
     """Finds the cell (row, column) of a mask (H, W) nearest to a point (2,) [m] within reach [m], and its centre (2,) [m].
 
     Returns None and the point itself if there is none.
@@ -85,7 +85,7 @@ def nearest_cell(
     row, column = grid.world_to_cell(point)[0]
     half = int(np.ceil(reach / grid.resolution))
     top, left = max(row - half, 0), max(column - half, 0)
-    cells = np.argwhere(mask[top:max(row + half + 1, 0), left:max(column + half + 1, 0)]) + (top, left)
+    cells = np.argwhere(mask[top : max(row + half + 1, 0), left : max(column + half + 1, 0)]) + (top, left)
     centres = grid.cell_to_world(cells) if len(cells) else np.zeros((0, 2))
     gaps = np.linalg.norm(centres - point, axis=1)
     best = int(np.argmin(gaps)) if len(cells) else -1
@@ -106,8 +106,13 @@ class ClearanceMap:
     """
 
     def __init__(
-        self, grid: GridMap, radius: float, physical: Optional[GridMap] = None, edge: bool = True,
-        travel_margin: float = TRAVEL_MARGIN, occupied: int = OCCUPIED,
+        self,
+        grid: GridMap,
+        radius: float,
+        physical: Optional[GridMap] = None,
+        edge: bool = True,
+        travel_margin: float = TRAVEL_MARGIN,
+        occupied: int = OCCUPIED,
     ) -> None:
         self.grid, self.radius, self.travel_margin, self.edge = grid, radius, travel_margin, edge
         self.blocked = (grid.data >= occupied) | (grid.data < 0)
@@ -170,8 +175,9 @@ class ClearanceMap:
         if len(chain) < 2:
             return None
         if not closed:
-            chain = np.vstack([self.ray_end(chain[0], chain[0] - chain[1]), chain,
-                               self.ray_end(chain[-1], chain[-1] - chain[-2])])
+            chain = np.vstack(
+                [self.ray_end(chain[0], chain[0] - chain[1]), chain, self.ray_end(chain[-1], chain[-1] - chain[-2])]
+            )
         canvas = (~self.blocked).astype(np.uint8)
         pixels = np.rint(self.grid.world_to_grid(chain)).astype(np.int32)
         cv2.polylines(canvas, [pixels.reshape(-1, 1, 2)], closed, 0, thickness=1, lineType=cv2.LINE_8)

@@ -1,4 +1,5 @@
 """Computes which floor a stationary camera sees, from its pose, its lens and what blocks its view."""
+
 from __future__ import annotations
 
 import math

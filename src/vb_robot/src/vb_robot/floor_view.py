@@ -1,4 +1,5 @@
 """What a camera sees of the floor."""
+
 from __future__ import annotations
 
 import math
@@ -24,7 +25,9 @@ class FloorView:
         self.T_base_camera = T_base_camera
         self.max_range = max_range
         self._T_camera_base = geometry.invert(T_base_camera)
-        corners = np.array([[0, 0], [camera.width - 1, 0], [camera.width - 1, camera.height - 1], [0, camera.height - 1]])
+        corners = np.array(
+            [[0, 0], [camera.width - 1, 0], [camera.width - 1, camera.height - 1], [0, camera.height - 1]]
+        )
         # far outside the image the distortion polynomials may lead back into it
         self._widest = 1.05 * float(np.linalg.norm(camera.rays(corners.astype(float))[:, :2], axis=1).max())
 

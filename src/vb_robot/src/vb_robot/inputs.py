@@ -1,4 +1,5 @@
 """What driver and dispatcher both listen to: spots, and what a robot's camera sees of the floor."""
+
 from __future__ import annotations
 
 from typing import Callable, Optional
@@ -28,17 +29,25 @@ class SpotListener:
         if message.header.frame_id != names.MAP_FRAME or not np.isfinite(position).all():
             self._rejected += 1
             rospy.logwarn_throttle(
-                5.0, f"{rospy.get_name()}: spot rejected: frame '{message.header.frame_id}', position {position}; "
-                f"expected finite values in '{names.MAP_FRAME}' ({self._rejected} so far)")
+                5.0,
+                f"{rospy.get_name()}: spot rejected: frame '{message.header.frame_id}', position {position}; "
+                f"expected finite values in '{names.MAP_FRAME}' ({self._rejected} so far)",
+            )
             return
-        self._take(Sighting(message.header.stamp.to_sec(), position, message.camera, message.mobile, message.confidence))
+        self._take(
+            Sighting(message.header.stamp.to_sec(), position, message.camera, message.mobile, message.confidence)
+        )
 
 
 class CameraView:
     """Gives a robot's floor view to `take`, at first and whenever the lens or the mount's frame changes."""
 
     def __init__(
-        self, topic: str, base_frame: str, max_range: float, transforms: TransformLookup,
+        self,
+        topic: str,
+        base_frame: str,
+        max_range: float,
+        transforms: TransformLookup,
         take: Callable[[FloorView], None],
     ) -> None:
         self._base, self._max_range, self._transforms, self._take = base_frame, max_range, transforms, take

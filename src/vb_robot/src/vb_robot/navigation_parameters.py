@@ -1,4 +1,5 @@
 """move_base's parameters as far as they follow from the robot; the rest is in vb_bringup/config/navigation."""
+
 from __future__ import annotations
 
 from typing import Any, Dict
@@ -21,8 +22,11 @@ def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, 
     """
     limits, scanner = profile.limits, profile.scanner
     base, odom = prefix + profile.frames.base, prefix + profile.frames.odom
-    source = {"topic": scanner.topic, "obstacle_range": scanner.obstacle_range,
-              "raytrace_range": scanner.obstacle_range + 0.5}
+    source = {
+        "topic": scanner.topic,
+        "obstacle_range": scanner.obstacle_range,
+        "raytrace_range": scanner.obstacle_range + 0.5,
+    }
     costmap = {
         "robot_base_frame": base,
         "robot_radius": profile.radius,
@@ -35,9 +39,14 @@ def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, 
         "global_costmap": {**costmap, "robot_radius": round(profile.radius + PATH_MARGIN, 3)},
         "local_costmap": {**costmap, "global_frame": odom},
         "DWAPlannerROS": {
-            "max_vel_x": limits.max_speed, "max_vel_trans": limits.max_speed, "max_vel_theta": limits.max_turn,
-            "acc_lim_x": limits.acceleration, "acc_lim_trans": limits.acceleration,
-            "acc_lim_theta": limits.turn_acceleration, "vx_samples": samples, "sim_time": SIM_TIME,
+            "max_vel_x": limits.max_speed,
+            "max_vel_trans": limits.max_speed,
+            "max_vel_theta": limits.max_turn,
+            "acc_lim_x": limits.acceleration,
+            "acc_lim_trans": limits.acceleration,
+            "acc_lim_theta": limits.turn_acceleration,
+            "vx_samples": samples,
+            "sim_time": SIM_TIME,
         },
     }
 

@@ -1,4 +1,5 @@
 """Poses of a robot, and points in its base frame and in the map frame."""
+
 from __future__ import annotations
 
 import math

@@ -1,4 +1,5 @@
 """Sends a robot to where its own camera sees the spot (paper, Sect. 4.2, states Border and Seed)."""
+
 from __future__ import annotations
 
 import functools
@@ -67,17 +68,25 @@ class RobotDispatcherNode:
         self._notices = NoticePublisher()
         self._robots = [
             DispatchedRobot(name, profile, transforms, functools.partial(self._hear, self._take_view, name), self._tell)
-            for name, profile in profiles.items()]
-        grids = [(names.PHYSICAL_MAP, dispatcher.set_physical_map),
-                 (names.COVERAGE, lambda grid: setattr(dispatcher, "unseen", BlindSpots(grid))),
-                 *((f"{name}{names.MAP_WITH_BORDERS}", known.set_map) for name, known in dispatcher.maps.items())]
+            for name, profile in profiles.items()
+        ]
+        grids = [
+            (names.PHYSICAL_MAP, dispatcher.set_physical_map),
+            (names.COVERAGE, lambda grid: setattr(dispatcher, "unseen", BlindSpots(grid))),
+            *((f"{name}{names.MAP_WITH_BORDERS}", known.set_map) for name, known in dispatcher.maps.items()),
+        ]
         self._subscribers = [
-            *(rospy.Subscriber(topic, OccupancyGridArray, functools.partial(self._hear, self._take_grid, take), queue_size=1)
-              for topic, take in grids),
+            *(
+                rospy.Subscriber(
+                    topic, OccupancyGridArray, functools.partial(self._hear, self._take_grid, take), queue_size=1
+                )
+                for topic, take in grids
+            ),
             rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10),
             SpotListener(functools.partial(self._hear, dispatcher.sightings.add)),
-            rospy.Subscriber(names.PROGRESS, BorderProgress, functools.partial(self._hear, self._take_progress),
-                             queue_size=1),
+            rospy.Subscriber(
+                names.PROGRESS, BorderProgress, functools.partial(self._hear, self._take_progress), queue_size=1
+            ),
         ]
         self._worker = node.Worker(self._beat, lambda _woken: self._decide())
 
@@ -110,8 +119,13 @@ class RobotDispatcherNode:
             rospy.loginfo("%s: state %s", rospy.get_name(), message.name)
 
     def _take_progress(self, message: BorderProgress) -> None:
-        self._dispatcher.set_progress(message.interaction_id, array_from_points(message.chain), message.closed,
-                                      array_from_points(message.points), message.cameras)
+        self._dispatcher.set_progress(
+            message.interaction_id,
+            array_from_points(message.chain),
+            message.closed,
+            array_from_points(message.points),
+            message.cameras,
+        )
 
     # ------------------------------------------------------------- decisions
     def _decide(self) -> None:

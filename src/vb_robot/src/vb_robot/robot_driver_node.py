@@ -1,4 +1,5 @@
 """One robot's driver: the only source of its cmd_vel."""
+
 from __future__ import annotations
 
 import functools
@@ -44,8 +45,24 @@ GOAL_NOTICE = 5.0  # [s] for which a goal in a border is reported
 PLAN_SHOWN = rospy.Duration(5.0)  # a robot on its way plans once a second
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 # what people are told, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
-HOLDS = {"stopped", "state_lost", "scan_lost", "pose_lost", "pose_jumped", "no_map", "no_camera", "clock_stopped",
-         "internal_error", "other_cmd_vel_publisher", "contact", "obstacle", "floor_not_scanned", "border", "inside_border", "bad_command"}
+HOLDS = {
+    "stopped",
+    "state_lost",
+    "scan_lost",
+    "pose_lost",
+    "pose_jumped",
+    "no_map",
+    "no_camera",
+    "clock_stopped",
+    "internal_error",
+    "other_cmd_vel_publisher",
+    "contact",
+    "obstacle",
+    "floor_not_scanned",
+    "border",
+    "inside_border",
+    "bad_command",
+}
 
 
 @dataclass(frozen=True)
@@ -55,7 +72,9 @@ class DriverParams(Parameters):
     robot: str = param("", doc="its name: in borders and notices, before its frames, its camera's; empty: the only one")
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
     leave_borders: bool = param(True, doc="drive out of a border that was put where the robot is")
-    stop_file: str = param("", doc="exists while the robot is stopped, so that it is after a restart; empty: not remembered")
+    stop_file: str = param(
+        "", doc="exists while the robot is stopped, so that it is after a restart; empty: not remembered"
+    )
 
 
 class RobotDriverNode:
@@ -93,7 +112,8 @@ class RobotDriverNode:
         self._remembered = self._stop_file is not None and _is_there(self._stop_file)
         self._remembering = threading.Lock()
         self._driver = Driver(
-            profile, params.robot or "robot", params.mobile_cameras, params.leave_borders, self._remembered)
+            profile, params.robot or "robot", params.mobile_cameras, params.leave_borders, self._remembered
+        )
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
         self._borders: List[KnownBorder] = []
@@ -106,8 +126,12 @@ class RobotDriverNode:
         self._beat = node.WakeTimer(1.0 / RATE)
         self._transforms = TransformLookup()
         self._camera = CameraView(
-            profile.camera.info, self._base, profile.camera.max_range, self._transforms,
-            functools.partial(setattr, self._driver.follower, "view"))
+            profile.camera.info,
+            self._base,
+            profile.camera.max_range,
+            self._transforms,
+            functools.partial(setattr, self._driver.follower, "view"),
+        )
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
@@ -121,8 +145,12 @@ class RobotDriverNode:
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
             listen(names.STOP, Bool, self._on_stop, queue_size=10),
             SpotListener(self._driver.add),
-            listen(names.PROGRESS, BorderProgress,
-                   lambda message: self._driver.add_contributors(message.interaction_id, message.cameras), queue_size=1),
+            listen(
+                names.PROGRESS,
+                BorderProgress,
+                lambda message: self._driver.add_contributors(message.interaction_id, message.cameras),
+                queue_size=1,
+            ),
             listen(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map, "borders", queue_size=1),
             listen(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, "physical", queue_size=1),
             listen(names.SPEED_LIMITS, OccupancyGridArray, self._on_map, "speed", queue_size=1),
@@ -161,8 +189,13 @@ class RobotDriverNode:
             self._driver.gate.note_other_publisher(name, rospy.get_time())
 
     def _on_state(self, message: InteractionState) -> None:
-        self._driver.set_state(message.state, message.interaction_id, message.entered.to_sec(),
-                               message.header.stamp.to_sec(), message.stopped)
+        self._driver.set_state(
+            message.state,
+            message.interaction_id,
+            message.entered.to_sec(),
+            message.header.stamp.to_sec(),
+            message.stopped,
+        )
         self._remember()
 
     def _on_stop(self, message: Bool) -> None:
@@ -192,8 +225,16 @@ class RobotDriverNode:
                 rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: scans do not count: no transform from '{frame}' yet")
                 return
             self._mounts[frame] = T
-        scan = Scan(np.asarray(message.ranges), message.angle_min, message.angle_increment, message.range_min,
-                    message.range_max, self._mounts[frame], self._profile.radius, self._profile.scanner.zero_is_nothing)
+        scan = Scan(
+            np.asarray(message.ranges),
+            message.angle_min,
+            message.angle_increment,
+            message.range_min,
+            message.range_max,
+            self._mounts[frame],
+            self._profile.radius,
+            self._profile.scanner.zero_is_nothing,
+        )
         self._driver.gate.set_scan(scan, message.header.stamp.to_sec())
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
@@ -232,16 +273,24 @@ class RobotDriverNode:
 
     def _use_maps(self) -> None:
         if "borders" in self._maps:
-            workspace = Workspace(self._maps["borders"], self._maps.get("physical"), self._profile.radius, self._borders,
-                                  self._uncertainty.metres)
+            workspace = Workspace(
+                self._maps["borders"],
+                self._maps.get("physical"),
+                self._profile.radius,
+                self._borders,
+                self._uncertainty.metres,
+            )
             self._driver.set_maps(workspace)
             self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._borders = [
             KnownBorder(
-                border.name or border.id, array_from_points(border.points),
-                np.array([border.seed.x, border.seed.y]), border.kind == VirtualBorder.POLYGON)
+                border.name or border.id,
+                array_from_points(border.points),
+                np.array([border.seed.x, border.seed.y]),
+                border.kind == VirtualBorder.POLYGON,
+            )
             for border in message.borders
             if border.enabled and len(border.points) and (not border.robots or self._params.robot in border.robots)
         ]
@@ -282,8 +331,11 @@ class RobotDriverNode:
         # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
         T = self._lookup(names.MAP_FRAME, self._base, stamp)
-        self._driver.gate.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec(),
-                                   self._transforms.newest(names.MAP_FRAME, self._odom).to_sec())
+        self._driver.gate.set_pose(
+            geometry.transform_pose2d(T) if T is not None else None,
+            stamp.to_sec(),
+            self._transforms.newest(names.MAP_FRAME, self._odom).to_sec(),
+        )
 
     def _obey(self, command: Command, now: rospy.Time) -> None:
         if command.publish:
@@ -309,8 +361,14 @@ class RobotDriverNode:
             return
         self._told = (command, now)
         code = f"robot_{command.code}"
-        message = DriverState(robot=self._params.robot, driver=command.driver, code=command.code, speed=command.v,
-                              turn_rate=command.w, message=sentences.say(code, {"who": sentences.robot(self._params.robot)}))
+        message = DriverState(
+            robot=self._params.robot,
+            driver=command.driver,
+            code=command.code,
+            speed=command.v,
+            turn_rate=command.w,
+            message=sentences.say(code, {"who": sentences.robot(self._params.robot)}),
+        )
         message.header.stamp = rospy.Time.from_sec(now)
         self._states.publish(message)
         if changed:
@@ -329,8 +387,7 @@ class RobotDriverNode:
                 found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(name)))
             elif self._driver.exit.failed:
                 reason = f"$robot_{self._driver.exit.failed}"
-                found.append(self._notice(
-                    "robot_cannot_leave", Severity.WARNING, border=_quoted(name), reason=reason))
+                found.append(self._notice("robot_cannot_leave", Severity.WARNING, border=_quoted(name), reason=reason))
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._held_since = {command.code: self._held_since.get(command.code, now)}
@@ -346,7 +403,9 @@ class RobotDriverNode:
         return found
 
     def _notice(self, code: str, severity: Severity, **values: str) -> Notice:
-        return Notice(code, severity, robot=self._params.robot, values={"who": sentences.robot(self._params.robot), **values})
+        return Notice(
+            code, severity, robot=self._params.robot, values={"who": sentences.robot(self._params.robot), **values}
+        )
 
 
 def _is_there(path: FilePath) -> bool:

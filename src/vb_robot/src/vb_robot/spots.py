@@ -3,6 +3,7 @@
 The idea: whether a robot follows the spot or is sent to it is decided by the same class from the same sightings, so
 that the two never both act, and never wait for each other.
 """
+
 from __future__ import annotations
 
 import math
@@ -155,7 +156,8 @@ class Sightings:
     def velocity(self) -> Optional[np.ndarray]:
         """Measures the velocity (2,) [m/s] of the spot on the last PIECE of its line; None if it rests, or turned on it.
 
-        The last piece of the line tells where it goes on, not the last second: a quick hand is past a corner long before
+        The last piece of the line tells where it goes on, not the last second: a quick hand is past a corner long
+        before
         that. Cameras differ by centimetres: only one counts, the one that saw the spot last if it saw it often enough.
         """
         newest = self.newest()
@@ -168,7 +170,7 @@ class Sightings:
         if len(recent) < MIN_VELOCITY_SIGHTINGS:
             return None
         places = np.array([s.position for s in recent])
-        earlier = places[:len(places) - MIN_VELOCITY_SIGHTINGS + 1]
+        earlier = places[: len(places) - MIN_VELOCITY_SIGHTINGS + 1]
         far = np.flatnonzero(np.linalg.norm(earlier - np.median(places[-3:], axis=0), axis=1) >= PIECE)
         begin = int(far[-1]) if len(far) else 0
         path = np.column_stack([[sighting.stamp for sighting in recent], places])[begin:]

@@ -1,4 +1,5 @@
 """Node: the ceiling cameras of a world."""
+
 from __future__ import annotations
 
 import time
@@ -51,8 +52,14 @@ class CeilingCamerasNode(CameraNode):
         views: of the cameras, if drawn already.
     """
 
-    def __init__(self, world: World, models: CameraModels, cameras: List[CeilingCamera], seed: int,
-                 views: Optional[Sequence[CeilingView]] = None) -> None:
+    def __init__(
+        self,
+        world: World,
+        models: CameraModels,
+        cameras: List[CeilingCamera],
+        seed: int,
+        views: Optional[Sequence[CeilingView]] = None,
+    ) -> None:
         optics = models.optics
         super().__init__("ceiling_cameras", [camera.rate for camera in cameras], optics.latency_ms)
         self._cameras = cameras
@@ -70,10 +77,12 @@ class CeilingCamerasNode(CameraNode):
             info_from_camera(view.model, rospy.Time(), frame) for view, frame in zip(self._views, self._frames)
         ]
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
-        self._broadcaster.sendTransform([
-            transform_message(calibrated_pose(camera, optics, seed), names.MAP_FRAME, frame, rospy.Time.now())
-            for camera, frame in zip(cameras, self._frames)
-        ])
+        self._broadcaster.sendTransform(
+            [
+                transform_message(calibrated_pose(camera, optics, seed), names.MAP_FRAME, frame, rospy.Time.now())
+                for camera, frame in zip(cameras, self._frames)
+            ]
+        )
         self._start()
 
     def _publish(self, index: int, stamp_s: float) -> None:

@@ -1,4 +1,5 @@
 """A small file that lets a killed process continue where it was."""
+
 from __future__ import annotations
 
 import json

@@ -1,4 +1,5 @@
 """The simulated lab as a whole: its robots, and what the participant does in it."""
+
 from __future__ import annotations
 
 import math
@@ -46,7 +47,9 @@ class Lab:
         sequence = np.random.SeedSequence(seed).spawn(len(world.robots) + 1)
         self._scan_rng = np.random.default_rng(sequence[-1])
         self.robots: List[RobotBody] = [
-            RobotBody(item.start_pose(), item.radius, robot, localisation, self.field.clearance, np.random.default_rng(child))
+            RobotBody(
+                item.start_pose(), item.radius, robot, localisation, self.field.clearance, np.random.default_rng(child)
+            )
             for item, child in zip(world.robots, sequence)
         ]
         self._participant = Participant()

@@ -1,4 +1,5 @@
 """Keeps what the cameras know of the lab's moving things, and finds where these are at an image's time."""
+
 from __future__ import annotations
 
 import math

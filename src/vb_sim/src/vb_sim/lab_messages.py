@@ -1,4 +1,5 @@
 """Messages that the camera nodes read and send."""
+
 from __future__ import annotations
 
 import math

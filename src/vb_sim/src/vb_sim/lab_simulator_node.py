@@ -1,4 +1,5 @@
 """Node: owns simulated time and the ground truth of the lab."""
+
 from __future__ import annotations
 
 import functools
@@ -34,7 +35,9 @@ from vb_sim.checkpoint_file import CheckpointFile
 from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
-CONTROL_STEPS = 5  # steps in which navigation, driver and AMCL are each heard: 0.1 s, as move_base's controller and scans come
+CONTROL_STEPS = (
+    5  # steps in which navigation, driver and AMCL are each heard: 0.1 s, as move_base's controller and scans come
+)
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,11 @@ class RobotConnection:
         topic = f"/{robot.namespace.strip('/')}/" if robot.namespace.strip("/") else "/"
         prefix = topic[1:]
         self.topic = topic
-        self.odom_frame, self.base_frame, self.laser_frame = prefix + "odom", prefix + "base_link", prefix + "base_laser_link"
+        self.odom_frame, self.base_frame, self.laser_frame = (
+            prefix + "odom",
+            prefix + "base_link",
+            prefix + "base_laser_link",
+        )
         self.odom = rospy.Publisher(topic + "odom", Odometry, queue_size=5)
         self.amcl = rospy.Publisher(topic + "amcl_pose", PoseWithCovarianceStamped, queue_size=1, latch=True)
         self.scan = rospy.Publisher(topic + "scan", LaserScan, queue_size=2)
@@ -71,8 +78,8 @@ class RobotConnection:
 class LabSimulatorNode:
     """Moves the robots, publishes the ground truth of the lab and the clock.
 
-    With /use_sim_time it publishes /clock, paced to at most real time or to /sim/pace; without it, it steps in wall time.
-    A robot's topics are below its namespace; the first robot usually has none.
+    With /use_sim_time it publishes /clock, paced to at most real time or to /sim/pace; without it, it steps in wall
+    time. A robot's topics are below its namespace; the first robot usually has none.
 
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
@@ -95,7 +102,12 @@ class LabSimulatorNode:
     """
 
     def __init__(
-        self, lab: Lab, params: LabSimulatorParams, localisation: LocalisationModel, simulated_time: bool, state: CheckpointFile
+        self,
+        lab: Lab,
+        params: LabSimulatorParams,
+        localisation: LocalisationModel,
+        simulated_time: bool,
+        state: CheckpointFile,
     ) -> None:
         self._lab = lab
         self._params = params
@@ -123,11 +135,20 @@ class LabSimulatorNode:
         self._static_tf = tf2_ros.StaticTransformBroadcaster()
         self._static_tf.sendTransform([self._laser_mount(connection) for connection in self._robots])
         for index, connection in enumerate(self._robots):
-            rospy.Subscriber(connection.topic + "cmd_vel", Twist, self._on_cmd_vel, index, queue_size=1, tcp_nodelay=True)
+            rospy.Subscriber(
+                connection.topic + "cmd_vel", Twist, self._on_cmd_vel, index, queue_size=1, tcp_nodelay=True
+            )
             if params.lockstep:
-                rospy.Subscriber(connection.topic + "cmd_vel/navigation", Twist, functools.partial(self._on_navigation, index),
-                                 queue_size=1, tcp_nodelay=True)
-            rospy.Subscriber(connection.topic + "initialpose", PoseWithCovarianceStamped, self._on_initialpose, index, queue_size=1)
+                rospy.Subscriber(
+                    connection.topic + "cmd_vel/navigation",
+                    Twist,
+                    functools.partial(self._on_navigation, index),
+                    queue_size=1,
+                    tcp_nodelay=True,
+                )
+            rospy.Subscriber(
+                connection.topic + "initialpose", PoseWithCovarianceStamped, self._on_initialpose, index, queue_size=1
+            )
         if params.lockstep:
             rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
@@ -161,7 +182,9 @@ class LabSimulatorNode:
 
     def _on_initialpose(self, message: PoseWithCovarianceStamped, index: int) -> None:
         if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: initialpose in frame '{message.header.frame_id}' ignored, expected 'map'")
+            rospy.logwarn_throttle(
+                5.0, f"{rospy.get_name()}: initialpose in frame '{message.header.frame_id}' ignored, expected 'map'"
+            )
             return
         pose = messages.pose_to_2d(message.pose.pose)
         if not np.isfinite(pose).all():
@@ -190,7 +213,9 @@ class LabSimulatorNode:
 
     def _on_pace(self, message: Float64) -> None:
         if not MIN_PACE <= message.data <= MAX_PACE:
-            rospy.logwarn("%s: a pace of %s ignored, expected %s to %s", rospy.get_name(), message.data, MIN_PACE, MAX_PACE)
+            rospy.logwarn(
+                "%s: a pace of %s ignored, expected %s to %s", rospy.get_name(), message.data, MIN_PACE, MAX_PACE
+            )
             return
         self._pacer.pace = message.data
 

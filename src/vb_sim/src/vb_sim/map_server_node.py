@@ -1,4 +1,5 @@
 """Serves the physical map, from a file in map_server's format or from a world of the simulator."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
 """Stand-in for move_base, with its names: action, services, costmap and plan topics."""
+
 from __future__ import annotations
 
 import threading
@@ -68,7 +69,12 @@ class NavigationNode:
     """
 
     def __init__(
-        self, params: NavigationParams, costmap: CostmapParams, planner: PlannerParams, follower: FollowerParams, base_frame: str
+        self,
+        params: NavigationParams,
+        costmap: CostmapParams,
+        planner: PlannerParams,
+        follower: FollowerParams,
+        base_frame: str,
     ) -> None:
         self._params, self._base_frame = params, base_frame
         self._navigator = Navigator(params, costmap, planner, follower)
@@ -207,7 +213,9 @@ class NavigationNode:
         window = costmap.occupancy()[low_row : row + half, low_column : column + half]
         if window.size:
             x, y = np.array(grid.origin[:2]) + np.array([low_column, low_row]) * grid.resolution
-            self._local.publish(messages.message_from_grid(GridMap(window, grid.resolution, (x, y, 0.0)), rospy.Time.now()))
+            self._local.publish(
+                messages.message_from_grid(GridMap(window, grid.resolution, (x, y, 0.0)), rospy.Time.now())
+            )
 
     # ------------------------------------------------------------ driving
     def _execute(self, goal: MoveBaseGoal) -> None:
@@ -296,7 +304,8 @@ def build() -> NavigationNode:
     params = parameters.read(NavigationParams, ignore=("costmap", "planner", "follower"))
     profile = robot_profile.read()
     costmap, follower = params_for_robot(
-        profile, parameters.read(CostmapParams, "~costmap"), parameters.read(FollowerParams, "~follower"))
+        profile, parameters.read(CostmapParams, "~costmap"), parameters.read(FollowerParams, "~follower")
+    )
     base_frame = params.prefix + profile.frames.base
     return NavigationNode(params, costmap, parameters.read(PlannerParams, "~planner"), follower, base_frame)
 

@@ -1,4 +1,5 @@
 """Simulated time that keeps step with real time, or runs faster, and how well it does."""
+
 from __future__ import annotations
 
 import threading

@@ -1,4 +1,5 @@
 """The simulated person as a node: sends commands through the same service as anyone, sees what a person sees."""
+
 from __future__ import annotations
 
 import json
@@ -91,10 +92,16 @@ class ParticipantNode:
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=10)
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
         rospy.Service("~start", Trigger, self._on_start)
-        node.await_input(f"the lab's state on {names.LAB_STATE}: is lab_simulator running?", lambda: self._lab_states.received > 0,
-                         node.GIVES_UP_AFTER_S)
-        node.await_input(f"the interaction's state on {names.STATE}: is interaction_manager running?", lambda: self._sees_state,
-                         node.GIVES_UP_AFTER_S)
+        node.await_input(
+            f"the lab's state on {names.LAB_STATE}: is lab_simulator running?",
+            lambda: self._lab_states.received > 0,
+            node.GIVES_UP_AFTER_S,
+        )
+        node.await_input(
+            f"the interaction's state on {names.STATE}: is interaction_manager running?",
+            lambda: self._sees_state,
+            node.GIVES_UP_AFTER_S,
+        )
 
     def close(self) -> None:
         """Ends the worker."""
@@ -128,7 +135,10 @@ class ParticipantNode:
 
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
-            before, self._notices[message.source] = self._notices.get(message.source, set()), {n.code for n in message.notices}
+            before, self._notices[message.source] = (
+                self._notices.get(message.source, set()),
+                {n.code for n in message.notices},
+            )
             # a notice is repeated each second; a person takes note of it when it appears
             self._percept.read(self._notices[message.source] - before)
 

@@ -1,4 +1,5 @@
 """Node: a robot's colour and depth camera."""
+
 from __future__ import annotations
 
 import time
@@ -49,8 +50,15 @@ class RobotCameraNode(CameraNode):
         view: of the camera, if drawn already.
     """
 
-    def __init__(self, world: World, models: CameraModels, robot: Robot, seed: int, tf_prefix: str,
-                 view: Optional[RobotView] = None) -> None:
+    def __init__(
+        self,
+        world: World,
+        models: CameraModels,
+        robot: Robot,
+        seed: int,
+        tf_prefix: str,
+        view: Optional[RobotView] = None,
+    ) -> None:
         super().__init__("robot_camera", [robot.camera_rate], models.optics.latency_ms)
         self._robot = robot
         self._every = models.robot_camera.depth_every
@@ -58,7 +66,9 @@ class RobotCameraNode(CameraNode):
         self._frames_taken = 0
         self._render_s = 0.0
         # the same seed as the ceiling cameras': all of them look at the same floor
-        self._view = view or RobotView(robot, world.robot_radii(), render_floor(world, seed), world_mesh(world), models, seed)
+        self._view = view or RobotView(
+            robot, world.robot_radii(), render_floor(world, seed), world_mesh(world), models, seed
+        )
         self._projector = ProjectorInput(world, models.optics, [self._view])
         frame = f"{tf_prefix}camera_optical_frame"
         self._frame = frame
@@ -106,7 +116,9 @@ class RobotCameraNode(CameraNode):
 
     def _figures(self) -> List[Dict[str, object]]:
         render_ms = round(1e3 * self._render_s / max(1, self._counts["published"]), 3)
-        return [{"camera": self._robot.name, **self._counts, "skipped": self._schedule.skipped[0], "render_ms": render_ms}]
+        return [
+            {"camera": self._robot.name, **self._counts, "skipped": self._schedule.skipped[0], "render_ms": render_ms}
+        ]
 
 
 @dataclass(frozen=True)

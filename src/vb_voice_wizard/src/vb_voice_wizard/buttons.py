@@ -1,4 +1,5 @@
 """Maps buttons to commands."""
+
 from __future__ import annotations
 
 from typing import Dict, List, Mapping, Sequence

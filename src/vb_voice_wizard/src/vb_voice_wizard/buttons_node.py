@@ -1,4 +1,5 @@
 """Node: takes commands from buttons."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass

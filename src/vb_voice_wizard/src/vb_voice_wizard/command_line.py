@@ -1,4 +1,5 @@
 """Sends one command to the interaction from a shell."""
+
 from __future__ import annotations
 
 import argparse
@@ -55,7 +56,9 @@ def run(arguments: Optional[List[str]] = None) -> int:
     said = sentences.say(answer.code, mapping_from_values(answer.values), chosen.language, answer.message)
     print(f"{said} [{answer.code}]")
     for issue in _issues() if answer.code == "confirm_save" else []:
-        print(f"- {sentences.say(issue.code, mapping_from_values(issue.values), chosen.language, issue.message)} [{issue.code}]")
+        print(
+            f"- {sentences.say(issue.code, mapping_from_values(issue.values), chosen.language, issue.message)} [{issue.code}]"
+        )
     return DONE if answer.success else REFUSED
 
 

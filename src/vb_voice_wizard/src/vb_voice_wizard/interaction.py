@@ -11,6 +11,7 @@ True
 >>> interaction.state.name, interaction.suggested_commands()
 ('BORDER', ['define_seed', 'guide_robot', 'cancel', 'stop'])
 """
+
 from __future__ import annotations
 
 import dataclasses
@@ -46,8 +47,8 @@ REDO = "redo"
 COMMANDS = (DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO)
 
 _ENTERS = {DEFINE_BORDER: State.BORDER, DEFINE_SEED: State.SEED, GUIDE_ROBOT: State.GUIDE}
-# What a command that may have been misunderstood must not do on its own: these change the map, discard the drawing or let
-# robots drive. The others stop robots, or do nothing before somebody points with the laser too.
+# What a command that may have been misunderstood must not do on its own: these change the map, discard the drawing or
+# let robots drive. The others stop robots, or do nothing before somebody points with the laser too.
 _ASKED_ABOUT = (SAVE, CANCEL, RESUME, UNDO, REDO)
 # [s] without a spot in Border or Seed: a person has begun by then, or draws with a laser that no camera sees
 UNSEEN_AFTER = 10.0
@@ -184,7 +185,9 @@ class Interaction:
         return self._confirming == SAVE
 
     # ------------------------------------------------------------------ commands
-    def command(self, name: str, source: str, now: float, unclear: bool = False, doubtful_border: bool = False) -> Answer:
+    def command(
+        self, name: str, source: str, now: float, unclear: bool = False, doubtful_border: bool = False
+    ) -> Answer:
         """Takes a command; never raises, never ignores.
 
         Args:
@@ -410,7 +413,9 @@ class Interaction:
 
     @classmethod
     def from_mapping(
-        cls, mapping: Mapping[str, Any], params: InteractionParams = InteractionParams(),
+        cls,
+        mapping: Mapping[str, Any],
+        params: InteractionParams = InteractionParams(),
         new_id: Callable[[], str] = _new_id,
     ) -> "Interaction":
         """Restores a saved interaction; a command that was being carried out is not part of it and must be sent again.

@@ -1,4 +1,5 @@
 """Node: owns the state of the interaction."""
+
 from __future__ import annotations
 
 import threading
@@ -21,7 +22,16 @@ from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard.dialogue import persistence
 from vb_voice_wizard.interaction import (
-    REDO, RESUME, SAVE, STOP, UNDO, Answer, Interaction, InteractionParams, State, normalise,
+    REDO,
+    RESUME,
+    SAVE,
+    STOP,
+    UNDO,
+    Answer,
+    Interaction,
+    InteractionParams,
+    State,
+    normalise,
 )
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
 from vb_voice_wizard.dialogue.answer_cache import AnswerCache
@@ -122,7 +132,8 @@ class InteractionManager:
             if message.interaction_id == self._interaction.interaction_id:
                 # in Guide the fusion ignores all spots, and yet a person holds the laser
                 self._interaction.count_spots(
-                    message.border_spots, message.seed_spots, message.ignored_spots, rospy.get_time())
+                    message.border_spots, message.seed_spots, message.ignored_spots, rospy.get_time()
+                )
         self._preview.on_progress(message)
 
     def _on_stop(self, message: Bool) -> None:
@@ -203,7 +214,9 @@ class InteractionManager:
         except CodedError as error:
             # an unanswered request may have arrived; an error tells that no earlier one has
             with self._lock:
-                self._interaction.unanswered_save = error.code == "no_response" or (error.code == "no_service" and unanswered)
+                self._interaction.unanswered_save = error.code == "no_response" or (
+                    error.code == "no_service" and unanswered
+                )
             raise
         with self._lock:
             answer = self._interaction.finish_save(border_id, rospy.get_time())
@@ -251,10 +264,14 @@ class InteractionManager:
     def _remember(self) -> None:
         interaction = self._interaction
         try:
-            self._state_file.write({
-                "interaction": interaction.to_mapping(), "stopped": interaction.stopped,
-                "stopped_by": interaction.stopped_by, "answers": self._answer_cache.to_list(),
-            })
+            self._state_file.write(
+                {
+                    "interaction": interaction.to_mapping(),
+                    "stopped": interaction.stopped,
+                    "stopped_by": interaction.stopped_by,
+                    "answers": self._answer_cache.to_list(),
+                }
+            )
         except OSError as error:
             rospy.logwarn_throttle(30.0, f"interaction_manager: cannot remember the interaction: {error}")
 
@@ -343,7 +360,9 @@ def _what_changed(before: Mapping[str, VirtualBorder], after: Mapping[str, Virtu
         "border_back": [border for key, border in after.items() if key not in before],
         "border_on": [after[key] for key in switched if after[key].enabled],
         "border_off": [after[key] for key in switched if not after[key].enabled],
-        "border_changed": [after[key] for key in both if key not in switched and _drawn(before[key]) != _drawn(after[key])],
+        "border_changed": [
+            after[key] for key in both if key not in switched and _drawn(before[key]) != _drawn(after[key])
+        ],
     }
     kinds = [code for code, borders in found.items() if borders]
     if len(kinds) != 1:
@@ -353,8 +372,15 @@ def _what_changed(before: Mapping[str, VirtualBorder], after: Mapping[str, Virtu
 
 def _drawn(border: VirtualBorder) -> Tuple:
     """What a person can change of a border besides its switch."""
-    return (border.name, [(point.x, point.y) for point in border.points], border.seed.x, border.seed.y, border.zone,
-            border.max_speed, border.schedule)
+    return (
+        border.name,
+        [(point.x, point.y) for point in border.points],
+        border.seed.x,
+        border.seed.y,
+        border.zone,
+        border.max_speed,
+        border.schedule,
+    )
 
 
 def _await_clock(limit_s: float = 3.0) -> None:

@@ -1,9 +1,10 @@
 """Recognises the spoken commands and rejects everything else.
 
-The idea: endpointing finds the speech, and a network that knows people's speech says how much more probable the utterance
-makes each command than silence does (speech_model). Even odds against a word that sounds like it are enough to take a
-command: no score tells *undo* from *on to* in noise, so what acts on its own must be said again (interaction.py). Nothing is
-trained; bench/voice.py measures, and says which odds are even.
+The idea: endpointing finds the speech, and a network that knows people's speech says how much more
+probable the utterance makes each command than silence does (speech_model). Even odds against a word that
+sounds like it are enough to take a
+command: no score tells *undo* from *on to* in noise, so what acts on its own must be said again (interaction.py).
+Nothing is trained; bench/voice.py measures, and says which odds are even.
 
 >>> import numpy as np
 >>> recognizer = CommandRecognizer()
@@ -11,6 +12,7 @@ trained; bench/voice.py measures, and says which odds are even.
 >>> recognizer.classify(silence).reason
 'unlike_a_command'
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -29,11 +31,12 @@ from vb_voice_wizard.voice.speech_model import SpeechModel
 # what people say for each command
 PHRASES = {command: [command.replace("_", " ")] for command in COMMANDS}
 PHRASES["stop"].append("stop robot")
-# Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are missed
-# as near misses are taken in the development group (docs/results/voice.md).
+# Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are
+# missed as near misses are taken in the development group (docs/results/voice.md).
 EVEN = -3.7
 _SHORTEST_S = 0.2  # with its padding: less is no word
-# Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another shows.
+# Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another
+# shows.
 _SPEEDS = (1.0, 0.94, 1.07)
 
 
@@ -49,7 +52,11 @@ class RecognizerParams(Parameters):
         for command, texts in self.phrases.items():
             if command not in COMMANDS:
                 raise ParameterError(f"phrases/{command}", f"unknown command; known are {', '.join(COMMANDS)}")
-            if not isinstance(texts, list) or not texts or not all(isinstance(text, str) and text.strip() for text in texts):
+            if (
+                not isinstance(texts, list)
+                or not texts
+                or not all(isinstance(text, str) and text.strip() for text in texts)
+            ):
                 raise ParameterError(f"phrases/{command}", f"expected a list of phrases, got {texts!r}")
 
 

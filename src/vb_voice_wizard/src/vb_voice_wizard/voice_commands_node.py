@@ -1,4 +1,5 @@
 """Node: recognises spoken commands."""
+
 from __future__ import annotations
 
 import threading
@@ -39,8 +40,15 @@ class VoiceParams(Parameters):
     device: str = param("default")
     sounds: dict = param(
         {
-            "default": 0.3, "border": 0.3, "seed": 0.3, "guide": 0.3, "success": 0.6, "refusal": 0.5, "asked": 0.4,
-            "stopped": 0.5, "understood": 0.1,
+            "default": 0.3,
+            "border": 0.3,
+            "seed": 0.3,
+            "guide": 0.3,
+            "success": 0.6,
+            "refusal": 0.5,
+            "asked": 0.4,
+            "stopped": 0.5,
+            "understood": 0.1,
         }
     )
     mute_after: float = param(0.25, "s", low=0.0, high=2.0)
@@ -234,7 +242,12 @@ class VoiceCommands:
         heard.header.stamp = rospy.Time.now()
         rospy.loginfo(
             "heard %s (%s, confidence %.2f, %.1f s, answered after %.2f s) %s",
-            issue.best or "something", issue.reason, issue.confidence, duration, answer_s, answer.message,
+            issue.best or "something",
+            issue.reason,
+            issue.confidence,
+            duration,
+            answer_s,
+            answer.message,
         )
         self._heard.publish(heard)
 

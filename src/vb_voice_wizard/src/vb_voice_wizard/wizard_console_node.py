@@ -1,4 +1,5 @@
 """The hidden operator's console: a terminal program, one key per command."""
+
 from __future__ import annotations
 
 import argparse
@@ -23,9 +24,7 @@ from vb_core.ros import commands, node
 from vb_core.ros.messages import BorderPreviewArray
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.transforms import TransformLookup
-from vb_msgs.msg import (
-    BorderProgress, DetectorStatus, SpeechCommand, InteractionState, VirtualBorderArray,
-)
+from vb_msgs.msg import BorderProgress, DetectorStatus, SpeechCommand, InteractionState, VirtualBorderArray
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.console import view as console_view
@@ -39,7 +38,9 @@ _SILENT_S = 3.0  # a detector reports once a second, the microphone's level come
 _WORTH_TELLING = 0.1  # confidence of something spoken that was not understood
 # the nodes to watch, by a service that only they offer
 _WATCHED = (
-    ("interaction_manager", names.COMMAND), ("border_fusion", names.GET_DRAWN_BORDER), ("map_integrator", names.LIST_BORDERS)
+    ("interaction_manager", names.COMMAND),
+    ("border_fusion", names.GET_DRAWN_BORDER),
+    ("map_integrator", names.LIST_BORDERS),
 )
 
 
@@ -98,7 +99,8 @@ class WizardConsole:
         with self._lock:
             view = self._view
             view.detectors = tuple(
-                (camera, rate if now - heard <= _SILENT_S else 0.0) for camera, (heard, rate) in sorted(self._detectors.items())
+                (camera, rate if now - heard <= _SILENT_S else 0.0)
+                for camera, (heard, rate) in sorted(self._detectors.items())
             )
             view.level_db = view.level_db if now - self._level_at <= _SILENT_S else 0.0
             view.notices = tuple(self._told.current()) if self._told is not None else ()
@@ -130,7 +132,11 @@ class WizardConsole:
                 for who, _ in _WATCHED:
                     if (who in away) != (who in view.away):
                         gone = who in away
-                        self._tell("console_not_responding" if gone else "console_responding_again", BAD if gone else GOOD, who=f"${who}")
+                        self._tell(
+                            "console_not_responding" if gone else "console_responding_again",
+                            BAD if gone else GOOD,
+                            who=f"${who}",
+                        )
             view.connected, view.away = pid is not None, away if view.state is not None else ()
 
     def _look_at_robot(self) -> None:
@@ -165,10 +171,17 @@ class WizardConsole:
         with self._lock:
             self._master_pid = pid
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
-        rospy.Subscriber(names.PROGRESS, BorderProgress, lambda message: self._show_newest("progress", message), queue_size=1)
-        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, lambda message: self._show_newest("preview", message), queue_size=1)
         rospy.Subscriber(
-            names.BORDERS, VirtualBorderArray, lambda message: self._show_newest("borders", message.borders), queue_size=1
+            names.PROGRESS, BorderProgress, lambda message: self._show_newest("progress", message), queue_size=1
+        )
+        rospy.Subscriber(
+            names.PREVIEW, BorderPreviewArray, lambda message: self._show_newest("preview", message), queue_size=1
+        )
+        rospy.Subscriber(
+            names.BORDERS,
+            VirtualBorderArray,
+            lambda message: self._show_newest("borders", message.borders),
+            queue_size=1,
         )
         rospy.Subscriber(names.SPEECH_COMMANDS, SpeechCommand, self._on_heard, queue_size=5)
         self._told = NoticeListener()
@@ -204,8 +217,11 @@ class WizardConsole:
         # what was understood comes with the state, as any command
         if not message.accepted and message.confidence >= _WORTH_TELLING:
             self._tell(
-                "console_not_understood", NOTE, command=f"$command_{message.command}",
-                confidence=f"{message.confidence:.2f}", reason=f"$heard_{message.reason}",
+                "console_not_understood",
+                NOTE,
+                command=f"$command_{message.command}",
+                confidence=f"{message.confidence:.2f}",
+                reason=f"$heard_{message.reason}",
             )
 
     # ------------------------------------------------------------------ commands

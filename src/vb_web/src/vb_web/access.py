@@ -1,8 +1,9 @@
 """Decides who may do what on the page: codes, roles, signed cookies, origins and rate limits.
 
-The idea: the page is closed unless the request proves otherwise. On the loopback interface the proof is a loopback name in
-the Host header; elsewhere it is a cookie that only the holder of a code gets.
+The idea: the page is closed unless the request proves otherwise. On the loopback interface the proof is a loopback name
+in the Host header; elsewhere it is a cookie that only the holder of a code gets.
 """
+
 from __future__ import annotations
 
 import enum

@@ -2,6 +2,7 @@
 
 The idea: one table from action to method; each returns an answer with code and values, or raises a `CodedError`.
 """
+
 from __future__ import annotations
 
 import copy
@@ -58,11 +59,17 @@ class ActionHandler:
     """
 
     def __init__(
-        self, borders: Callable[[str], Optional[VirtualBorder]], manager_there: Callable[[], bool],
-        on_study: Callable[[StudyEvent], None], invite: Callable[[], Dict[str, Any]],
+        self,
+        borders: Callable[[str], Optional[VirtualBorder]],
+        manager_there: Callable[[], bool],
+        on_study: Callable[[StudyEvent], None],
+        invite: Callable[[], Dict[str, Any]],
     ) -> None:
         self._borders, self._manager_there, self._on_study, self._give_invitation = (
-            borders, manager_there, on_study, invite
+            borders,
+            manager_there,
+            on_study,
+            invite,
         )
         self._lock = threading.Lock()
         self.participant, self.condition = "", ""
@@ -116,7 +123,12 @@ class ActionHandler:
     def _trigger(name: str) -> Dict[str, Any]:
         response = services.call(name, Trigger, TriggerRequest(), _INTEGRATOR)
         code = "page_done" if response.success else "page_not_done"
-        return {"ok": response.success, "code": code, "values": {"reason": response.message}, "message": response.message}
+        return {
+            "ok": response.success,
+            "code": code,
+            "values": {"reason": response.message},
+            "message": response.message,
+        }
 
     # ------------------------------------------------------------- borders
     def _stored(self, border_id: str) -> VirtualBorder:
@@ -131,7 +143,9 @@ class ActionHandler:
         wanted = PreviewBorderRequest(border=border, frame_id=names.MAP_FRAME)
         response = services.call(names.PREVIEW_BORDER, PreviewBorderArray, wanted, _INTEGRATOR, answer_s=_PATIENCE_S)
         return {
-            **_answer(response), "area": number(response.area_m2, 2), "parts": int(response.free_parts),
+            **_answer(response),
+            "area": number(response.area_m2, 2),
+            "parts": int(response.free_parts),
             "region": region_uri(response.region) if response.success else "",
         }
 
@@ -180,7 +194,9 @@ class ActionHandler:
 
     def _record(self, kind: str, text: str, source: str) -> Dict[str, Any]:
         with self._lock:
-            event = StudyEvent(kind=kind, participant=self.participant, condition=self.condition, text=text, source=source)
+            event = StudyEvent(
+                kind=kind, participant=self.participant, condition=self.condition, text=text, source=source
+            )
         event.header.stamp = rospy.Time.now()
         self._study_out.publish(event)
         self._on_study(event)
@@ -192,8 +208,10 @@ class ActionHandler:
 
 def _answer(response: Any) -> Dict[str, Any]:
     found: Dict[str, Any] = {
-        "ok": bool(response.success), "code": response.code or ("ok" if response.success else "page_not_done"),
-        "values": mapping_from_values(response.values), "message": response.message,
+        "ok": bool(response.success),
+        "code": response.code or ("ok" if response.success else "page_not_done"),
+        "values": mapping_from_values(response.values),
+        "message": response.message,
     }
     if hasattr(response, "issues"):
         found["issues"] = issues_section(response.issues)

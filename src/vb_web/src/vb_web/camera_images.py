@@ -1,4 +1,5 @@
 """Camera images for the page, fetched only while a browser shows them. Needs a node."""
+
 from __future__ import annotations
 
 import threading
@@ -22,9 +23,14 @@ _WAIT_S = 2.0  # for a camera's next image
 _FLOOR_KEPT_S = 5.0  # the same image for every browser that asks meanwhile, if all cameras are in it
 # OpenCV names a Bayer pattern by its second row, ROS by its first
 _TO_BGR = {
-    "rgb8": cv2.COLOR_RGB2BGR, "rgba8": cv2.COLOR_RGBA2BGR, "bgra8": cv2.COLOR_BGRA2BGR, "mono8": cv2.COLOR_GRAY2BGR,
-    "bayer_rggb8": cv2.COLOR_BayerBG2BGR, "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
-    "bayer_gbrg8": cv2.COLOR_BayerGR2BGR, "bayer_grbg8": cv2.COLOR_BayerGB2BGR,
+    "rgb8": cv2.COLOR_RGB2BGR,
+    "rgba8": cv2.COLOR_RGBA2BGR,
+    "bgra8": cv2.COLOR_BGRA2BGR,
+    "mono8": cv2.COLOR_GRAY2BGR,
+    "bayer_rggb8": cv2.COLOR_BayerBG2BGR,
+    "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
+    "bayer_gbrg8": cv2.COLOR_BayerGR2BGR,
+    "bayer_grbg8": cv2.COLOR_BayerGB2BGR,
 }
 
 
@@ -52,8 +58,12 @@ class CameraImages:
     """
 
     def __init__(
-        self, detectors: Callable[[], Dict[str, str]], cameras: List[str], transport: str,
-        grid: Callable[[], Optional[GridMap]], transforms: TransformLookup,
+        self,
+        detectors: Callable[[], Dict[str, str]],
+        cameras: List[str],
+        transport: str,
+        grid: Callable[[], Optional[GridMap]],
+        transforms: TransformLookup,
     ) -> None:
         self._detectors, self._cameras, self._compressed = detectors, cameras, transport == "compressed"
         self._grid, self._transforms = grid, transforms

@@ -3,6 +3,7 @@
 All are transparent where there is nothing to show, so that light and dark pages use the same ones. Row 0 of an image
 is the map's highest y. A map with more than MAX_SIDE cells along a side is reduced, but no wall ever vanishes.
 """
+
 from __future__ import annotations
 
 import hashlib
@@ -93,7 +94,9 @@ def draw_restricted(before: GridMap, after: GridMap) -> EncodedImage:
     return draw_region(np.where(after.data > before.data, after.data, np.int8(0)), after.resolution)
 
 
-def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int] = FORBIDDEN, side: int = MAX_SIDE) -> EncodedImage:
+def draw_region(
+    region: np.ndarray, resolution: float, tint: Tuple[int, int, int] = FORBIDDEN, side: int = MAX_SIDE
+) -> EncodedImage:
     """Draws stripes over a region.
 
     Args:
@@ -139,7 +142,9 @@ def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
     """
     cells = floor_cells(grid)
     rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
-    centres = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2) * cells - 0.5
+    centres = (
+        np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2) * cells - 0.5
+    )
     places = np.column_stack([grid.grid_to_world(centres), np.zeros(len(centres))])
     total = np.zeros((rows, columns, 3), np.float32)
     weights = np.zeros((rows, columns), np.float32)

@@ -1,4 +1,5 @@
 """Node: the page for phones, wall displays and the operator of a study."""
+
 from __future__ import annotations
 
 import json
@@ -140,7 +141,9 @@ class PageNode:
         self._camera_images = CameraImages(
             self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
         )
-        self._actions = ActionHandler(self._borders.get, lambda: self._connected(names.STATE), self._on_study, self._invitation)
+        self._actions = ActionHandler(
+            self._borders.get, lambda: self._connected(names.STATE), self._on_study, self._invitation
+        )
         self._view.put("events", self._journal.shown())
         self._recall_study()
         self._subscribe()
@@ -148,7 +151,9 @@ class PageNode:
         local = access.is_loopback(params.address)
         codes = Path(params.codes_file).expanduser()
         self._keys = None if local else access.load_codes(codes)
-        backend = Backend(self._actions.carry_out, self._bounds, self._camera_images.camera_jpeg, self._camera_images.floor_webp)
+        backend = Backend(
+            self._actions.carry_out, self._bounds, self._camera_images.camera_jpeg, self._camera_images.floor_webp
+        )
         self._server = PageServer(
             params, self._keys, self._view, self._images, backend, lambda error: node.fail(CodedError("internal_error"))
         )
@@ -156,10 +161,19 @@ class PageNode:
         self._addresses = addresses(params, self._server.port, _own_addresses())
         if not local and params.show_code != "none":
             self._invites = NoticePublisher()
-        rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses),
-                      "" if local else f"; its codes are in {codes}")
+        rospy.loginfo(
+            "%s: the page is at %s%s",
+            rospy.get_name(),
+            " or ".join(self._addresses),
+            "" if local else f"; its codes are in {codes}",
+        )
         # wall time goes on when simulated time stops
-        self._beats = [node.WakeTimer(_POSES_S), node.WakeTimer(_HEALTH_S), node.WakeTimer(_HEALTH_S), self._notices_due]
+        self._beats = [
+            node.WakeTimer(_POSES_S),
+            node.WakeTimer(_HEALTH_S),
+            node.WakeTimer(_HEALTH_S),
+            self._notices_due,
+        ]
         # one of them waits for the manager's answer, which may take long: the others go on
         looks = (self._look_at_robots, self._look_at_health, self._actions.repeat_stop, self._show_notices)
         for beat, look in zip(self._beats, looks):
@@ -203,7 +217,9 @@ class PageNode:
 
     def _draw_maps(self) -> None:
         found = {topic: messages.grid_from_message(message) for topic, message in list(self._grids.items())}
-        prior, posterior = (found.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS))
+        prior, posterior = (
+            found.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)
+        )
         prior = prior or posterior
         if prior is None:
             return
@@ -254,8 +270,11 @@ class PageNode:
         if last["code"] in _UNDER_WAY:
             return  # the history has what became of it
         if self._answered is not None and answered != self._answered and last["command"]:
-            self._tell("page_event_command" if last["ok"] else "page_event_refused",
-                       {**last["values"], "command": last["command"], "code": last["code"]}, last["source"])
+            self._tell(
+                "page_event_command" if last["ok"] else "page_event_refused",
+                {**last["values"], "command": last["command"], "code": last["code"]},
+                last["source"],
+            )
         self._answered = answered
 
     def _invite(self, idle: bool) -> None:
@@ -306,8 +325,13 @@ class PageNode:
                 # rospy's level is a byte or a number, by version
                 level = status.level if isinstance(status.level, int) else status.level[0]
                 values = messages.mapping_from_values(status.values)
-                entry = {"name": status.name[:80], "level": level, "message": status.message[:200],
-                         "code": values.pop("code", ""), "values": values}
+                entry = {
+                    "name": status.name[:80],
+                    "level": level,
+                    "message": status.message[:200],
+                    "code": values.pop("code", ""),
+                    "values": values,
+                }
                 self._diagnostics[status.name] = (time.monotonic(), entry)
 
     # ------------------------------------------------------------- periodic checks
@@ -334,10 +358,18 @@ class PageNode:
             fresh = [entry for heard, entry in self._diagnostics.values() if now - heard < _SILENT_S]
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
         # no words for what is well
-        worst = sorted((entry for entry in fresh if entry["level"] > 0), key=lambda entry: (-entry["level"], entry["name"]))
+        worst = sorted(
+            (entry for entry in fresh if entry["level"] > 0), key=lambda entry: (-entry["level"], entry["name"])
+        )
         self._view.put("diagnostics", worst[:_MAX_DIAGNOSTICS])
-        self._view.put("health", {"manager": self._connected(names.STATE), "integrator": self._connected(names.BORDERS),
-                                  "silent": coarse_age(now - self._state_at)})
+        self._view.put(
+            "health",
+            {
+                "manager": self._connected(names.STATE),
+                "integrator": self._connected(names.BORDERS),
+                "silent": coarse_age(now - self._state_at),
+            },
+        )
         if now - self._level_at > _SILENT_S:
             self._view.put("level", None)
 

@@ -3,6 +3,7 @@
 The idea: parsing is the only entry. What leaves this module are checked values in our own types; a field that is
 missing, unknown, of another type, too long, not finite or off the map makes the whole request fail.
 """
+
 from __future__ import annotations
 
 import json

@@ -2,6 +2,7 @@
 
 Lengths are metres. Chains and points travel as whole centimetres, [x0, y0, x1, y1, ...]: small, and finer than a spot.
 """
+
 from __future__ import annotations
 
 import base64
@@ -55,9 +56,13 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
         "confirm": bool(message.confirm_save),
         "outcome": message.last_outcome,
         "last": {
-            "command": message.last_command, "source": message.last_source, "ok": bool(message.last_success),
-            "code": message.last_code, "values": mapping_from_values(message.last_values),
-            "message": message.last_message, "at": number(message.last_answered.to_sec(), 2),
+            "command": message.last_command,
+            "source": message.last_source,
+            "ok": bool(message.last_success),
+            "code": message.last_code,
+            "values": mapping_from_values(message.last_values),
+            "message": message.last_message,
+            "at": number(message.last_answered.to_sec(), 2),
         },
     }
 
@@ -152,8 +157,15 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
 def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
     """Converts the notices that people should know now."""
     return [
-        {"severity": int(notice.severity), "code": notice.code, "values": dict(notice.values), "message": notice.message,
-         "robot": notice.robot, "border": notice.border_id, "camera": notice.camera}
+        {
+            "severity": int(notice.severity),
+            "code": notice.code,
+            "values": dict(notice.values),
+            "message": notice.message,
+            "robot": notice.robot,
+            "border": notice.border_id,
+            "camera": notice.camera,
+        }
         for notice in notices
     ]
 

@@ -1,8 +1,10 @@
 """The web server: one page, its images, and one WebSocket that carries everything else.
 
-The idea: browsers get the view's sections as they change and send requests that `requests.parse` has to accept. No request
+The idea: browsers get the view's sections as they change and send requests that `requests.parse` has to accept. No
+request
 names a file: dictionaries hold what can be fetched. No ROS here; `Backend` carries requests out.
 """
+
 from __future__ import annotations
 
 import asyncio
@@ -31,8 +33,14 @@ from vb_web.images import ImageCache
 from vb_web.view import View
 
 STATIC = Path(__file__).resolve().parent / "static"
-_TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".svg": "image/svg+xml",
-          ".json": "application/json; charset=utf-8", ".css": "text/css; charset=utf-8", ".webmanifest": "application/manifest+json"}
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".json": "application/json; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".webmanifest": "application/manifest+json",
+}
 # [s] between two messages to a browser: 25 a second look fluid, and cost 20 browsers little
 _PACE_S = 0.04
 _MAX_BROWSERS = 60
@@ -76,8 +84,8 @@ class Backend:
     """What the server needs; called from threads, may take seconds.
 
     Attributes:
-        act: carries a request of somebody out; its answer has ok, code, values, message. A `CodedError` is the same as an
-            answer that is not ok.
+        act: carries a request of somebody out; its answer has ok, code, values, message. A `CodedError` is the
+            same as an answer that is not ok.
         bounds: where points may be; None without a map.
         camera_jpeg: the newest image of a camera with its detections; None if there is none. The name is not checked.
         floor_webp: the floor as the ceiling cameras see it; None if none does.
@@ -103,7 +111,12 @@ class PageServer:
     """
 
     def __init__(
-        self, params: ServerParams, keys: Optional[AccessCodes], view: View, images: ImageCache, backend: Backend,
+        self,
+        params: ServerParams,
+        keys: Optional[AccessCodes],
+        view: View,
+        images: ImageCache,
+        backend: Backend,
         on_fault: Callable[[BaseException], None],
     ) -> None:
         self.params, self.keys, self.view, self.images, self.backend = params, keys, view, images, backend
@@ -117,7 +130,10 @@ class PageServer:
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
         for language in sentences.languages():
             words = {**sentences.catalogue(), **sentences.catalogue(language)}
-            self.files[f"words/{language}.json"] = json.dumps(words, ensure_ascii=False).encode("utf-8"), _TYPES[".json"]
+            self.files[f"words/{language}.json"] = (
+                json.dumps(words, ensure_ascii=False).encode("utf-8"),
+                _TYPES[".json"],
+            )
         self.port = 0
         self._on_fault = on_fault
         self._started = threading.Event()
@@ -136,8 +152,9 @@ class PageServer:
         self._thread.start()
         self._started.wait()
         if self._failure is not None:
-            raise CodedError("page_no_address", address=self.params.address, port=self.params.port,
-                             reason=self._failure) from self._failure
+            raise CodedError(
+                "page_no_address", address=self.params.address, port=self.params.port, reason=self._failure
+            ) from self._failure
         self.view.on_change = self._ask_for_flush
 
     def close(self) -> None:
@@ -163,8 +180,13 @@ class PageServer:
             (r"/(|[a-z_.]{1,40}|words/[a-z]{2}\.json)", _FileHandler, given),
         ]
         return web.Application(
-            routes, default_handler_class=_NotFoundHandler, default_handler_args=given, log_function=lambda _handler: None,
-            websocket_max_message_size=requests.MAX_BYTES, websocket_ping_interval=15, websocket_ping_timeout=45,
+            routes,
+            default_handler_class=_NotFoundHandler,
+            default_handler_args=given,
+            log_function=lambda _handler: None,
+            websocket_max_message_size=requests.MAX_BYTES,
+            websocket_ping_interval=15,
+            websocket_ping_timeout=45,
         )
 
     # ------------------------------------------------------------- thread
@@ -196,8 +218,13 @@ class PageServer:
             context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
             context.load_cert_chain(*map(str, certificate))
         server = _BoundedServer(
-            self.application(), page=self, ssl_options=context, max_header_size=16384, max_body_size=_MAX_BODY,
-            idle_connection_timeout=30.0, body_timeout=5.0,
+            self.application(),
+            page=self,
+            ssl_options=context,
+            max_header_size=16384,
+            max_body_size=_MAX_BODY,
+            idle_connection_timeout=30.0,
+            body_timeout=5.0,
         )
         server.listen(self.params.port, self.params.address)
         self.port = next(iter(server._sockets.values())).getsockname()[1]
@@ -397,8 +424,12 @@ class _LoginHandler(_Handler):
         if role == Role.NOBODY:
             raise web.HTTPError(401)
         self.set_cookie(
-            access.COOKIE, self.page.keys.make_cookie(role), expires_days=access.COOKIE_DAYS, httponly=True,
-            secure=self.request.protocol == "https", samesite="Strict",
+            access.COOKIE,
+            self.page.keys.make_cookie(role),
+            expires_days=access.COOKIE_DAYS,
+            httponly=True,
+            secure=self.request.protocol == "https",
+            samesite="Strict",
         )
         self.send(b'{"ok":true}', "application/json")
 
@@ -440,7 +471,11 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         self._underway = 0
         self._asks = Limiter(rate=10.0, burst=40.0)
         self.page.browsers.add(self)
-        hello = {"role": self.role.name.lower(), "languages": sentences.languages(), "login": self.page.keys is not None}
+        hello = {
+            "role": self.role.name.lower(),
+            "languages": sentences.languages(),
+            "login": self.page.keys is not None,
+        }
         self._tell({"hello": hello})
         self.pump()
 

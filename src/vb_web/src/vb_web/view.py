@@ -3,6 +3,7 @@
 The idea: a section is written as text once, when it changes; a browser that knows revision N gets the sections that are
 newer, all browsers get the same text, and a slow one skips what was replaced meanwhile.
 """
+
 from __future__ import annotations
 
 import json

@@ -1,4 +1,5 @@
 """Conversions between CameraInfo and CameraModel."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -3,6 +3,7 @@
 Each command has an id, so that sending it again does no harm, and a time after which it must not be carried out:
 a person who was told "does not answer" does not expect it a minute later.
 """
+
 from __future__ import annotations
 
 import uuid
@@ -60,8 +61,12 @@ class CommandSender:
     """
 
     def __init__(
-        self, source: str, on_answer: Callable[[CommandRequest, Any, Optional[CommandResponse], Optional[CodedError]], None],
-        wait_s: float = 1.0, answer_s: float = 12.0, size: int = 10,
+        self,
+        source: str,
+        on_answer: Callable[[CommandRequest, Any, Optional[CommandResponse], Optional[CodedError]], None],
+        wait_s: float = 1.0,
+        answer_s: float = 12.0,
+        size: int = 10,
     ) -> None:
         self._source = source
         self._on_answer = on_answer

@@ -2,6 +2,7 @@
 
 cv_bridge would do the same, but it loads a second OpenCV, with video and geography: 48 MiB per process.
 """
+
 from __future__ import annotations
 
 import re
@@ -16,9 +17,18 @@ from vb_core.errors import CodedError
 
 # sensor_msgs/image_encodings.h: name to numpy's type and number of channels
 _ENCODINGS = {
-    "rgb8": ("u1", 3), "bgr8": ("u1", 3), "rgba8": ("u1", 4), "bgra8": ("u1", 4), "mono8": ("u1", 1),
-    "rgb16": ("u2", 3), "bgr16": ("u2", 3), "rgba16": ("u2", 4), "bgra16": ("u2", 4), "mono16": ("u2", 1),
-    "yuv422": ("u1", 2), "yuv422_yuy2": ("u1", 2),
+    "rgb8": ("u1", 3),
+    "bgr8": ("u1", 3),
+    "rgba8": ("u1", 4),
+    "bgra8": ("u1", 4),
+    "mono8": ("u1", 1),
+    "rgb16": ("u2", 3),
+    "bgr16": ("u2", 3),
+    "rgba16": ("u2", 4),
+    "bgra16": ("u2", 4),
+    "mono16": ("u2", 1),
+    "yuv422": ("u1", 2),
+    "yuv422_yuy2": ("u1", 2),
 }
 _BAYER = re.compile(r"bayer_(rggb|bggr|gbrg|grbg)(8|16)")
 _GENERAL = re.compile(r"(8|16|32|64)([USF])(?:C([1-9][0-9]?))?")
@@ -97,7 +107,9 @@ def image_message(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id:
     message.header.frame_id = frame_id
     message.height, message.width = image.shape[:2]
     message.encoding = encoding
-    message.is_bigendian = int(image.dtype.byteorder == ">" or (image.dtype.byteorder == "=" and sys.byteorder == "big"))
+    message.is_bigendian = int(
+        image.dtype.byteorder == ">" or (image.dtype.byteorder == "=" and sys.byteorder == "big")
+    )
     message.step = image.strides[0]
     message.data = image.tobytes()
     return message

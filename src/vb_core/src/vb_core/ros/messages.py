@@ -2,6 +2,7 @@
 
 Images are in `images`, cameras in `cameras`: most nodes have neither, and OpenCV takes 20 MiB per process.
 """
+
 from __future__ import annotations
 
 from typing import Any, Dict, Iterable, List, Mapping, Tuple

@@ -1,4 +1,5 @@
 """Start-up, shutdown and threads of a node."""
+
 from __future__ import annotations
 
 import collections
@@ -54,8 +55,9 @@ def run(name: str, build: Callable[[], Any]) -> None:
 def _log_without_registering() -> None:
     """Keeps rospy from asking the ROS master for a parameter at each logged line.
 
-    It does so by a subscription under the node's name, as long as the parameter is not set. A node that has been replaced
-    by another of the same name and logs one more line while it ends is then taken for the newer of the two, and the
+    It does so by a subscription under the node's name, as long as the parameter is not set. A node
+    that has been replaced by another of the same name and logs one more line while it ends is then
+    taken for the newer of the two, and the
     master stops the other one: about once in seventy replacements.
     """
     name = "/rosout_disable_topics_generation"
@@ -109,8 +111,8 @@ def _share_heap() -> None:
     """Makes all threads of this process use one heap.
 
     rospy receives each connection in a separate thread, and by default glibc gives up to eight threads per core a heap
-    each, which keeps the largest messages that it ever held: a detector grew by 18 MiB each time that its camera's driver
-    was restarted. The threads hardly ever allocate at the same time: Python runs one of them at once.
+    each, which keeps the largest messages that it ever held: a detector grew by 18 MiB each time that its camera's
+    driver was restarted. The threads hardly ever allocate at the same time: Python runs one of them at once.
     """
     _tune_malloc(_M_ARENA_MAX, 1)
 

@@ -1,4 +1,5 @@
 """Notices to and from messages, a publisher that repeats them, and a listener that keeps those that hold."""
+
 from __future__ import annotations
 
 import threading
@@ -18,8 +19,13 @@ def message_from_notice(notice: Notice) -> NoticeMessage:
     """Converts a notice to a message with its English sentence; inverse of `notice_from_message`."""
     values: List[KeyValue] = values_from_mapping(notice.values)
     return NoticeMessage(
-        severity=int(notice.severity), code=notice.code, robot=notice.robot, border_id=notice.border_id,
-        camera=notice.camera, values=values, message=notice.sentence(),
+        severity=int(notice.severity),
+        code=notice.code,
+        robot=notice.robot,
+        border_id=notice.border_id,
+        camera=notice.camera,
+        values=values,
+        message=notice.sentence(),
     )
 
 
@@ -30,8 +36,13 @@ def notice_from_message(message: NoticeMessage) -> Notice:
     """
     known = message.severity in tuple(Severity)
     return Notice(
-        message.code, Severity(message.severity) if known else Severity.ERROR, message.robot, message.border_id,
-        message.camera, mapping_from_values(message.values), message.message,
+        message.code,
+        Severity(message.severity) if known else Severity.ERROR,
+        message.robot,
+        message.border_id,
+        message.camera,
+        mapping_from_values(message.values),
+        message.message,
     )
 
 

@@ -1,4 +1,5 @@
 """Reading a node's private parameters, once, into a checked dataclass."""
+
 from __future__ import annotations
 
 from typing import Sequence, Type, TypeVar
@@ -32,9 +33,15 @@ def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
     except ParameterError as error:
         # one that was removed from the launch file stays on the server until it is deleted
         set_on_server = error.key.startswith("/") and rospy.has_param(error.key)
-        raise error if not set_on_server else ParameterError(
-            error.key, f"{error.message.split(': ', 1)[1]} (if no launch file sets it any longer: "
-            f"rosparam delete {error.key})") from None
+        raise (
+            error
+            if not set_on_server
+            else ParameterError(
+                error.key,
+                f"{error.message.split(': ', 1)[1]} (if no launch file sets it any longer: "
+                f"rosparam delete {error.key})",
+            )
+        ) from None
     if params.describe():  # the defaults are in the files; twenty nodes that repeat them bury the warnings
         rospy.loginfo("%s: %s", where, params.describe())
     return params

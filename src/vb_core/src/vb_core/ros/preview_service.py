@@ -1,4 +1,5 @@
 """The service PreviewBorder with numpy arrays; apart from the messages, because service types cost a node 3 MiB."""
+
 from __future__ import annotations
 
 from rospy.numpy_msg import numpy_msg

@@ -3,6 +3,7 @@
 The parameter class stays the only source of names, limits, units and explanations: the description that
 dynamic_reconfigure needs is made from its fields, not a .cfg file.
 """
+
 from __future__ import annotations
 
 import dataclasses

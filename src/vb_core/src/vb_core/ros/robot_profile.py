@@ -1,4 +1,5 @@
 """Reading a robot's profile from the parameter server, where the launch files put it."""
+
 from __future__ import annotations
 
 import rospy

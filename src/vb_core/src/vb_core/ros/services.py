@@ -1,4 +1,5 @@
 """Calling other nodes' services without waiting for ever."""
+
 from __future__ import annotations
 
 import queue

@@ -1,4 +1,5 @@
 """Looking up transforms at the time of a message."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -7,6 +7,7 @@ rosrun vb_evaluation study_kit measure ~/study/protocol.csv --ground-truth ~/stu
 rosrun vb_evaluation study_kit replay ~/study/p01_1_nrs_carpet
 rosrun vb_evaluation study_kit report ~/study/results
 """
+
 from __future__ import annotations
 
 import argparse
@@ -45,7 +46,9 @@ def _path(text: str) -> Path:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="study_kit", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="study_kit", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     commands = parser.add_subparsers(dest="command", required=True)
 
     def command(name: str, run: Callable[[argparse.Namespace], Any], words: str) -> Callable[..., Any]:
@@ -59,8 +62,11 @@ def _parser() -> argparse.ArgumentParser:
     argument("--methods", nargs="+", default=["nrs", "robot_only"])
     argument("--seed", type=int, default=1)
     argument("--out", type=_path, default=Path("protocol.csv"))
-    argument = command("forms", lambda given: [print(path) for path in forms.write(given.folder)],
-                       "write information, consent, demographics and questionnaire to be printed")
+    argument = command(
+        "forms",
+        lambda given: [print(path) for path in forms.write(given.folder)],
+        "write information, consent, demographics and questionnaire to be printed",
+    )
     argument("folder", type=_path)
     argument = command("run", _run, "do a participant's next run: starts the system in the planned condition")
     argument("participant")
@@ -79,7 +85,9 @@ def _parser() -> argparse.ArgumentParser:
     argument("--images", action="store_true", help="find the spots again in the recorded images")
     argument("--ground-truth", type=_path, help="the picture of what was asked for: says which of both is better")
     argument("--out", type=_path, help="a CSV file for the comparison")
-    argument = command("report", lambda given: print(write_report(given.folder)), "write the report of a study's folder")
+    argument = command(
+        "report", lambda given: print(write_report(given.folder)), "write the report of a study's folder"
+    )
     argument("folder", type=_path)
     return parser
 
@@ -91,7 +99,9 @@ def _plan(given: argparse.Namespace) -> None:
 
 
 def _run(given: argparse.Namespace) -> None:
-    planned = conduct.next_run(given.protocol, given.participant, given.again, scenario=given.scenario, method=given.method)
+    planned = conduct.next_run(
+        given.protocol, given.participant, given.again, scenario=given.scenario, method=given.method
+    )
     say = lambda words: _console.print(words, markup=False)  # noqa: E731
     if given.rehearse:
         # only here: the rest of the kit knows no simulator
@@ -109,7 +119,9 @@ def _run(given: argparse.Namespace) -> None:
 
 
 def _measure(given: argparse.Namespace) -> None:
-    for note in measure.measure(given.protocol, given.ground_truth, given.out, read_map(given.map) if given.map else None):
+    for note in measure.measure(
+        given.protocol, given.ground_truth, given.out, read_map(given.map) if given.map else None
+    ):
         _console.print(f"look at this: {note}", markup=False)
     print(write_report(given.out))
 
@@ -124,10 +136,15 @@ def _replay(given: argparse.Namespace) -> None:
         physical = replay.physical_map(recording) or recording.physical()
         today = replay.replay(recording, given.images)
         for camera, count in today.cameras.items():
-            _console.print(f"{folder.name}: camera {camera}: {count.images} images, spot in {count.today} today, "
-                           f"{count.recorded} recorded")
+            _console.print(
+                f"{folder.name}: camera {camera}: {count.images} images, spot in {count.today} today, "
+                f"{count.recorded} recorded"
+            )
         truth = read_ground_truth(given.ground_truth, physical) if given.ground_truth else None
-        rows += [{"recording": folder.name, **dataclasses.asdict(found)} for found in replay.compare(recording, today, physical, truth)]
+        rows += [
+            {"recording": folder.name, **dataclasses.asdict(found)}
+            for found in replay.compare(recording, today, physical, truth)
+        ]
     if not rows:
         raise CodedError("bad_recording", "no interaction has ended in these recordings")
     for row in rows:
@@ -143,11 +160,15 @@ def _sentence(row: Dict[str, object]) -> str:
         return f"{words[0]}; no border today: {row['message']} [{row['code']}]"
     known = {name: value for name, value in row.items() if isinstance(value, float) and not math.isnan(value)}
     if "agreement" in known:
-        words.append(f"today's area agrees with the recorded one: Jaccard index {known['agreement']:.3f}, "
-                     f"chains at most {known['chain_distance_m']:.3f} m apart")
+        words.append(
+            f"today's area agrees with the recorded one: Jaccard index {known['agreement']:.3f}, "
+            f"chains at most {known['chain_distance_m']:.3f} m apart"
+        )
     if "today" in known:
-        words.append("against the ground truth: " + ", ".join(
-            f"{name} {known[name]:.3f}" for name in ("recorded", "today") if name in known))
+        words.append(
+            "against the ground truth: "
+            + ", ".join(f"{name} {known[name]:.3f}" for name in ("recorded", "today") if name in known)
+        )
     return "; ".join(words)
 
 

@@ -1,9 +1,9 @@
 """Conducts one run of a study with people: the right condition, in the planned order, with notes.
 
-The experimenter says who is there; which run comes next and how the system is started for it follow from the protocol and
-from kit.yaml beside it. Nothing is typed twice, and nothing is overwritten: a repeated run gets a
-separate folder.
+The experimenter says who is there; which run comes next and how the system is started for it follow from the protocol
+and from kit.yaml beside it. Nothing is typed twice, and nothing is overwritten: a repeated run gets a separate folder.
 """
+
 from __future__ import annotations
 
 import datetime
@@ -30,8 +30,13 @@ methods:                            # for each method of the protocol
   robot_only: {cameras: none, method: robot_only, buttons: true}
 """
 KEYS = {
-    "b": "begins", "h": "help was given", "p": "a problem of the system", "d": "distracted", "n": "note",
-    "c": "completed", "f": "not completed",
+    "b": "begins",
+    "h": "help was given",
+    "p": "a problem of the system",
+    "d": "distracted",
+    "n": "note",
+    "c": "completed",
+    "f": "not completed",
 }
 ENDS = {"c": True, "f": False}
 
@@ -53,9 +58,15 @@ class NextRun:
 
     def describe(self) -> Dict[str, Any]:
         """Returns what run.yaml says of the run."""
-        return {"participant": self.entry.participant, "order": self.entry.order, "method": self.entry.method,
-                "scenario": self.entry.scenario, "cameras": list(self.cameras), "revision": revision(),
-                "command": list(self.command)}
+        return {
+            "participant": self.entry.participant,
+            "order": self.entry.order,
+            "method": self.entry.method,
+            "scenario": self.entry.scenario,
+            "cameras": list(self.cameras),
+            "revision": revision(),
+            "command": list(self.command),
+        }
 
 
 def write_template(folder: Path) -> None:
@@ -83,14 +94,20 @@ def next_run(path: Path, participant: str, again: bool = False, **asked: Optiona
     mine = sorted((entry for entry in entries if entry.participant == participant), key=lambda entry: entry.order)
     if not mine:
         known = ", ".join(dict.fromkeys(entry.participant for entry in entries))
-        raise CodedError("no_participant", f"{path} has no participant '{participant}'; there are {known}", participant=participant)
+        raise CodedError(
+            "no_participant", f"{path} has no participant '{participant}'; there are {known}", participant=participant
+        )
     begun = [entry for entry in mine if _folder(path, entry).exists()]
     open_ = [entry for entry in begun if "ended" not in Recording(last_attempt(_folder(path, entry))).run]
     if again and begun:
         entry = (open_ or begun)[-1]
     elif open_:
-        raise CodedError("unfinished", f"{open_[0].recording} was begun and not finished: --again does it again in another folder, "
-                         "and keeps what is there", recording=open_[0].recording)
+        raise CodedError(
+            "unfinished",
+            f"{open_[0].recording} was begun and not finished: --again does it again in another folder, "
+            "and keeps what is there",
+            recording=open_[0].recording,
+        )
     else:
         waiting = [entry for entry in mine if entry not in begun]
         if not waiting:
@@ -98,8 +115,12 @@ def next_run(path: Path, participant: str, again: bool = False, **asked: Optiona
         entry = waiting[0]
     for name, value in asked.items():
         if value and value != getattr(entry, name):
-            raise CodedError("wrong_condition", f"the plan says {entry.scenario} with {entry.method} now, run {entry.order}, "
-                             f"not {value}", planned=getattr(entry, name), asked=value)
+            raise CodedError(
+                "wrong_condition",
+                f"the plan says {entry.scenario} with {entry.method} now, run {entry.order}, " f"not {value}",
+                planned=getattr(entry, name),
+                asked=value,
+            )
     return _planned(path, entry)
 
 
@@ -111,21 +132,31 @@ def _planned(path: Path, entry: protocol.Entry) -> NextRun:
     except (OSError, yaml.YAMLError) as error:
         raise CodedError("bad_protocol", f"cannot read {path.parent / SETTINGS}: {error}") from None
     except (KeyError, TypeError, AttributeError):
-        raise CodedError("bad_protocol", f"{path.parent / SETTINGS} does not say how to start the method '{entry.method}'") from None
+        raise CodedError(
+            "bad_protocol", f"{path.parent / SETTINGS} does not say how to start the method '{entry.method}'"
+        ) from None
     folder, number = _folder(path, entry), 2
     while folder.exists():
         folder = _folder(path, entry).with_name(f"{_folder(path, entry).name}_{number}")
         number += 1
-    words = {key: str(value).lower() if isinstance(value, bool) else str(Path(value).expanduser() if str(value).startswith("~") else value)
-             for key, value in chosen.items()}
+    words = {
+        key: str(value).lower()
+        if isinstance(value, bool)
+        else str(Path(value).expanduser() if str(value).startswith("~") else value)
+        for key, value in chosen.items()
+    }
     cameras = tuple(name for name in words.get("cameras", "").split() if name != "none")
     command = ("roslaunch", *launch, f"record:={folder}", *(f"{key}:={value}" for key, value in sorted(words.items())))
     return NextRun(entry, folder, command, cameras)
 
 
-def conduct(planned: NextRun, start: Callable[[NextRun], Callable[[], None]], keys: Iterator[str],
-            say: Callable[[str], None], clock: Callable[[], datetime.datetime] = lambda: datetime.datetime.now().astimezone()
-            ) -> Mapping[str, Any]:
+def conduct(
+    planned: NextRun,
+    start: Callable[[NextRun], Callable[[], None]],
+    keys: Iterator[str],
+    say: Callable[[str], None],
+    clock: Callable[[], datetime.datetime] = lambda: datetime.datetime.now().astimezone(),
+) -> Mapping[str, Any]:
     """Starts the system, notes events by key press, and ends with "completed" or "not completed".
 
     Args:
@@ -139,15 +170,22 @@ def conduct(planned: NextRun, start: Callable[[NextRun], Callable[[], None]], ke
     run: Dict[str, Any] = {**planned.describe(), "started": clock().isoformat(timespec="seconds")}
     _write(planned.folder, run)
     stop = start(planned)
-    say(f"{planned.entry.participant}, run {planned.entry.order}: {planned.entry.scenario} with {planned.entry.method}, cameras "
-        f"{' '.join(planned.cameras) or 'none'}")
+    say(
+        f"{planned.entry.participant}, run {planned.entry.order}: {planned.entry.scenario} with {planned.entry.method}, cameras "
+        f"{' '.join(planned.cameras) or 'none'}"
+    )
     say("keys: " + ", ".join(f"{key} {words}" for key, words in KEYS.items()))
     try:
         for key in keys:
             if key not in KEYS:
                 say(f"'{key}' means nothing")
                 continue
-            event = {"time": clock().timestamp(), "key": key, "event": KEYS[key], "text": next(keys, "") if key == "n" else ""}
+            event = {
+                "time": clock().timestamp(),
+                "key": key,
+                "event": KEYS[key],
+                "text": next(keys, "") if key == "n" else "",
+            }
             with open(str(planned.folder / EVENTS), "a", encoding="utf-8") as stream:
                 stream.write(json.dumps(event) + "\n")
             say(f"noted: {KEYS[key]}")

@@ -1,4 +1,5 @@
 """Writes forms to print: information, consent, demographics, questionnaire. Fill in what is in [brackets]."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -18,7 +19,11 @@ DEMOGRAPHICS: Tuple[Tuple[str, str, Sequence[str]], ...] = (
     ("sight", "Glasses or lenses worn today", ("yes", "no")),
     ("colours", "Trouble telling red from green", ("yes", "no", "no answer")),
     ("pointers", "How often do you use a laser pointer?", ("never", "seldom", "monthly", "weekly")),
-    ("robots", "How often do you use a service robot, for instance a vacuum cleaner?", ("never", "seldom", "monthly", "weekly")),
+    (
+        "robots",
+        "How often do you use a service robot, for instance a vacuum cleaner?",
+        ("never", "seldom", "monthly", "weekly"),
+    ),
 )
 
 
@@ -29,11 +34,18 @@ def write(folder: Path) -> List[Path]:
         CodedError: "cannot_write_into", also if one exists: entries must not be lost.
     """
     pages = jinja2.Environment(loader=jinja2.FileSystemLoader(str(TEMPLATES)), autoescape=True, trim_blocks=True)
-    asked = {"demographics": DEMOGRAPHICS, "methods": [METHOD_TITLES[method] for method in questionnaire.METHODS],
-             "statements": questionnaire.STATEMENTS, "pairs": questionnaire.UEQ_S, "question": questionnaire.QUESTION}
+    asked = {
+        "demographics": DEMOGRAPHICS,
+        "methods": [METHOD_TITLES[method] for method in questionnaire.METHODS],
+        "statements": questionnaire.STATEMENTS,
+        "pairs": questionnaire.UEQ_S,
+        "question": questionnaire.QUESTION,
+    }
     contents = {
         **{path.name: path.read_text(encoding="utf-8") for path in sorted(TEMPLATES.glob("*.md"))},
-        **{name: pages.get_template(f"{name}.j2").render(asked) for name in ("demographics.html", "questionnaire.html")},
+        **{
+            name: pages.get_template(f"{name}.j2").render(asked) for name in ("demographics.html", "questionnaire.html")
+        },
         "demographics.csv": ",".join(["participant", *(name for name, _, _ in DEMOGRAPHICS)]) + "\n",
         "questionnaire.csv": ",".join(questionnaire.columns() + questionnaire.ueq_columns()) + "\n",
     }

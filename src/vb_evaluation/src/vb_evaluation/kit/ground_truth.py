@@ -1,4 +1,5 @@
 """Ground-truth maps: what a scenario asks to restrict, drawn over the map's image in any image editor."""
+
 from __future__ import annotations
 
 from pathlib import Path

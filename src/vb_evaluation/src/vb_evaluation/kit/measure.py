@@ -1,4 +1,5 @@
 """Computes the paper's measures (Sect. 5.5) from recordings of people: the same runs.csv that a simulated study has."""
+
 from __future__ import annotations
 
 import json
@@ -51,7 +52,8 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
         raise CodedError("bad_protocol", f"{protocol_file}: no run has a recording yet")
     _refuse_foreign(out)
     recordings = {
-        entry.recording: Recording(last_attempt(protocol_file.parent / Path(entry.recording).expanduser())) for entry in entries
+        entry.recording: Recording(last_attempt(protocol_file.parent / Path(entry.recording).expanduser()))
+        for entry in entries
     }
     if physical is None:
         physical = recordings[entries[0].recording].physical()
@@ -94,7 +96,9 @@ def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
     methods |= {interaction.method for interaction in recording.interactions if interaction.method}
     found += [f"the system was started with method:={method}" for method in sorted(methods - {entry.method})]
     if run and "cameras" in session and sorted(run.get("cameras", ())) != sorted(session["cameras"]):
-        found.append(f"cameras {' '.join(session['cameras']) or 'none'} instead of {' '.join(run.get('cameras', ())) or 'none'}")
+        found.append(
+            f"cameras {' '.join(session['cameras']) or 'none'} instead of {' '.join(run.get('cameras', ())) or 'none'}"
+        )
     elif entry.method == "robot_only" and session.get("cameras"):
         found.append(f"robot only, but with the cameras {' '.join(session['cameras'])}")
     return found
@@ -110,14 +114,24 @@ def _refuse_foreign(out: Path) -> None:
         raise CodedError("other_study", f"{out} holds another study: choose another --out, or move it away")
 
 
-def _row(entry: protocol.Entry, recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
-         ) -> Tuple[Dict[str, Any], List[str]]:
+def _row(
+    entry: protocol.Entry, recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
+) -> Tuple[Dict[str, Any], List[str]]:
     """A run's row. All interactions of its recording are attempts at it: none, or several if it was begun again."""
     attempts = recording.interactions
     row: Dict[str, Any] = {
-        "participant": entry.participant, "scenario": entry.scenario, "method": entry.method, "recording": entry.recording,
-        "note": entry.note, "order": entry.order or "", "revision": recording.session.get("revision", ""),
-        "as_planned": 1, "completed": 0, "saved": 0, "seed_correct": 0}
+        "participant": entry.participant,
+        "scenario": entry.scenario,
+        "method": entry.method,
+        "recording": entry.recording,
+        "note": entry.note,
+        "order": entry.order or "",
+        "revision": recording.session.get("revision", ""),
+        "as_planned": 1,
+        "completed": 0,
+        "saved": 0,
+        "seed_correct": 0,
+    }
     where = f"{entry.participant}, {entry.scenario}, {entry.method}"
     if not attempts:
         return row, [f"{where}: nothing was begun in this recording"]
@@ -130,18 +144,26 @@ def _row(entry: protocol.Entry, recording: Recording, physical: GridMap, truth: 
     if made is not None:
         posterior, border = made
         if not posterior.same_geometry(physical):
-            raise CodedError("bad_recording", f"{where}: its map differs from the physical map in size, resolution or origin")
+            raise CodedError(
+                "bad_recording", f"{where}: its map differs from the physical map in size, resolution or origin"
+            )
         name = "_".join((entry.participant, entry.scenario, entry.method)).replace("/", "-")
         write_map(maps / name, posterior)
-        row.update(metrics.accuracy(physical, truth, metrics.restricted_cells(physical, posterior)), saved=1, map=f"maps/{name}.yaml",
-                   seed_correct=int(seed_is_right(border.seed, physical, truth)))
+        row.update(
+            metrics.accuracy(physical, truth, metrics.restricted_cells(physical, posterior)),
+            saved=1,
+            map=f"maps/{name}.yaml",
+            seed_correct=int(seed_is_right(border.seed, physical, truth)),
+        )
     noted = entry.completed if entry.completed is not None else recording.run.get("completed")
     row["completed"] = int(noted if noted is not None else row["saved"] and row["seed_correct"])
     if noted and made is None:
         notes.append(f"{where}: noted as completed, but nothing was saved")
     elif noted is not None and bool(row["seed_correct"]) != noted:
-        notes.append(f"{where}: noted as {'completed' if noted else 'not completed'}, but the seed point lies "
-                     f"{'within' if row['seed_correct'] else 'outside'} the ground truth")
+        notes.append(
+            f"{where}: noted as {'completed' if noted else 'not completed'}, but the seed point lies "
+            f"{'within' if row['seed_correct'] else 'outside'} the ground truth"
+        )
     return row, notes
 
 

@@ -1,4 +1,5 @@
 """The protocol of a study: who does what in which order, and what the experimenter notes."""
+
 from __future__ import annotations
 
 import csv
@@ -36,8 +37,13 @@ class Entry:
 def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Dict[str, str]]:
     """Rows of a protocol to fill in: see `order_of_runs`."""
     return [
-        {"participant": f"p{number:02d}", "order": str(order), "method": method, "scenario": scenario,
-         "recording": f"p{number:02d}_{order}_{method}_{scenario}"}
+        {
+            "participant": f"p{number:02d}",
+            "order": str(order),
+            "method": method,
+            "scenario": scenario,
+            "recording": f"p{number:02d}_{order}_{method}_{scenario}",
+        }
         for number in range(1, participants + 1)
         for order, (scenario, method) in enumerate(order_of_runs(number, scenarios, methods, seed), 1)
     ]
@@ -74,10 +80,19 @@ def read(path: Path) -> List[Entry]:
             raise CodedError("bad_protocol", f"{path}, line {line}: {empty[0]} is empty")
         for key in ((row["participant"], row["method"], row["scenario"]), row["recording"] or line):
             if seen.setdefault(key, line) != line:
-                raise CodedError("bad_protocol", f"{path}, lines {seen[key]} and {line}: the same run or recording twice")
+                raise CodedError(
+                    "bad_protocol", f"{path}, lines {seen[key]} and {line}: the same run or recording twice"
+                )
         if row["recording"]:
-            entries.append(Entry(
-                row["participant"], row["method"], row["scenario"], row["recording"],
-                yes_or_no(row.get("completed", ""), f"{path}, line {line}: completed", "bad_protocol"), row.get("note", ""),
-                int(row["order"]) if row.get("order", "").isdigit() else 0))
+            entries.append(
+                Entry(
+                    row["participant"],
+                    row["method"],
+                    row["scenario"],
+                    row["recording"],
+                    yes_or_no(row.get("completed", ""), f"{path}, line {line}: completed", "bad_protocol"),
+                    row.get("note", ""),
+                    int(row["order"]) if row.get("order", "").isdigit() else 0,
+                )
+            )
     return entries

@@ -7,6 +7,7 @@
             recordings/             numbered maps with their borders, from the map recorder
             bags/NN.bag             the topics that matter
 """
+
 from __future__ import annotations
 
 import json
@@ -102,8 +103,11 @@ class Recording:
         for stored in self.maps:
             if not stored.borders():
                 return stored.grid()
-        raise CodedError("bad_recording", f"{self.folder / MAPS}: no map without borders was recorded: start each recording in a "
-                         "folder of its own")
+        raise CodedError(
+            "bad_recording",
+            f"{self.folder / MAPS}: no map without borders was recorded: start each recording in a "
+            "folder of its own",
+        )
 
     def result(self, interaction: LoggedInteraction) -> Optional[Tuple[GridMap, VirtualBorder]]:
         """Returns (map with borders, border) that an interaction made; None if nothing was saved.
@@ -121,8 +125,11 @@ class Recording:
             own = [border for border in stored.borders() if border.id == interaction.border_id]
             if own:
                 return stored.grid(), own[0]
-        raise CodedError("bad_recording", f"{self.folder / MAPS}: the map of interaction {interaction.id} with border "
-                         f"{interaction.border_id} was not recorded")
+        raise CodedError(
+            "bad_recording",
+            f"{self.folder / MAPS}: the map of interaction {interaction.id} with border "
+            f"{interaction.border_id} was not recorded",
+        )
 
 
 def _lines(path: Path) -> List[Tuple[Dict[str, Any], str]]:
@@ -148,11 +155,18 @@ def _lines(path: Path) -> List[Tuple[Dict[str, Any], str]]:
 def _interaction(values: Mapping[str, Any], where: str) -> LoggedInteraction:
     times = ("started", "guide_s", "border_s", "seed_s", "total_s")
     try:
-        names = {"id": str(values["interaction_id"]), **{key: str(values[key]) for key in ("outcome", "border_id", "method")}}
-        found = LoggedInteraction(**names, **{key: float(values[key]) for key in times}, cameras=tuple(values.get("cameras", ())))
+        names = {
+            "id": str(values["interaction_id"]),
+            **{key: str(values[key]) for key in ("outcome", "border_id", "method")},
+        }
+        found = LoggedInteraction(
+            **names, **{key: float(values[key]) for key in times}, cameras=tuple(values.get("cameras", ()))
+        )
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_recording", f"{where}: this is no interaction: {error!r}") from None
-    if not all(math.isfinite(value) and value >= 0.0 for value in (found.guide_s, found.border_s, found.seed_s, found.total_s)):
+    if not all(
+        math.isfinite(value) and value >= 0.0 for value in (found.guide_s, found.border_s, found.seed_s, found.total_s)
+    ):
         raise CodedError("bad_recording", f"{where}: times must not be negative")
     return found
 

@@ -1,8 +1,10 @@
 """Puts a recording through today's nodes and compares what they make of it with what was recorded.
 
-The one idea: the recording is played to the live system's own nodes in one process (vb_evaluation.virtual_ros), started from
-the live system's launch files. So a replay has the nodes, parameters and rules of today, and nothing is wired a second time.
+The one idea: the recording is played to the live system's own nodes in one process (vb_evaluation.virtual_ros),
+started from the live system's launch files. So a replay has the nodes, parameters and rules of today, and
+nothing is wired a second time.
 """
+
 from __future__ import annotations
 
 import math
@@ -111,7 +113,9 @@ def read_messages(recording: Recording) -> Iterator[RecordedMessage]:
         CodedError: "bad_recording" for a missing or damaged bag.
     """
     if not recording.bags:
-        raise CodedError("bad_recording", f"{recording.folder}: there is no bag: was it recorded with record:=<folder>?")
+        raise CodedError(
+            "bad_recording", f"{recording.folder}: there is no bag: was it recorded with record:=<folder>?"
+        )
     for path in recording.bags:
         try:
             with rosbag.Bag(str(path)) as bag:
@@ -202,8 +206,11 @@ def _border(answer: Any) -> Union[VirtualBorder, CodedError]:
     if not answer.success:
         return CodedError(answer.code, answer.message)
     border = answer.border
-    return VirtualBorder(messages.array_from_points(border.points), (border.seed.x, border.seed.y),
-                         closed=border.kind == BorderMessage.POLYGON)
+    return VirtualBorder(
+        messages.array_from_points(border.points),
+        (border.seed.x, border.seed.y),
+        closed=border.kind == BorderMessage.POLYGON,
+    )
 
 
 def replay(recording: Recording, images: bool = False) -> ReplayResult:
@@ -224,16 +231,22 @@ def replay(recording: Recording, images: bool = False) -> ReplayResult:
         first = entry.time_ns if first is None else first
         held[entry.topic] += 1
     topics = {f"/{camera}/image_raw": camera for camera in ceiling}
-    topics.update({f"/{robot}/{ROBOT_IMAGES[0]}" if robot else f"/{ROBOT_IMAGES[0]}": robot or "robot" for robot in robots})
+    topics.update(
+        {f"/{robot}/{ROBOT_IMAGES[0]}" if robot else f"/{ROBOT_IMAGES[0]}": robot or "robot" for robot in robots}
+    )
     packed = {f"{topic}/compressed": camera for topic, camera in topics.items()}
     played = {topic: camera for topic, camera in {**topics, **packed}.items() if held[topic]}
     if images and not played:
-        raise CodedError("bad_recording", f"{recording.folder}: no images were recorded: record with record_images:=raw or compressed")
+        raise CodedError(
+            "bad_recording",
+            f"{recording.folder}: no images were recorded: record with record_images:=raw or compressed",
+        )
     result = ReplayResult(cameras={camera: CameraCounts() for camera in topics.values()} if images else {})
     launches = [("borders.launch", {"state": "", "robot_frame": "", "record": "false"})]
     if ceiling:
-        launches.append(("perception.launch", {
-            "cameras": " ".join(ceiling), "robots": " ".join(robot or "/" for robot in robots)}))
+        launches.append(
+            ("perception.launch", {"cameras": " ".join(ceiling), "robots": " ".join(robot or "/" for robot in robots)})
+        )
     if robots:
         launches.append(("robots.launch", {"robots": " ".join(filter(None, robots))}))
     for name, arguments in launches:
@@ -242,7 +255,9 @@ def replay(recording: Recording, images: bool = False) -> ReplayResult:
     with tempfile.TemporaryDirectory() as state, graph.installed():
         graph.set_clock(rospy.Time(graph.scheduler.now_ns // 10**9, graph.scheduler.now_ns % 10**9))
         for name, arguments in launches:
-            start_launch(graph, PARTS / name, {**arguments, **({"state": state} if "state" in arguments else {})}, WITHOUT)
+            start_launch(
+                graph, PARTS / name, {**arguments, **({"state": state} if "state" in arguments else {})}, WITHOUT
+            )
         for topic in played:
             if topic in packed:
                 graph.parameters.set_param(f"/spot_detector_{packed[topic]}/image_transport", "compressed")
@@ -256,8 +271,9 @@ def replay(recording: Recording, images: bool = False) -> ReplayResult:
 
 
 # ---------------------------------------------------------------- comparing
-def compare(recording: Recording, today: ReplayResult, physical: Optional[GridMap] = None,
-            truth: Optional[np.ndarray] = None) -> List[Comparison]:
+def compare(
+    recording: Recording, today: ReplayResult, physical: Optional[GridMap] = None, truth: Optional[np.ndarray] = None
+) -> List[Comparison]:
     """Compares each interaction of a recording, as it was recorded, with what today's nodes make of it.
 
     Args:
@@ -265,12 +281,12 @@ def compare(recording: Recording, today: ReplayResult, physical: Optional[GridMa
         truth: (H, W) bool, what was asked for.
     """
     physical = physical or recording.physical()
-    return [_compared(recording, interaction, today, physical, truth)
-            for interaction in recording.interactions]
+    return [_compared(recording, interaction, today, physical, truth) for interaction in recording.interactions]
 
 
-def _compared(recording: Recording, interaction: Any, today: ReplayResult, physical: GridMap,
-              truth: Optional[np.ndarray]) -> Comparison:
+def _compared(
+    recording: Recording, interaction: Any, today: ReplayResult, physical: GridMap, truth: Optional[np.ndarray]
+) -> Comparison:
     border = today.borders.get(interaction.id, CodedError("not_recorded", "the bag does not hold this interaction"))
     made = recording.result(interaction)
     before = metrics.restricted_cells(physical, made[0]) if made else None
@@ -285,13 +301,22 @@ def _compared(recording: Recording, interaction: Any, today: ReplayResult, physi
         return metrics.jaccard(one, other) if one is not None and other is not None else math.nan
 
     return Comparison(
-        interaction.id, interaction.outcome, today.spots.get(interaction.id, 0), error.code if error else "ok",
-        error.message if error else "", index(before, after), _distance(made[1], border) if made and after is not None else math.nan,
-        index(truth, before), index(truth, after))
+        interaction.id,
+        interaction.outcome,
+        today.spots.get(interaction.id, 0),
+        error.code if error else "ok",
+        error.message if error else "",
+        index(before, after),
+        _distance(made[1], border) if made and after is not None else math.nan,
+        index(truth, before),
+        index(truth, after),
+    )
 
 
 def _distance(a: VirtualBorder, b: VirtualBorder) -> float:
     """[m] between two chains."""
-    lines = [shapely.linestrings(np.vstack([border.points, border.points[:1]]) if border.closed else border.points)
-             for border in (a, b)]
+    lines = [
+        shapely.linestrings(np.vstack([border.points, border.points[:1]]) if border.closed else border.points)
+        for border in (a, b)
+    ]
     return float(shapely.hausdorff_distance(lines[0], lines[1], densify=0.05))

@@ -1,4 +1,5 @@
 """Records a session: notes how the system was started, then hands over to rosbag's recorder."""
+
 from __future__ import annotations
 
 import argparse
@@ -39,7 +40,8 @@ TOPICS = (
 )
 ROBOT_TOPICS = (
     "odom",
-    "cmd_vel", "cmd_vel/navigation",
+    "cmd_vel",
+    "cmd_vel/navigation",
     "amcl_pose",
     "move_base/goal",
     "move_base/result",

@@ -3,9 +3,10 @@
     demo --scenario carpet --method nrs
 
 The one idea: the live system runs as it is, under another ROS master, and the demonstration only watches and asks. It
-starts `simulation.launch` and a simulated participant, tells what happens, and proves the border: move_base's path before and
-after, and a drive. Results are in out/demo.
+starts `simulation.launch` and a simulated participant, tells what happens, and proves the border: move_base's path
+before and after, and a drive. Results are in out/demo.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -69,16 +70,27 @@ def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
     given = parser.parse_args(arguments)
     path = Path(given.world).expanduser().resolve() if given.world else top / "src/vb_sim/worlds/lab.yaml"
     world = load_world(str(path))
-    for key, value, known in (("METHOD", given.method, METHODS), ("NAVIGATION", given.navigation, NAVIGATIONS),
-                              ("SCENARIO", given.scenario, world.scenarios)):
+    for key, value, known in (
+        ("METHOD", given.method, METHODS),
+        ("NAVIGATION", given.navigation, NAVIGATIONS),
+        ("SCENARIO", given.scenario, world.scenarios),
+    ):
         if value not in known:
             raise ParameterError(key, f"must be one of {', '.join(known)}, got '{value}'")
     if given.navigation == "move_base" and not find_node("move_base", "move_base"):
         raise ParameterError("NAVIGATION", "move_base is not installed: run 'make navigation' once")
     if not given.seed.isdigit():
         raise ParameterError("SEED", f"expected a whole number, got '{given.seed}'")
-    given.world_path, given.world, given.scenario, given.seed = path, world, world.scenarios[given.scenario], int(given.seed)
-    given.out, given.models = Path(given.out).resolve(), Path(given.models).expanduser().resolve() if given.models else None
+    given.world_path, given.world, given.scenario, given.seed = (
+        path,
+        world,
+        world.scenarios[given.scenario],
+        int(given.seed),
+    )
+    given.out, given.models = (
+        Path(given.out).resolve(),
+        Path(given.models).expanduser().resolve() if given.models else None,
+    )
     return given
 
 
@@ -121,11 +133,16 @@ class Demo:
         saved = observer.state is not None and observer.state.last_outcome == "saved"
         after, driven = np.zeros((0, 2)), GoalOutcome("not_sent")
         if saved:
-            # the map with the border was published before the state said "saved"; move_base's costmap takes it a little later
+            # the map with the border was published before the state said "saved"; move_base's
+            # costmap takes it a little later
             region = metrics.restricted_cells(observer.prior, observer.posterior)
             plans = [after]
-            wait_until(lambda: plans.append(observer.plan(start, goal, "/move_base/make_plan"))
-                       or not metrics.crosses(plans[-1], observer.prior, region), 5.0, 0.25)
+            wait_until(
+                lambda: plans.append(observer.plan(start, goal, "/move_base/make_plan"))
+                or not metrics.crosses(plans[-1], observer.prior, region),
+                5.0,
+                0.25,
+            )
             after, driven = plans[-1], self._drive(start, goal)
             self._save_map()
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
@@ -151,9 +168,15 @@ class Demo:
             os.environ.update(DISPLAY=self._screen, LIBGL_ALWAYS_SOFTWARE="1")
         os.environ.setdefault("QT_X11_NO_MITSHM", "1")
         self._launched = self._roslaunch(
-            "simulation.launch", [str(_LAUNCH / "parts" / "models.launch"), f"models:={options.models}"] if options.models else [],
-            navigation=options.navigation, cameras=" ".join(self._cameras) or "none", state=state, maps=options.out,
-            page_port=page, rviz=str(options.rviz).lower())
+            "simulation.launch",
+            [str(_LAUNCH / "parts" / "models.launch"), f"models:={options.models}"] if options.models else [],
+            navigation=options.navigation,
+            cameras=" ".join(self._cameras) or "none",
+            state=state,
+            maps=options.out,
+            page_port=page,
+            rviz=str(options.rviz).lower(),
+        )
         # rospy would complain about a master that is not up yet
         if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT_S):
             raise CodedError("not_ready", "the ROS master did not come up")
@@ -163,9 +186,17 @@ class Demo:
         """Starts a launch file for this world, method and seed."""
         options = self.options
         arguments.update(world=options.world_path, method=options.method, seed=options.seed)
-        child = Child(["roslaunch", "-p", str(self._port), str(_LAUNCH / name),
-                       *(f"{key}:={value}" for key, value in arguments.items()), *more],
-                      options.out / "log" / f"{Path(name).stem}.txt")
+        child = Child(
+            [
+                "roslaunch",
+                "-p",
+                str(self._port),
+                str(_LAUNCH / name),
+                *(f"{key}:={value}" for key, value in arguments.items()),
+                *more,
+            ],
+            options.out / "log" / f"{Path(name).stem}.txt",
+        )
         self._stack.callback(child.stop)
         return child
 
@@ -178,14 +209,18 @@ class Demo:
         }
         for camera in [*self._cameras, "robot"]:
             wanted[f"the detector of camera {camera} (/virtual_borders/detectors)"] = (
-                lambda camera=camera: camera in observer.detectors and observer.detectors[camera].processed > 0)
+                lambda camera=camera: camera in observer.detectors and observer.detectors[camera].processed > 0
+            )
 
         def missing() -> List[str]:
             return [name for name, there in wanted.items() if not there()]
 
         if not wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT_S) or missing():
-            raise CodedError("not_ready", f"these did not come up: {'; '.join(missing())}. The last lines of "
-                             f"{self._launched.log}:\n{self._launched.tail()}")
+            raise CodedError(
+                "not_ready",
+                f"these did not come up: {'; '.join(missing())}. The last lines of "
+                f"{self._launched.log}:\n{self._launched.tail()}",
+            )
         self._say(f"all nodes are up: {len(self._cameras) + 1} cameras, maps, interaction, navigation")
 
     # ------------------------------------------------------------- while it runs
@@ -195,19 +230,26 @@ class Demo:
     def _follow(self, observer: Observer) -> None:
         """Lets the participant come, and tells what happens until the person is done."""
         self._roslaunch("parts/participant.launch", [], scenario=self.options.scenario.key)
-        if not wait_until(lambda: self._tell(observer) or observer.outcome is not None or not self._launched.running,
-                          INTERACTION_TIMEOUT_S, 0.1):
+        if not wait_until(
+            lambda: self._tell(observer) or observer.outcome is not None or not self._launched.running,
+            INTERACTION_TIMEOUT_S,
+            0.1,
+        ):
             self._say(f"the participant did not finish within {INTERACTION_TIMEOUT_S:.0f} s")
         if not self._launched.running:
             raise CodedError("launch_ended", f"roslaunch ended:\n{self._launched.tail()}")
         if observer.outcome is not None and observer.outcome.get("outcome") != "saved":
-            self._say(f"the participant ended with '{observer.outcome.get('outcome')}': {observer.outcome.get('reason', '')}")
+            self._say(
+                f"the participant ended with '{observer.outcome.get('outcome')}': {observer.outcome.get('reason', '')}"
+            )
 
     def _tell(self, observer: Observer) -> None:
         """Says what has changed since the last call."""
         state, progress, lab = observer.state, observer.progress, observer.lab
-        news = {"participant": f"the participant {lab.participant_doing}" if lab and lab.participant_doing else "",
-                "state": f"state [bold]{state.name}[/bold] {state.last_message}" if state else ""}
+        news = {
+            "participant": f"the participant {lab.participant_doing}" if lab and lab.participant_doing else "",
+            "state": f"state [bold]{state.name}[/bold] {state.last_message}" if state else "",
+        }
         if progress:
             news["cameras"] = f"seen by {' and '.join(sorted(progress.cameras))}" if progress.cameras else ""
             hundreds = progress.border_spots // 100 * 100
@@ -226,12 +268,16 @@ class Demo:
         if first.outcome != "reached":
             self._say(f"the robot did not get to the start of the proof ({first.outcome}): it drives from where it is")
         driven = runner.drive(goal, DRIVE_S)
-        self._say(f"driven: {driven.outcome} after {driven.length:.2f} m and {driven.seconds:.0f} s {driven.text}".rstrip())
+        self._say(
+            f"driven: {driven.outcome} after {driven.length:.2f} m and {driven.seconds:.0f} s {driven.text}".rstrip()
+        )
         return driven
 
     def _save_map(self) -> None:
         try:
-            answer = services.call(names.SAVE_MAP, SaveMap, SaveMapRequest(name="posterior", raw=False), "the map recorder", 10.0)
+            answer = services.call(
+                names.SAVE_MAP, SaveMap, SaveMapRequest(name="posterior", raw=False), "the map recorder", 10.0
+            )
             failed = "" if answer.success else answer.message
         except CodedError as error:
             failed = str(error)
@@ -239,7 +285,9 @@ class Demo:
             self._say(f"the map could not be saved: {failed}")
 
     # ------------------------------------------------------------- the end
-    def _conclude(self, observer: Observer, before: np.ndarray, after: np.ndarray, driven: GoalOutcome, saved: bool) -> int:
+    def _conclude(
+        self, observer: Observer, before: np.ndarray, after: np.ndarray, driven: GoalOutcome, saved: bool
+    ) -> int:
         options, state, prior = self.options, observer.state, observer.prior
         truth = floor_plan.ground_truth(options.world, options.scenario)
         region = metrics.restricted_cells(prior, observer.posterior)
@@ -247,33 +295,57 @@ class Demo:
         times = {"guide": state.guide_s, "border": state.border_s, "seed": state.seed_s}
         ways = {"before": before, "after": after, "driven": driven.path}
         summary = {
-            "scenario": options.scenario.key, "method": options.method, "world": options.world.name, "seed": options.seed,
-            "navigation": options.navigation, "completed": bool(saved), "jaccard": round(score, 4),
+            "scenario": options.scenario.key,
+            "method": options.method,
+            "world": options.world.name,
+            "seed": options.seed,
+            "navigation": options.navigation,
+            "completed": bool(saved),
+            "jaccard": round(score, 4),
             "time_s": {key: round(value, 2) for key, value in {**times, "total": sum(times.values())}.items()},
             **{f"path_{key}_m": round(chain_length(way), 3) if len(way) else None for key, way in ways.items()},
             **{f"path_{key}_crosses_border": metrics.crosses(way, prior, region) for key, way in ways.items()},
-            "drive_outcome": driven.outcome, "drive_s": round(driven.seconds, 1),
+            "drive_outcome": driven.outcome,
+            "drive_s": round(driven.seconds, 1),
         }
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
         pictures.before_after(
-            options.out / "before_after.png", prior, region, truth if truth.shape == region.shape else None, before, after,
-            _chain(observer, state.last_border_id), driven.path,
-            f"{options.scenario.title}, {METHODS[options.method]}: Jaccard index {score:.3f}")
+            options.out / "before_after.png",
+            prior,
+            region,
+            truth if truth.shape == region.shape else None,
+            before,
+            after,
+            _chain(observer, state.last_border_id),
+            driven.path,
+            f"{options.scenario.title}, {METHODS[options.method]}: Jaccard index {score:.3f}",
+        )
         table = Table(title="result", show_header=False)
         for key, value in summary.items():
             entries = value.items() if isinstance(value, dict) else [("", value)]
             for part, entry in entries:
                 table.add_row(f"{key} {part}".strip().replace("_", " "), "none" if entry is None else str(entry))
         self.console.print(table, f"written to {options.out}")
-        verdict = ("no border came out" if not saved else
-                   "the way still crosses the border" if summary["path_after_crosses_border"] else
-                   "the robot entered the border" if summary["path_driven_crosses_border"] else
-                   f"the robot did not get to the goal: {driven.outcome}" if len(after) and driven.outcome != "reached" else "")
+        verdict = (
+            "no border came out"
+            if not saved
+            else "the way still crosses the border"
+            if summary["path_after_crosses_border"]
+            else "the robot entered the border"
+            if summary["path_driven_crosses_border"]
+            else f"the robot did not get to the goal: {driven.outcome}"
+            if len(after) and driven.outcome != "reached"
+            else ""
+        )
         if verdict:
             self.console.print(verdict, style="bold red")
             return 1
-        self.console.print("the robot went round the border" if len(after) else "no way crosses the border: the goal is out of "
-                           "reach now", style="bold green")
+        self.console.print(
+            "the robot went round the border"
+            if len(after)
+            else "no way crosses the border: the goal is out of " "reach now",
+            style="bold green",
+        )
         return 0
 
 

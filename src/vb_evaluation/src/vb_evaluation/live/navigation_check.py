@@ -3,6 +3,7 @@
 Puts a small border across the path between the robot and a goal, asks move_base for plans before and after, clears its
 costmaps, tries a soft border, and removes everything again. The robot does not drive.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -59,8 +60,15 @@ class NavigationCheck:
         patience: [s] to wait for anything before giving up.
     """
 
-    def __init__(self, goal: Tuple[float, float], size: float = 0.5, move_base: str = "move_base", base_frame: str = "base_link",
-                 at_once: float = 1.0, patience: float = 10.0) -> None:
+    def __init__(
+        self,
+        goal: Tuple[float, float],
+        size: float = 0.5,
+        move_base: str = "move_base",
+        base_frame: str = "base_link",
+        at_once: float = 1.0,
+        patience: float = 10.0,
+    ) -> None:
         self._goal, self._size, self._move_base = (goal[0], goal[1], 0.0), size, "/" + move_base.strip("/")
         self._at_once, self._patience, self._base_frame = at_once, patience, base_frame
 
@@ -68,15 +76,17 @@ class NavigationCheck:
         """Makes all checks, in order.
 
         Raises:
-            CodedError: "no_map", "no_transform", "no_planner", "no_path" or "path_too_short" if there is nothing to check
-                with; "refused" if the map integrator rejects the border.
+            CodedError: "no_map", "no_transform", "no_planner", "no_path" or "path_too_short" if there is nothing to
+                check with; "refused" if the map integrator rejects the border.
         """
         service = f"{self._move_base}/make_plan"
         try:
             # that of a running move_base is there at once
             rospy.wait_for_service(service, timeout=2.0)
         except rospy.ROSException:
-            raise CodedError("no_planner", f"nobody offers {service}: start move_base, or name it with --move-base") from None
+            raise CodedError(
+                "no_planner", f"nobody offers {service}: start move_base, or name it with --move-base"
+            ) from None
         observer, transforms = Observer(), TransformLookup()
         if not wait_until(lambda: observer.posterior is not None, 10.0):
             raise CodedError("no_map_with_borders", topic=names.MAP_WITH_BORDERS)
@@ -92,7 +102,9 @@ class NavigationCheck:
         middle = dense[len(dense) // 2]
         # clear of the robot and of the goal
         if np.abs(np.array([start[:2], self._goal[:2]]) - middle).max(axis=1).min() < self._size:
-            raise CodedError("path_too_short", f"a border of {self._size:g} m does not fit on the path: choose a --goal farther away")
+            raise CodedError(
+                "path_too_short", f"a border of {self._size:g} m does not fit on the path: choose a --goal farther away"
+            )
         # a cell inwards: a path may touch the border's edge
         reach = 0.5 * self._size - observer.posterior.resolution
 
@@ -108,13 +120,18 @@ class NavigationCheck:
         with self._border(middle, SOFT):
             checks.append(self._soon("a soft border is gone round where that is possible", free))
         moved = float(np.linalg.norm((pose("odom") - odom)[:2, 3]))
-        return [*checks, Check("localisation does not jump", moved <= STILL, f"map -> odom moved by {100 * moved:.1f} cm")]
+        return [
+            *checks,
+            Check("localisation does not jump", moved <= STILL, f"map -> odom moved by {100 * moved:.1f} cm"),
+        ]
 
     @contextlib.contextmanager
     def _border(self, middle: np.ndarray, occupancy: float) -> Iterator[None]:
         """A square border about a place, for a while."""
         border = VirtualBorder(name="navigation check", kind=VirtualBorder.POLYGON, occupancy=occupancy, enabled=True)
-        border.points = messages.points_from_array(middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
+        border.points = messages.points_from_array(
+            middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        )
         border.seed = messages.points_from_array(middle[None])[0]
         reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="check"), "the map integrator")
         if not reply.success:
@@ -144,7 +161,9 @@ class NavigationCheck:
         plans, end = [], time.monotonic() + WATCHED
         while time.monotonic() < end:
             plans.append(free())
-        return Check(what, all(plans), f"back {back.found}; {plans.count(False)} of {len(plans)} plans after that cross it")
+        return Check(
+            what, all(plans), f"back {back.found}; {plans.count(False)} of {len(plans)} plans after that cross it"
+        )
 
     def _soon(self, what: str, condition: Callable[[], bool], limit: float = float("inf")) -> Check:
         """Whether a condition came to hold within a limit [s] of wall time."""
@@ -152,14 +171,22 @@ class NavigationCheck:
         if not wait_until(condition, self._patience, 0.02):
             return Check(what, False, f"not within {self._patience:g} s")
         seconds = time.monotonic() - begin
-        return Check(what, seconds <= limit, f"after {seconds:.2f} s" + (f", {limit:g} s are allowed" if seconds > limit else ""))
+        return Check(
+            what, seconds <= limit, f"after {seconds:.2f} s" + (f", {limit:g} s are allowed" if seconds > limit else "")
+        )
 
 
 def main() -> None:
     """Runs the command; exits with 1 if a check failed or none could be made."""
     parser = argparse.ArgumentParser(prog="check_navigation", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--goal", nargs=2, type=float, required=True, metavar=("X", "Y"),
-                        help="[m] in the map, some metres from the robot, with another way round")
+    parser.add_argument(
+        "--goal",
+        nargs=2,
+        type=float,
+        required=True,
+        metavar=("X", "Y"),
+        help="[m] in the map, some metres from the robot, with another way round",
+    )
     parser.add_argument("--size", type=float, default=0.5, help="[m] edge of the border that is put on the way")
     parser.add_argument("--move-base", default="move_base", help="name of the node")
     parser.add_argument("--base-frame", default="base_link", help="frame of the robot")
@@ -174,6 +201,10 @@ def main() -> None:
         sys.exit(1)
     table = Table("", "check", "found")
     for check in checks:
-        table.add_row({True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/yellow]"}[check.good], check.what, check.found)
+        table.add_row(
+            {True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/yellow]"}[check.good],
+            check.what,
+            check.found,
+        )
     console.print(table)
     sys.exit(1 if any(check.good is False for check in checks) else 0)

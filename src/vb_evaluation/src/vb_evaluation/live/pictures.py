@@ -1,4 +1,5 @@
 """Draws the map of a demonstration with the paths before and after the border."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -13,8 +14,17 @@ from vb_evaluation.report.charts import BLUE, GREEN, GREY, ORANGE, VERMILION, pl
 SHADES = {"unknown": (209, 209, 209), "free": (255, 255, 255), "occupied": (38, 38, 38), "restricted": (236, 174, 140)}
 
 
-def before_after(path: Path, prior: GridMap, region: np.ndarray, truth: Optional[np.ndarray], path_before: np.ndarray,
-                 path_after: np.ndarray, chain: np.ndarray, driven: np.ndarray, title: str) -> None:
+def before_after(
+    path: Path,
+    prior: GridMap,
+    region: np.ndarray,
+    truth: Optional[np.ndarray],
+    path_before: np.ndarray,
+    path_after: np.ndarray,
+    chain: np.ndarray,
+    driven: np.ndarray,
+    title: str,
+) -> None:
     """Draws the map with the planned path before and after the border.
 
     Args:
@@ -37,20 +47,38 @@ def before_after(path: Path, prior: GridMap, region: np.ndarray, truth: Optional
             axis.plot([], [], color=np.array(SHADES["restricted"]) / 255, lw=8, label="restricted")
             axis.plot(*chain.T, color=VERMILION, lw=2, label="border as drawn")
             if len(driven):
-                axis.plot(*driven.T, color="black", lw=1.5, ls="--", zorder=7, label=f"driven, {chain_length(driven):.2f} m")
+                axis.plot(
+                    *driven.T, color="black", lw=1.5, ls="--", zorder=7, label=f"driven, {chain_length(driven):.2f} m"
+                )
         colors[prior.data >= OCCUPIED_FROM] = SHADES["occupied"]
         axis.imshow(colors, origin="lower", extent=extent, interpolation="nearest")
         if truth is not None:
-            axis.contour(truth.astype(float), levels=[0.5], colors=[GREEN], linewidths=1.5, linestyles="dashed", origin="lower",
-                         extent=extent)
+            axis.contour(
+                truth.astype(float),
+                levels=[0.5],
+                colors=[GREEN],
+                linewidths=1.5,
+                linestyles="dashed",
+                origin="lower",
+                extent=extent,
+            )
             axis.plot([], [], color=GREEN, ls="--", lw=1.5, label="area that was asked for")
         if len(way):
             axis.plot(*way.T, color=BLUE, lw=3, label=f"planned way, {chain_length(way):.2f} m", zorder=5)
             axis.plot(*way[0], marker="o", ms=11, color=BLUE, mec="white", ls="none", label="start", zorder=6)
             axis.plot(*way[-1], marker="*", ms=18, color=ORANGE, mec="black", ls="none", label="goal", zorder=6)
         else:
-            axis.text(0.5, 0.5, "no way leads there any more", transform=axis.transAxes, ha="center", va="center",
-                      fontsize=15, color="black", bbox=dict(facecolor="white", alpha=0.85, edgecolor=GREY))
+            axis.text(
+                0.5,
+                0.5,
+                "no way leads there any more",
+                transform=axis.transAxes,
+                ha="center",
+                va="center",
+                fontsize=15,
+                color="black",
+                bbox=dict(facecolor="white", alpha=0.85, edgecolor=GREY),
+            )
         axis.set_title(heading, fontsize=14)
         axis.set_xlabel("x [m]")
         axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.11), ncol=3, frameon=False, fontsize=11)

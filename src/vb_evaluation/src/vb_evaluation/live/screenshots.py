@@ -2,10 +2,12 @@
 
     scripts/screenshots [--out docs/images/display] [--world file]
 
-The one idea: the pictures show the system itself. This script is the person: it moves a laser spot and gives commands. Whatever
-the display shows of it comes from the live system's nodes, but for the cameras, whose spots are published here, and the robot,
-which is where this script says. It starts its own master and virtual screens, so it needs neither ROS running nor a display.
+The one idea: the pictures show the system itself. This script is the person: it moves a laser spot and gives
+commands. Whatever the display shows of it comes from the live system's nodes, but for the cameras, whose spots are
+published here, and the robot, which is where this script says. It starts its own master and virtual screens, so it
+needs neither ROS running nor a display.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -88,11 +90,22 @@ def _take(lab: "StagedLab", folder: Path, top: Path, size: Tuple[int, int], out:
         screen, os.environ["DISPLAY"] = start_screen(folder / "xvfb.txt", *size)
         stack.callback(screen.stop)
         parts = top / "launch" / "parts"
-        launched = Child(["roslaunch", str(parts / "borders.launch"), str(parts / "feedback.launch"), f"state:={folder}",
-                          "record:=false", f"language:={language}"], folder / "launch.txt")
+        launched = Child(
+            [
+                "roslaunch",
+                str(parts / "borders.launch"),
+                str(parts / "feedback.launch"),
+                f"state:={folder}",
+                "record:=false",
+                f"language:={language}",
+            ],
+            folder / "launch.txt",
+        )
         stack.callback(launched.stop)
         seen = Observer()
-        if not wait_until(lambda: lab.is_watched() and seen.state is not None and seen.posterior is not None, PATIENCE_S):
+        if not wait_until(
+            lambda: lab.is_watched() and seen.state is not None and seen.posterior is not None, PATIENCE_S
+        ):
             raise CodedError("not_ready", f"the system did not come up: {launched.tail()}")
         last: List[np.ndarray] = []
 
@@ -116,7 +129,9 @@ def _play(lab: "StagedLab", seen: Observer, shoot: Callable[[str], None]) -> Non
     away = np.array(start[:2]) - line[shown]
     stored = _stored(world, drawn)
     for border in stored:
-        services.call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="screenshots"), "$map_integrator")
+        services.call(
+            names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="screenshots"), "$map_integrator"
+        )
     _until(lambda: len(seen.borders) == len(stored), "the stored borders")
     lab.show(start)
     shoot("default")
@@ -140,12 +155,19 @@ def _play(lab: "StagedLab", seen: Observer, shoot: Callable[[str], None]) -> Non
     _until(lambda: len(seen.borders) == len(stored) + 1, "the new border")
     shoot("saved")
     # the robot's driver says this; here is no robot that could drive
-    lab.show(inside, Notice("robot_inside_border", Severity.WARNING, values={"who": sentences.robot(""), "border": seen.borders[-1].name}))
+    lab.show(
+        inside,
+        Notice(
+            "robot_inside_border",
+            Severity.WARNING,
+            values={"who": sentences.robot(""), "border": seen.borders[-1].name},
+        ),
+    )
     shoot("robot_in_border")
     along = geometry.resample_chain(np.array([start[:2], drawn.guide[0] if len(drawn.guide) else drawn.stand]), STEP)
     _say(seen, "guide_robot", "guide")
     lab.show((*along[len(along) // 2], float(np.arctan2(*(along[-1] - along[0])[::-1]))))
-    lab.point(along[len(along) // 2:], ["robot"])
+    lab.point(along[len(along) // 2 :], ["robot"])
     shoot("guide")
     lab.rest()
     _say(seen, "stop", "guide")
@@ -156,18 +178,32 @@ def _play(lab: "StagedLab", seen: Observer, shoot: Callable[[str], None]) -> Non
 
 def _stored(world: World, drawn: Scenario) -> List[VirtualBorder]:
     """The smallest of the other scenarios as a hard border, what lies on the floor elsewhere as soft ones."""
-    others = sorted((one for one in world.scenarios.values() if one is not drawn), key=lambda one: Polygon(one.region).area)
+    others = sorted(
+        (one for one in world.scenarios.values() if one is not drawn), key=lambda one: Polygon(one.region).area
+    )
     found = [(one.title.replace(" exclusion", ""), one.border, one.seed, one.closed, 1.0) for one in others[:1]]
     outlines = [(patch.name.capitalize(), patch.footprint()) for patch in world.patches]
-    found += [(name, outline, outline.mean(axis=0), True, 0.5) for name, outline in outlines
-              if not Polygon(outline).intersects(Polygon(drawn.region))]
-    return [VirtualBorder(name=name, points=points_from_array(points), seed=Point(*seed, 0.0), occupancy=occupancy, enabled=True,
-                          kind=VirtualBorder.POLYGON if closed else VirtualBorder.SEPARATING_CURVE)
-            for name, points, seed, closed, occupancy in found]
+    found += [
+        (name, outline, outline.mean(axis=0), True, 0.5)
+        for name, outline in outlines
+        if not Polygon(outline).intersects(Polygon(drawn.region))
+    ]
+    return [
+        VirtualBorder(
+            name=name,
+            points=points_from_array(points),
+            seed=Point(*seed, 0.0),
+            occupancy=occupancy,
+            enabled=True,
+            kind=VirtualBorder.POLYGON if closed else VirtualBorder.SEPARATING_CURVE,
+        )
+        for name, points, seed, closed, occupancy in found
+    ]
 
 
 def _say(seen: Observer, command: str, state: str) -> None:
     """Gives a command until its state has come: a person would say it again, too."""
+
     def said() -> bool:
         commands.send(commands.make_request(command, "screenshots", PATIENCE_S), PATIENCE_S, PATIENCE_S)
         return wait_until(lambda: seen.state.name == state, 10.0)
@@ -192,7 +228,11 @@ def _still_picture(display: str, path: Path, before: Sequence[np.ndarray]) -> np
         if not screenshot(display, path):
             raise CodedError("no_picture", f"'import' of ImageMagick could not write {path}")
         shown = [*shown[-2:], cv2.imread(str(path))]
-        if _alike(shown[0], shown[2]) and _alike(shown[1], shown[2]) and not any(_alike(one, shown[2]) for one in before):
+        if (
+            _alike(shown[0], shown[2])
+            and _alike(shown[1], shown[2])
+            and not any(_alike(one, shown[2]) for one in before)
+        ):
             return shown[2]
     raise CodedError("no_picture", f"RViz did not come to show what {path.name} is to show")
 
@@ -252,9 +292,16 @@ class StagedLab:
         while self._running:
             now = rospy.Time.now()
             self._told.publish(source="/screenshots", notices=self._notices)
-            self._transforms.sendTransform(transform_message(geometry.pose2d_transform(*self._robot), names.MAP_FRAME, "base_link", now))
+            self._transforms.sendTransform(
+                transform_message(geometry.pose2d_transform(*self._robot), names.MAP_FRAME, "base_link", now)
+            )
             for camera, offset in zip(self._cameras, OFFSETS):
-                spot = LaserSpot(camera=camera, mobile=camera == "robot", confidence=1.0, position=Point(*(self._line[0] + offset), 0.0))
+                spot = LaserSpot(
+                    camera=camera,
+                    mobile=camera == "robot",
+                    confidence=1.0,
+                    position=Point(*(self._line[0] + offset), 0.0),
+                )
                 spot.header.stamp, spot.header.frame_id = now, names.MAP_FRAME
                 self._spots.publish(spot)
             if len(self._line) > 1:

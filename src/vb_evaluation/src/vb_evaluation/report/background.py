@@ -1,4 +1,5 @@
 """Writes the sections on what is behind the figures: order, people, assumptions, every run."""
+
 from __future__ import annotations
 
 from typing import Any, Dict, List
@@ -21,20 +22,37 @@ def order(study: StudyResults) -> Section:
             continue
         first, second = groups
         # Hills & Armitage 1979: halves of the difference tell the period, sums what is carried over
-        for effect, a, b in (("period: second minus first", (second[:, 0] - second[:, 1]) / 2, (first[:, 0] - first[:, 1]) / 2),
-                             ("carry-over", first.sum(axis=1), second.sum(axis=1))):
+        for effect, a, b in (
+            ("period: second minus first", (second[:, 0] - second[:, 1]) / 2, (first[:, 0] - first[:, 1]) / 2),
+            ("carry-over", first.sum(axis=1), second.sum(axis=1)),
+        ):
             found = statistics.unpaired(a, b)
-            rows.append({"measure": words, "effect": effect, "difference": found.shift.text(digits),
-                         "p": statistics.format_p(found.p) if study.people else "", "groups": f"{len(first)} + {len(second)}"})
+            rows.append(
+                {
+                    "measure": words,
+                    "effect": effect,
+                    "difference": found.shift.text(digits),
+                    "p": statistics.format_p(found.p) if study.people else "",
+                    "groups": f"{len(first)} + {len(second)}",
+                }
+            )
     if not rows:
         return Section("order", "Order", [])
-    words = ("Half of the people began with one method, half with the other. Differences between the two groups, Hodges-Lehmann with "
-             "95 % interval, means over each person's scenarios. The test of carry-over is weak: not finding any does not rule it out.")
+    words = (
+        "Half of the people began with one method, half with the other. Differences between the two groups, Hodges-Lehmann with "
+        "95 % interval, means over each person's scenarios. The test of carry-over is weak: not finding any does not rule it out."
+    )
     if not study.people:
         words += " Simulated people neither learn nor tire: an interval without 0 would be chance or a fault."
     columns = {"measure": "Measure", "effect": "Effect", "difference": "Difference", "groups": "People"}
-    return Section("order", "Order", [Text((words,), "caveat"),
-                                      Grid("order", {**columns, "p": "p (Mann-Whitney)"} if study.people else columns, rows)])
+    return Section(
+        "order",
+        "Order",
+        [
+            Text((words,), "caveat"),
+            Grid("order", {**columns, "p": "p (Mann-Whitney)"} if study.people else columns, rows),
+        ],
+    )
 
 
 def _by_first(study: StudyResults, column: str) -> List[np.ndarray]:
@@ -43,7 +61,11 @@ def _by_first(study: StudyResults, column: str) -> List[np.ndarray]:
     first = runs.loc[runs.groupby("participant").order.idxmin()].set_index("participant").method
     means = study.runs.pivot_table(index="participant", columns="method", values=column, aggfunc="mean")
     means = means.reindex(columns=list(study.comparison)).dropna()
-    return [group.to_numpy() for group in (means[means.index.map(first) == method] for method in study.comparison) if len(group)]
+    return [
+        group.to_numpy()
+        for group in (means[means.index.map(first) == method] for method in study.comparison)
+        if len(group)
+    ]
 
 
 def participants_section(study: StudyResults) -> Section:
@@ -60,7 +82,8 @@ def participants_section(study: StudyResults) -> Section:
                     {
                         "question": column,
                         "answers": "; ".join(
-                            f"{value}: {count}" for value, count in answers[answers != ""].value_counts().sort_index().items()
+                            f"{value}: {count}"
+                            for value, count in answers[answers != ""].value_counts().sort_index().items()
                         ),
                     }
                     for column, answers in asked.items()
@@ -69,14 +92,35 @@ def participants_section(study: StudyResults) -> Section:
         )
     if study.people and path.is_file():
         found = questionnaire.read(path)
-        rows = [{"statement": answers.statement, "nrs": effect_sizes.mean(answers.first), "robot_only": effect_sizes.mean(answers.second),
-                 **effect_sizes.test_row(answers.comparison)} for answers in found.answers]
-        columns = {"statement": "Statement", "nrs": "Network robot system", "robot_only": "Robot only", "shift": "Difference",
-                   "z": "Z", "p": "exact p", "r": "r", "n": "People"}
+        rows = [
+            {
+                "statement": answers.statement,
+                "nrs": effect_sizes.mean(answers.first),
+                "robot_only": effect_sizes.mean(answers.second),
+                **effect_sizes.test_row(answers.comparison),
+            }
+            for answers in found.answers
+        ]
+        columns = {
+            "statement": "Statement",
+            "nrs": "Network robot system",
+            "robot_only": "Robot only",
+            "shift": "Difference",
+            "z": "Z",
+            "p": "exact p",
+            "r": "r",
+            "n": "People",
+        }
         blocks += [
-            Text(("The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
-                  "Wilcoxon signed-rank test.",)), Grid("questionnaire", columns, rows, {"z": 3}),
-            Text((f"{questionnaire.QUESTION} Yes: {found.helped} of {found.asked}.",))]
+            Text(
+                (
+                    "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
+                    "Wilcoxon signed-rank test.",
+                )
+            ),
+            Grid("questionnaire", columns, rows, {"z": 3}),
+            Text((f"{questionnaire.QUESTION} Yes: {found.helped} of {found.asked}.",)),
+        ]
     return Section("experience", "People and their experience", blocks)
 
 
@@ -89,9 +133,23 @@ def assumptions(study: StudyResults) -> Section:
     if entries:
         counts = pandas.Series([entry["source"] for entry in entries]).value_counts()
         told = ", ".join(f"{counts.get(source, 0)} {source}" for source in ("paper", "data", "literature", "assumed"))
-        blocks += [Text((f"{len(entries)} figures: {told}.",)),
-                   Grid("assumptions", {"key": "Figure", "value": "Value", "unit": "Unit", "range": "Plausible range",
-                                        "source": "Source", "why": "Where from"}, entries, folded=True, words="Every figure")]
+        blocks += [
+            Text((f"{len(entries)} figures: {told}.",)),
+            Grid(
+                "assumptions",
+                {
+                    "key": "Figure",
+                    "value": "Value",
+                    "unit": "Unit",
+                    "range": "Plausible range",
+                    "source": "Source",
+                    "why": "Where from",
+                },
+                entries,
+                folded=True,
+                words="Every figure",
+            ),
+        ]
     return Section("assumptions", "What was assumed, and where the simulation is too optimistic", blocks)
 
 
@@ -101,6 +159,8 @@ def runs(study: StudyResults) -> Section:
     rows = [{**row, "line": line} for line, row in sheet.to_dict("index").items()]
     blocks: List[Any] = []
     if study.meta.get("rerun"):
-        blocks.append(Text((f"A row again, alone, with its own columns in place of the names in braces: {study.meta['rerun']}",)))
+        blocks.append(
+            Text((f"A row again, alone, with its own columns in place of the names in braces: {study.meta['rerun']}",))
+        )
     blocks.append(Grid("runs", {column: column for column in sheet.columns}, rows, folded=True, words="All runs"))
     return Section("runs", "Every run", blocks)

@@ -1,4 +1,5 @@
 """The parts of a page: sections of text, figures and tables. A table is both shown and written as CSV."""
+
 from __future__ import annotations
 
 import math
@@ -66,7 +67,10 @@ class Grid:
             else:
                 cells[key] = value
         # what floating point adds behind the seventh digit is left out
-        return {key: (f"{cell:.7g}" if math.isfinite(cell) else "") if isinstance(cell, float) else cell for key, cell in cells.items()}
+        return {
+            key: (f"{cell:.7g}" if math.isfinite(cell) else "") if isinstance(cell, float) else cell
+            for key, cell in cells.items()
+        }
 
 
 @dataclass(frozen=True)

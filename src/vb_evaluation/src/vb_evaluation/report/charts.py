@@ -1,4 +1,5 @@
 """The report's figures as SVG text, drawn without a display."""
+
 from __future__ import annotations
 
 import base64
@@ -26,9 +27,18 @@ SERIES, MARKERS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY), ("o", "s", "^"
 WIDTH_IN, PANEL_IN = 7.2, 4.6
 PUBLISHED = {"marker": "D", "ms": 7, "color": "white", "mec": "black", "mew": 1.3, "ls": "none"}
 _STYLE = {
-    "font.family": "DejaVu Sans", "font.size": 10, "axes.spines.top": False, "axes.spines.right": False,
-    "axes.edgecolor": "#555555", "axes.grid": True, "grid.color": "#e4e4e4", "axes.axisbelow": True,
-    "svg.fonttype": "path", "svg.hashsalt": "study", "legend.frameon": False, "figure.constrained_layout.use": True,
+    "font.family": "DejaVu Sans",
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#555555",
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "axes.axisbelow": True,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "study",
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
 }
 
 
@@ -87,7 +97,15 @@ def time_bars(cells: Sequence[Cell], limit_s: float) -> str:
                     axis.text(left + seconds / 2, place, f"{seconds:.1f}", ha="center", va="center", fontsize=9)
                 left += seconds
             axis.barh(place, left, height=0.44, fill=False, edgecolor=color, linewidth=2)
-            axis.plot(cell.runs.time_total_s, np.full(len(cell.runs), place + 0.34), "|", ms=6, color=color, alpha=0.8, mew=1.2)
+            axis.plot(
+                cell.runs.time_total_s,
+                np.full(len(cell.runs), place + 0.34),
+                "|",
+                ms=6,
+                color=color,
+                alpha=0.8,
+                mew=1.2,
+            )
         _rows(axis, [cell.title for cell in cells], "interaction time [s]; a stroke is one run")
         axis.set_xlim(0.0, limit_s)
         axis.grid(axis="y", visible=False)
@@ -103,9 +121,16 @@ def boxes(cells: Sequence[Cell], column: str, label: str, published: bool = Fals
             if len(values):
                 line = {"color": color}
                 axis.boxplot(
-                    [values], positions=[place], widths=0.36, showfliers=False, patch_artist=True, whiskerprops=line, capprops=line,
+                    [values],
+                    positions=[place],
+                    widths=0.36,
+                    showfliers=False,
+                    patch_artist=True,
+                    whiskerprops=line,
+                    capprops=line,
                     boxprops={"facecolor": matplotlib.colors.to_rgba(color, 0.25), "edgecolor": color},
-                    medianprops={"color": color, "linewidth": 2.2})
+                    medianprops={"color": color, "linewidth": 2.2},
+                )
                 spread = np.linspace(-0.06, 0.06, len(values)) if len(values) > 1 else np.zeros(1)
                 axis.plot(place + 0.31 + spread, values, "o", ms=3, color=color, alpha=0.7, mew=0)
             if published and cell.published:
@@ -125,10 +150,12 @@ def rates(groups: Sequence[Tuple[str, Sequence[Tuple[Cell, Interval]]]]) -> str:
         for place, (_, bars) in enumerate(groups):
             for index, (cell, share) in enumerate(bars):
                 x = place + (index - (len(bars) - 1) / 2) * width
-                handles[cell.title] = axis.bar(x, share.estimate, width * 0.86, color=color_of(cell.method, index), alpha=0.75)
+                handles[cell.title] = axis.bar(
+                    x, share.estimate, width * 0.86, color=color_of(cell.method, index), alpha=0.75
+                )
                 axis.plot([x, x], [share.low, share.high], color="#222222", lw=1.2)
                 if cell.published:
-                    handles["the paper"], = axis.plot(x, 100 * cell.published.completeness, **PUBLISHED)
+                    (handles["the paper"],) = axis.plot(x, 100 * cell.published.completeness, **PUBLISHED)
         _columns(axis, [title for title, _ in groups], "completed [%]")
         axis.set_ylim(0, 104)
         words = sorted(handles, key=lambda title: title == "the paper")
@@ -153,16 +180,29 @@ def lines(curves: Sequence[Line], x_label: str, y_label: str) -> str:
         handles: Dict[str, Any] = {}
         kinds = [kind for kind in dict.fromkeys(curve.kind for curve in curves) if kind]
         for curve in curves:
-            style = {"color": SERIES[(curve.color + 2) % len(SERIES)], "marker": MARKERS[curve.color % len(MARKERS)], "ms": 5, "lw": 1.8}
+            style = {
+                "color": SERIES[(curve.color + 2) % len(SERIES)],
+                "marker": MARKERS[curve.color % len(MARKERS)],
+                "ms": 5,
+                "lw": 1.8,
+            }
             dash = "--" if curve.kind in kinds[1:] else "-"
             axis.plot(curve.x, [y.estimate for y in curve.y], ls=dash, **style)
-            axis.fill_between(curve.x, [y.low for y in curve.y], [y.high for y in curve.y], color=style["color"], alpha=0.13, lw=0)
+            axis.fill_between(
+                curve.x, [y.low for y in curve.y], [y.high for y in curve.y], color=style["color"], alpha=0.13, lw=0
+            )
             handles.setdefault(curve.group, Line2D([], [], **style))
             if curve.kind:
                 handles.setdefault(curve.kind, Line2D([], [], color="#222222", ls=dash, lw=1.5))
         axis.set_xlabel(x_label)
         axis.set_ylabel(y_label)
-        figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncol=min(3, len(handles) or 1), fontsize=8.5)
+        figure.legend(
+            list(handles.values()),
+            list(handles),
+            loc="outside upper center",
+            ncol=min(3, len(handles) or 1),
+            fontsize=8.5,
+        )
     return found[0]
 
 

@@ -2,6 +2,7 @@
 
 A table's index is the line number in its file. What is measured is a number, nan where it is unknown; all else is text.
 """
+
 from __future__ import annotations
 
 import io
@@ -17,7 +18,14 @@ from vb_core.errors import CodedError
 from vb_evaluation.metrics import ERRORS
 from vb_evaluation.report import paper
 
-RUNS, CURVES, WORLDS, UNGATED, DRAWS, META = "runs.csv", "curves.csv", "worlds.csv", "ungated.csv", "draws.csv", "study.json"
+RUNS, CURVES, WORLDS, UNGATED, DRAWS, META = (
+    "runs.csv",
+    "curves.csv",
+    "worlds.csv",
+    "ungated.csv",
+    "draws.csv",
+    "study.json",
+)
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
 KEY = ("participant", "scenario", "method", "seed")
@@ -28,7 +36,18 @@ MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
 CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), UNGATED: (), CURVES: ("sweep", "value"), WORLDS: ("draw",)}
 BASELINE = "robot_only"
 _FURTHER = ("order", "spots", "false_spots", "jaccard_enclosed", "too_bright")
-_FLAGS = {"yes": True, "y": True, "1": True, "true": True, "ja": True, "no": False, "n": False, "0": False, "false": False, "nein": False}
+_FLAGS = {
+    "yes": True,
+    "y": True,
+    "1": True,
+    "true": True,
+    "ja": True,
+    "no": False,
+    "n": False,
+    "0": False,
+    "false": False,
+    "nein": False,
+}
 
 
 class Cell(NamedTuple):
@@ -95,17 +114,30 @@ class StudyResults:
         """
         for scenario in self.scenarios:
             published = paper.PAPER.get(scenario)
-            yield self.scenario_title(scenario), [
-                Cell(method, paper.method_title(method), select(self.runs, scenario=scenario, method=method, **where),
-                     published if published is not None and method in published.jaccard else None) for method in self.methods]
+            yield (
+                self.scenario_title(scenario),
+                [
+                    Cell(
+                        method,
+                        paper.method_title(method),
+                        select(self.runs, scenario=scenario, method=method, **where),
+                        published if published is not None and method in published.jaccard else None,
+                    )
+                    for method in self.methods
+                ],
+            )
 
     @property
     def missing(self) -> List[str]:
         """Runs that others have and this participant has not, in words."""
         there = set(zip(self.runs.participant, self.runs.scenario, self.runs.method))
-        return [f"{person}, {self.scenario_title(scenario)}, {paper.method_title(method)}"
-                for person in self.runs.participant.unique() for scenario in self.scenarios for method in self.methods
-                if (person, scenario, method) not in there]
+        return [
+            f"{person}, {self.scenario_title(scenario)}, {paper.method_title(method)}"
+            for person in self.runs.participant.unique()
+            for scenario in self.scenarios
+            for method in self.methods
+            if (person, scenario, method) not in there
+        ]
 
 
 def select(table: pandas.DataFrame, **where: object) -> pandas.DataFrame:
@@ -118,7 +150,9 @@ def known(table: pandas.DataFrame, column: str) -> np.ndarray:
     return table[column].dropna().to_numpy()
 
 
-def pairs(table: pandas.DataFrame, column: str, methods: Tuple[str, str], completed: bool = False) -> Tuple[np.ndarray, np.ndarray]:
+def pairs(
+    table: pandas.DataFrame, column: str, methods: Tuple[str, str], completed: bool = False
+) -> Tuple[np.ndarray, np.ndarray]:
     """Returns two (N,) samples of a column, one for each method, paired by participant.
 
     Args:
@@ -139,8 +173,11 @@ def read_study(folder: Path) -> StudyResults:
     folder = Path(folder)
     if not (folder / RUNS).is_file():
         raise CodedError("bad_study", f"{folder / RUNS} is missing: run 'make study' first, or name the study's folder")
-    tables = {name: read_table(folder / name, REQUIRED, conditions)
-              for name, conditions in CONDITIONS.items() if (folder / name).is_file()}
+    tables = {
+        name: read_table(folder / name, REQUIRED, conditions)
+        for name, conditions in CONDITIONS.items()
+        if (folder / name).is_file()
+    }
     tables = {name: table for name, table in tables.items() if len(table) or name == RUNS}
     runs = tables[RUNS]
     planned = runs["as_planned"] != "0" if "as_planned" in runs else np.ones(len(runs), bool)
@@ -159,8 +196,14 @@ def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> 
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
         head = text.split("\n", 1)[0]
-        sheet = pandas.read_csv(io.StringIO(text), sep=";" if head.count(";") > head.count(",") else ",", dtype=str,
-                                keep_default_na=False, skip_blank_lines=False, index_col=False)
+        sheet = pandas.read_csv(
+            io.StringIO(text),
+            sep=";" if head.count(";") > head.count(",") else ",",
+            dtype=str,
+            keep_default_na=False,
+            skip_blank_lines=False,
+            index_col=False,
+        )
     except (OSError, ValueError) as error:
         raise CodedError(code, f"cannot read {path}: {error}") from None
     missing = [column for column in required if column not in sheet]
@@ -183,10 +226,14 @@ def read_table(path: Path, required: Sequence[str], conditions: Sequence[str] = 
     table = read_sheet(path, (*required, *conditions))
     for column in (*MEASURES, *_FURTHER, *({"value", "draw"} & set(conditions))):
         text = table.get(column, pandas.Series("", table.index))
-        numbers = pandas.to_numeric(text.str.lower().replace({"true": "1", "false": "0"}), errors="coerce").astype(float)
+        numbers = pandas.to_numeric(text.str.lower().replace({"true": "1", "false": "0"}), errors="coerce").astype(
+            float
+        )
         wrong = ~np.isfinite(numbers) & ((text != "") | (column in conditions)) & (column not in _FURTHER)
         if wrong.any():
-            raise CodedError("bad_study", f"{path}, line {wrong.idxmax()}: {column}: expected a number, got {text[wrong].iloc[0]!r}")
+            raise CodedError(
+                "bad_study", f"{path}, line {wrong.idxmax()}: {column}: expected a number, got {text[wrong].iloc[0]!r}"
+            )
         table[column] = numbers
     table["completed"] = table.completed.where(table.completed.isna() | (table.completed == 0), 1.0)
     return table

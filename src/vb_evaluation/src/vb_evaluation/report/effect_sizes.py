@@ -1,4 +1,5 @@
 """Computes what sections compare: differences and ratios of two methods, paired by participant."""
+
 from __future__ import annotations
 
 from typing import Any, List, Tuple
@@ -46,14 +47,40 @@ def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) ->
         samples = pairs(select(study.runs, scenario=scenario), column, study.comparison, completed)
         if len(samples[0]):
             rows.append({"scenario": study.scenario_title(scenario), **test_row(statistics.compare(*samples))})
-    columns = {"scenario": "Scenario", "n": "Pairs", "z": "Z", "p": "exact p", "r": "r", "rank_biserial": "rank-biserial",
-               "shift": f"Difference {f'[{unit}]' if unit else ''}"}
-    return [Grid(f"test_{column}", columns, rows, {"z": 3, "shift": 3}, words=(
-        "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity correction), exact "
-        "p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference."))] if rows else []
+    columns = {
+        "scenario": "Scenario",
+        "n": "Pairs",
+        "z": "Z",
+        "p": "exact p",
+        "r": "r",
+        "rank_biserial": "rank-biserial",
+        "shift": f"Difference {f'[{unit}]' if unit else ''}",
+    }
+    return (
+        [
+            Grid(
+                f"test_{column}",
+                columns,
+                rows,
+                {"z": 3, "shift": 3},
+                words=(
+                    "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity correction), "
+                    "exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference."
+                ),
+            )
+        ]
+        if rows
+        else []
+    )
 
 
 def test_row(found: statistics.PairedComparison) -> dict:
     """Writes a Wilcoxon test's cells."""
-    return {"n": found.n, "z": found.test.z, "p": statistics.format_p(found.test.p_exact), "r": found.r,
-            "rank_biserial": found.rank_biserial, "shift": found.shift}
+    return {
+        "n": found.n,
+        "z": found.test.z,
+        "p": statistics.format_p(found.test.p_exact),
+        "r": found.r,
+        "rank_biserial": found.rank_biserial,
+        "shift": found.shift,
+    }

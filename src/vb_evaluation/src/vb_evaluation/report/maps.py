@@ -1,4 +1,5 @@
 """Draws representative maps, coloured as in the paper's figure of the accuracy (Sect. 5.8.4)."""
+
 from __future__ import annotations
 
 from typing import List, Optional, Sequence, Tuple
@@ -22,7 +23,9 @@ MIN_WIDTH_PX = 640
 HOLE = np.ones((7, 7), np.uint8)  # [cells] the union's outline does not go round the feet of furniture
 
 
-def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None, start: Optional[Sequence[float]] = None) -> str:
+def picture(
+    prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None, start: Optional[Sequence[float]] = None
+) -> str:
     """Draws a ground truth, or what a person restricted against it, as a data URI.
 
     Args:
@@ -50,7 +53,9 @@ def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = Non
         tip = (start[0] + 0.55 * np.cos(start[2]), start[1] + 0.55 * np.sin(start[2]))
         ends = np.round((prior.world_to_grid(np.array([start[:2], tip])) + 0.5) * scale).astype(int)
         cv2.arrowedLine(image, *ends.tolist(), EXCESS, 2 * scale, cv2.LINE_AA, tipLength=0.4)
-    return data_uri(cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes(), "image/png")
+    return data_uri(
+        cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes(), "image/png"
+    )
 
 
 def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[str]]:
@@ -77,10 +82,16 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
                 drawn = metrics.restricted_cells(prior, read_map(study.folder / row["map"]))
                 score = metrics.jaccard(truth, drawn)
                 if abs(score - row.jaccard) > 0.0006:
-                    notes.append(f"{RUNS}, line {row.name}: the map {row['map']} gives a Jaccard index of {score:.3f}, "
-                                 f"the line says {row.jaccard:.3f}.")
-                pictures.append((picture(prior, truth, drawn),
-                                 f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}"))
+                    notes.append(
+                        f"{RUNS}, line {row.name}: the map {row['map']} gives a Jaccard index of {score:.3f}, "
+                        f"the line says {row.jaccard:.3f}."
+                    )
+                pictures.append(
+                    (
+                        picture(prior, truth, drawn),
+                        f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}",
+                    )
+                )
         except CodedError as error:
             notes.append(f"{scenario}: {error.message}.")
     return pictures, notes
@@ -89,5 +100,7 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:
     """Finds the completed run with a map whose Jaccard index is nearest to the median, by its line; None if there is none."""
     runs = select(study.runs, scenario=scenario, method=method, completed=1).dropna(subset=["jaccard"])
-    there = runs[[bool(name) and (study.folder / name).is_file() for name in runs.get("map", pandas.Series("", runs.index))]]
+    there = runs[
+        [bool(name) and (study.folder / name).is_file() for name in runs.get("map", pandas.Series("", runs.index))]
+    ]
     return there.loc[(there.jaccard - runs.jaccard.median()).abs().idxmin()] if len(there) else None

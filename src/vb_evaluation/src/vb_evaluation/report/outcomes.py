@@ -1,4 +1,5 @@
 """Writes the sections on what was measured: effects, boundary error, time, Jaccard index, completeness."""
+
 from __future__ import annotations
 
 import math
@@ -20,23 +21,43 @@ def summary(study: StudyResults) -> Section:
     both, rows = study.comparison, []
     for scenario in study.scenarios:
         here = select(study.runs, scenario=scenario)
-        rows.append({
-            "scenario": study.scenario_title(scenario), "pairs": len(pairs(here, "time_total_s", both)[0]),
-            "error": effect_sizes.shift(here, "error_mean_cm", both, True), "time": effect_sizes.shift(here, "time_total_s", both),
-            "speedup": effect_sizes.ratio(here, both), "jaccard": effect_sizes.shift(here, "jaccard", both, True),
-            "completed": effect_sizes.mean_difference(here, "completed", both).scaled(100.0)})
+        rows.append(
+            {
+                "scenario": study.scenario_title(scenario),
+                "pairs": len(pairs(here, "time_total_s", both)[0]),
+                "error": effect_sizes.shift(here, "error_mean_cm", both, True),
+                "time": effect_sizes.shift(here, "time_total_s", both),
+                "speedup": effect_sizes.ratio(here, both),
+                "jaccard": effect_sizes.shift(here, "jaccard", both, True),
+                "completed": effect_sizes.mean_difference(here, "completed", both).scaled(100.0),
+            }
+        )
     names = [paper.method_title(method).lower() for method in both]
-    grid = Grid("summary", {
-        "scenario": "Scenario", "pairs": "Pairs", "error": "Mean boundary error [cm]", "time": "Time [s]", "speedup": "Speed-up",
-        "jaccard": "Jaccard index", "completed": "Completed [points]"}, rows,
+    grid = Grid(
+        "summary",
+        {
+            "scenario": "Scenario",
+            "pairs": "Pairs",
+            "error": "Mean boundary error [cm]",
+            "time": "Time [s]",
+            "speedup": "Speed-up",
+            "jaccard": "Jaccard index",
+            "completed": "Completed [points]",
+        },
+        rows,
         {"error": 1, "time": 1, "jaccard": 3, "completed": 0},
         words=f"Differences are {names[0]} minus {names[1]}, paired by participant: Hodges-Lehmann estimate and 95 % interval "
-              "(accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. [?]: too few pairs.")
-    caveat = Text((
-        "Part of the speed-up is an input, not a result: with the robot as the only camera the spot moves at most at the "
-        "robot's 0.2 m/s (paper), with ceiling cameras at what is assumed for a hand, and the robot must first be led to the "
-        "border. The intervals say how people of these assumptions differ; they leave out that the assumptions may be wrong"
-        f"{', which the section on plausible worlds is about' if study.has_worlds else ''}.",), "caveat")
+        "(accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. [?]: too few pairs.",
+    )
+    caveat = Text(
+        (
+            "Part of the speed-up is an input, not a result: with the robot as the only camera the spot moves at most at the "
+            "robot's 0.2 m/s (paper), with ceiling cameras at what is assumed for a hand, and the robot must first be led to the "
+            "border. The intervals say how people of these assumptions differ; they leave out that the assumptions may be wrong"
+            f"{', which the section on plausible worlds is about' if study.has_worlds else ''}.",
+        ),
+        "caveat",
+    )
     return Section("summary", "Findings", [grid] if study.people else [grid, caveat])
 
 
@@ -46,19 +67,44 @@ def error(study: StudyResults) -> Section:
     for title, cells in study.cells(completed=1):
         for cell in cells:
             worst = known(cell.runs, "error_max_cm")
-            rows.append({"scenario": title, "method": cell.title, "worst": float(worst.max()) if len(worst) else math.nan,
-                         "runs": len(worst), **{column: statistics.median(known(cell.runs, column)) for column in ERRORS}})
+            rows.append(
+                {
+                    "scenario": title,
+                    "method": cell.title,
+                    "worst": float(worst.max()) if len(worst) else math.nan,
+                    "runs": len(worst),
+                    **{column: statistics.median(known(cell.runs, column)) for column in ERRORS},
+                }
+            )
         panels.append((charts.boxes(cells, "error_mean_cm", "mean boundary error [cm]"), title))
     if not any(row["runs"] for row in rows):
         return Section("error", "Boundary error", [])
-    columns = {**_WHICH, **{key: f"{ERROR_TITLES[key]} [cm]" for key in ERRORS}, "worst": "worst run's largest [cm]", "runs": "Runs"}
-    return Section("error", "Boundary error", [
-        Text(("How far the boundary that the robot respects lies from the one that was asked for, both ways, over completed runs. "
-              "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
-              "over runs with bootstrap intervals.",)),
-        Figure(panels), Grid("error", columns, rows, {key: 1 for key in (*ERRORS, "worst")}),
-        Text(("The map's cells are 2.5 cm wide, so that single distances come in steps of about one cell.",), "caveat"),
-        *effect_sizes.test_blocks(study, "error_mean_cm", "cm", True)])
+    columns = {
+        **_WHICH,
+        **{key: f"{ERROR_TITLES[key]} [cm]" for key in ERRORS},
+        "worst": "worst run's largest [cm]",
+        "runs": "Runs",
+    }
+    return Section(
+        "error",
+        "Boundary error",
+        [
+            Text(
+                (
+                    "How far the boundary that the robot respects lies from the one that was asked for, both ways, over completed runs. "
+                    "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
+                    "over runs with bootstrap intervals.",
+                )
+            ),
+            Figure(panels),
+            Grid("error", columns, rows, {key: 1 for key in (*ERRORS, "worst")}),
+            Text(
+                ("The map's cells are 2.5 cm wide, so that single distances come in steps of about one cell.",),
+                "caveat",
+            ),
+            *effect_sizes.test_blocks(study, "error_mean_cm", "cm", True),
+        ],
+    )
 
 
 def time(study: StudyResults) -> Section:
@@ -78,12 +124,27 @@ def time(study: StudyResults) -> Section:
             for cell in cells
         ]
         panels.append((charts.time_bars(cells, limit), title))
-    columns = {**_WHICH, **{state: f"{state.capitalize()} [s]" for state in STATES}, "total": "Total, mean [s]", "runs": "Runs"}
-    return Section("time", "Interaction time", [
-        Text(("From leaving the state Default to the border in the map, in the states Guide (orange), Border (blue) and Seed "
-              "(green), attempts that were cancelled included (paper, Sect. 5.5).",)),
-        Figure(panels, wide=True), Grid("time", columns, rows, {key: 1 for key in (*STATES, "total")}),
-        *effect_sizes.test_blocks(study, "time_total_s", "s", False)])
+    columns = {
+        **_WHICH,
+        **{state: f"{state.capitalize()} [s]" for state in STATES},
+        "total": "Total, mean [s]",
+        "runs": "Runs",
+    }
+    return Section(
+        "time",
+        "Interaction time",
+        [
+            Text(
+                (
+                    "From leaving the state Default to the border in the map, in the states Guide (orange), Border (blue) and Seed "
+                    "(green), attempts that were cancelled included (paper, Sect. 5.5).",
+                )
+            ),
+            Figure(panels, wide=True),
+            Grid("time", columns, rows, {key: 1 for key in (*STATES, "total")}),
+            *effect_sizes.test_blocks(study, "time_total_s", "s", False),
+        ],
+    )
 
 
 def accuracy(study: StudyResults) -> Section:
@@ -93,21 +154,42 @@ def accuracy(study: StudyResults) -> Section:
         for cell in cells:
             done = known(cell.runs, "jaccard")
             published = cell.published.jaccard[cell.method] if cell.published else math.nan
-            rows.append({"scenario": title, "method": cell.title, "runs": len(done), "median": statistics.median(done),
-                         "least": float(done.min()) if len(done) else math.nan, "paper": published})
+            rows.append(
+                {
+                    "scenario": title,
+                    "method": cell.title,
+                    "runs": len(done),
+                    "median": statistics.median(done),
+                    "least": float(done.min()) if len(done) else math.nan,
+                    "paper": published,
+                }
+            )
         panels.append((charts.boxes(cells, "jaccard", "Jaccard index", True), f"{title} (diamond: the paper's median)"))
     pictures, notes = maps.representatives(study)
     columns = {**_WHICH, "median": "Median", "least": "Smallest", "paper": "Paper", "runs": "Runs"}
     blocks: List[Any] = [
         Text(("Restricted cells against those that were asked for, over completed runs.",)),
-        Text(("The index saturates with the area's size: of the same error a large area shows little. A line across the 0.70 m "
-              "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart.",), "caveat"),
-        Figure(panels), Grid("accuracy", columns, rows, {"median": 3, "least": 3, "paper": 3}),
-        *effect_sizes.test_blocks(study, "jaccard", "", True)]
+        Text(
+            (
+                "The index saturates with the area's size: of the same error a large area shows little. A line across the 0.70 m "
+                "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart.",
+            ),
+            "caveat",
+        ),
+        Figure(panels),
+        Grid("accuracy", columns, rows, {"median": 3, "least": 3, "paper": 3}),
+        *effect_sizes.test_blocks(study, "jaccard", "", True),
+    ]
     if pictures:
-        blocks += [Text(("Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
-                         "(green), restricted beyond the ground truth (red), union (blue outline).",)),
-                   Figure(pictures)]
+        blocks += [
+            Text(
+                (
+                    "Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
+                    "(green), restricted beyond the ground truth (red), union (blue outline).",
+                )
+            ),
+            Figure(pictures),
+        ]
     return Section("accuracy", "Jaccard index", [*blocks, Text(tuple(notes), "list")] if notes else blocks)
 
 
@@ -121,14 +203,36 @@ def completeness(study: StudyResults) -> Section:
             done = known(cell.runs, "completed")
             share = statistics.proportion(int(done.sum()), len(done)).scaled(100.0)
             published = cell.published.completeness if cell.published else math.nan
-            rows.append({"scenario": title, "method": cell.title, "completed": f"{int(done.sum())} of {len(done)}",
-                         "share": share, "paper": 100 * published})
+            rows.append(
+                {
+                    "scenario": title,
+                    "method": cell.title,
+                    "completed": f"{int(done.sum())} of {len(done)}",
+                    "share": share,
+                    "paper": 100 * published,
+                }
+            )
             bars.append((cell, share))
         groups.append((title, bars))
-    caveat = Text(("How often simulated people err (wrong side, slips, wrong words) is assumed, so that the level is an input; only the "
-                   "difference between the methods is a result.",), "caveat")
+    caveat = Text(
+        (
+            "How often simulated people err (wrong side, slips, wrong words) is assumed, so that the level is an input; only the "
+            "difference between the methods is a result.",
+        ),
+        "caveat",
+    )
     columns = {**_WHICH, "completed": "Completed", "share": "Share [%]", "paper": "Paper [%]"}
-    return Section("completeness", "Completeness", [
-        Text(("Runs that ended with a saved border and a seed on the side that was asked for; Wilson's 95 % intervals.",)),
-        *([] if study.people else [caveat]), Figure([(charts.rates(groups), "Completed runs")], wide=True),
-        Grid("completeness", columns, rows, {"share": 0, "paper": 1})])
+    return Section(
+        "completeness",
+        "Completeness",
+        [
+            Text(
+                (
+                    "Runs that ended with a saved border and a seed on the side that was asked for; Wilson's 95 % intervals.",
+                )
+            ),
+            *([] if study.people else [caveat]),
+            Figure([(charts.rates(groups), "Completed runs")], wide=True),
+            Grid("completeness", columns, rows, {"share": 0, "paper": 1}),
+        ],
+    )

@@ -1,9 +1,10 @@
 """Writes the report: one page without external resources, and each of its tables as CSV.
 
-Sections are in the order of importance: how far the border is from where it was wanted, then time, then the paper's Jaccard
-index; every figure comes with what limits it. For simulated people, effects have intervals and no p: their number is free, so
-that any effect can be made significant. For real people, the paper's tests are reported too.
+Sections are in the order of importance: how far the border is from where it was wanted, then time, then the paper's
+Jaccard index; every figure comes with what limits it. For simulated people, effects have intervals and no p: their
+number is free, so that any effect can be made significant. For real people, the paper's tests are reported too.
 """
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -19,9 +20,20 @@ from vb_evaluation.report.data import StudyResults, read_study, write_table
 
 PAGE, TABLES = "report.html", "tables"
 SECTIONS = (
-    outcomes.summary, outcomes.error, outcomes.time, outcomes.accuracy, outcomes.completeness,
-    paper_comparison.compare_with_paper, sensitivity.plausible, sensitivity.curves, sensitivity.ungated,
-    background.order, background.participants_section, background.assumptions, background.runs)
+    outcomes.summary,
+    outcomes.error,
+    outcomes.time,
+    outcomes.accuracy,
+    outcomes.completeness,
+    paper_comparison.compare_with_paper,
+    sensitivity.plausible,
+    sensitivity.curves,
+    sensitivity.ungated,
+    background.order,
+    background.participants_section,
+    background.assumptions,
+    background.runs,
+)
 _SIZES = {
     "quick": "A quick run, to see that all works: one person, so that there are no intervals.",
     "default": "The default size: `make study SIZE=full` also says which assumption decides, has curves, and takes some hours.",
@@ -40,10 +52,14 @@ def write_report(folder: Path) -> Path:
     study, here = read_study(folder), Path(__file__).parent
     sections = [section for section in (make(study) for make in SECTIONS) if section.blocks]
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(str(here)), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+        loader=jinja2.FileSystemLoader(str(here)), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
+    )
     text = environment.get_template("page.html.j2").render(
         title=f"Drawing virtual borders: the study with {'people' if study.people else 'simulated people'}",
-        notices=notices(study), sections=sections, css=Markup((here / "page.css").read_text(encoding="utf-8")))
+        notices=notices(study),
+        sections=sections,
+        css=Markup((here / "page.css").read_text(encoding="utf-8")),
+    )
     try:
         (study.folder / PAGE).write_text(text, encoding="utf-8")
         (study.folder / TABLES).mkdir(exist_ok=True)
@@ -59,17 +75,26 @@ def write_report(folder: Path) -> Path:
 def notices(study: StudyResults) -> List[str]:
     """Says what readers must know before any figure."""
     count = study.runs.participant.nunique()
-    found = [f"{count} people, {len(study.runs)} runs." if study.people else (
-        f"This is a simulation: {count} simulated people, {len(study.runs)} runs. No person took part. The figures follow "
-        "from the assumptions that are listed below; they predict nothing about people, and user experience is not examined.")]
+    found = [
+        f"{count} people, {len(study.runs)} runs."
+        if study.people
+        else (
+            f"This is a simulation: {count} simulated people, {len(study.runs)} runs. No person took part. The figures follow "
+            "from the assumptions that are listed below; they predict nothing about people, and user experience is not examined."
+        )
+    ]
     made = [f"{name} {study.meta[name]}" for name in ("revision", "command", "machine", "date") if study.meta.get(name)]
     if made:
         found.append("Made by: " + "; ".join(made))
     if study.meta.get("deviating"):
-        found.append(f"{study.meta['deviating']} runs were not done in the planned condition and are left out; runs.csv has them.")
+        found.append(
+            f"{study.meta['deviating']} runs were not done in the planned condition and are left out; runs.csv has them."
+        )
     if study.meta.get("size") in _SIZES:
         found.append(_SIZES[study.meta["size"]])
     if study.missing:
-        found.append(f"Missing runs ({len(study.missing)}): {'; '.join(study.missing[:12])}. Means take the runs that are there, "
-                     "differences the participants who have both.")
+        found.append(
+            f"Missing runs ({len(study.missing)}): {'; '.join(study.missing[:12])}. Means take the runs that are there, "
+            "differences the participants who have both."
+        )
     return found

@@ -1,4 +1,5 @@
 """What the paper measured with 15 people (Sect. 5.8), for its three scenarios. "nrs" against "robot_only"."""
+
 from __future__ import annotations
 
 from typing import Dict, Mapping, NamedTuple, Optional

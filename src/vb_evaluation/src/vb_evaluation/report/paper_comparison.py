@@ -1,4 +1,5 @@
 """Writes the section that puts each figure of the paper beside ours, in both directions."""
+
 from __future__ import annotations
 
 import math
@@ -12,17 +13,31 @@ from vb_evaluation.report.paper import PAPER
 from vb_evaluation.statistics import Interval
 
 
-
 _WHY = {
-    ("speed-up", "above"): "The paper's people lost time with both methods alike (thinking, looking, talking), which makes a ratio "
-                           "smaller; here only the assumed reactions, looks and words cost time.",
-    ("speed-up", "below"): "The paper gives no times by method, so it is not known which state makes the difference; the hand's and "
-                           "the robot's speed are inputs here.",
-    ("Jaccard", "above"): "The simulated lab or its people are too optimistic here: tape, aim, localisation and calibration errors "
-                          "are assumed, the paper's truth was drawn by hand over a laser map, and extraction is this project's.",
-    ("Jaccard", "below"): "The people here mean, aim or close the line worse than the paper's did, or the map's errors are larger.",
+    (
+        "speed-up",
+        "above",
+    ): "The paper's people lost time with both methods alike (thinking, looking, talking), which makes a ratio "
+    "smaller; here only the assumed reactions, looks and words cost time.",
+    (
+        "speed-up",
+        "below",
+    ): "The paper gives no times by method, so it is not known which state makes the difference; the hand's and "
+    "the robot's speed are inputs here.",
+    (
+        "Jaccard",
+        "above",
+    ): "The simulated lab or its people are too optimistic here: tape, aim, localisation and calibration errors "
+    "are assumed, the paper's truth was drawn by hand over a laser map, and extraction is this project's.",
+    (
+        "Jaccard",
+        "below",
+    ): "The people here mean, aim or close the line worse than the paper's did, or the map's errors are larger.",
     ("completed", "above"): "The share of mistakes is assumed.",
-    ("completed", "below"): "The share of mistakes is assumed, and a person here gives up after a fixed number of tries.",
+    (
+        "completed",
+        "below",
+    ): "The share of mistakes is assumed, and a person here gives up after a fixed number of tries.",
     ("Border", "above"): "The border is drawn at assumed speeds.",
     ("Border", "below"): "The border is drawn at assumed speeds.",
 }
@@ -43,12 +58,28 @@ def compare_with_paper(study: StudyResults) -> Section:
             rows.append(_compare(study, scenario, "Border state shorter by [s]", published.border_gain_s, gain, 1))
         for method in methods:
             done = known(select(here, method=method, completed=1), "jaccard")
-            rows.append(_compare(study, scenario, f"Jaccard index, {paper.method_title(method).lower()}", published.jaccard[method],
-                                statistics.median(done), 3))
+            rows.append(
+                _compare(
+                    study,
+                    scenario,
+                    f"Jaccard index, {paper.method_title(method).lower()}",
+                    published.jaccard[method],
+                    statistics.median(done),
+                    3,
+                )
+            )
             if scenario == "corner" and here.jaccard_enclosed.notna().any():
                 inside = known(select(here, method=method, completed=1), "jaccard_enclosed")
-                rows.append(_compare(study, scenario, f"Jaccard index of the area drawn round, {paper.method_title(method).lower()}",
-                                    published.jaccard[method], statistics.median(inside), 3))
+                rows.append(
+                    _compare(
+                        study,
+                        scenario,
+                        f"Jaccard index of the area drawn round, {paper.method_title(method).lower()}",
+                        published.jaccard[method],
+                        statistics.median(inside),
+                        3,
+                    )
+                )
             flags = known(select(here, method=method), "completed")
             share = statistics.proportion(int(flags.sum()), len(flags)).scaled(100.0)
             name = f"completed [%], {paper.method_title(method).lower()}"
@@ -56,8 +87,19 @@ def compare_with_paper(study: StudyResults) -> Section:
     if not rows:
         return Section("paper", "Beside the paper", [])
     counts = {word: sum(row["reading"].startswith(word) for row in rows) for word in ("same", "better", "worse")}
-    grid = Grid("beside_the_paper", {"scenario": "Scenario", "quantity": "Quantity", "paper": "Paper", "here": "Here [95 %]",
-                                     "difference": "Here minus paper", "reading": "Reading", "why": "Why, as far as known"}, rows)
+    grid = Grid(
+        "beside_the_paper",
+        {
+            "scenario": "Scenario",
+            "quantity": "Quantity",
+            "paper": "Paper",
+            "here": "Here [95 %]",
+            "difference": "Here minus paper",
+            "reading": "Reading",
+            "why": "Why, as far as known",
+        },
+        rows,
+    )
     return Section(
         "paper",
         "Beside the paper",
@@ -93,7 +135,9 @@ def compare_with_paper(study: StudyResults) -> Section:
     )
 
 
-def _compare(study: StudyResults, scenario: str, quantity: str, published: float, ours: Interval, digits: int) -> Dict[str, Any]:
+def _compare(
+    study: StudyResults, scenario: str, quantity: str, published: float, ours: Interval, digits: int
+) -> Dict[str, Any]:
     low, high = (ours.estimate if math.isnan(limit) else limit for limit in (ours.low, ours.high))
     tolerance = 0.5 * 10.0 ** -(3 if digits == 3 else 1)  # the paper's figures are rounded
     above = ours.estimate > published

@@ -1,12 +1,13 @@
 """The paper's questionnaire (Sect. 5.5 and 5.8.2), and the UEQ-S beside it; one CSV file.
 
 One line per participant; the columns are `participant`, for each statement and method `s1_nrs` ... `s5_robot_only`
-with whole numbers from 1 to 5, `helped` with yes or no, and, if the UEQ-S was asked, `u1_nrs` ... `u8_robot_only` with the
-box that was ticked, 1 to 7 from left to right. An empty cell is a missing answer.
+with whole numbers from 1 to 5, `helped` with yes or no, and, if the UEQ-S was asked, `u1_nrs` ... `u8_robot_only` with
+the box that was ticked, 1 to 7 from left to right. An empty cell is a missing answer.
 
 UEQ-S: Schrepp, Hinderks, Thomaschewski, "Design and Evaluation of a Short Version of the User Experience Questionnaire
 (UEQ-S)", IJIMAI 4(6), 2017: items 1 to 4 pragmatic, 5 to 8 hedonic quality, each the mean of items scaled to -3 .. 3.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -28,9 +29,21 @@ STATEMENTS = (
     ("I liked the feedback of the system", "1 = bad/no feedback, 5 = good feedback"),
 )
 # (left, right) end, in the published order; 1 is the left box
-UEQ_S = (("obstructive", "supportive"), ("complicated", "easy"), ("inefficient", "efficient"), ("confusing", "clear"),
-         ("boring", "exciting"), ("not interesting", "interesting"), ("conventional", "inventive"), ("usual", "leading edge"))
-UEQ_SCALES = (("UEQ-S, pragmatic quality", range(1, 5)), ("UEQ-S, hedonic quality", range(5, 9)), ("UEQ-S, overall", range(1, 9)))
+UEQ_S = (
+    ("obstructive", "supportive"),
+    ("complicated", "easy"),
+    ("inefficient", "efficient"),
+    ("confusing", "clear"),
+    ("boring", "exciting"),
+    ("not interesting", "interesting"),
+    ("conventional", "inventive"),
+    ("usual", "leading edge"),
+)
+UEQ_SCALES = (
+    ("UEQ-S, pragmatic quality", range(1, 5)),
+    ("UEQ-S, hedonic quality", range(5, 9)),
+    ("UEQ-S, overall", range(1, 9)),
+)
 QUESTION = "Did the smart environment support the interaction process?"
 METHODS = ("nrs", "robot_only")
 
@@ -69,7 +82,11 @@ def ueq_columns() -> List[str]:
 
 def columns() -> List[str]:
     """Lists the columns that the CSV file must have."""
-    return ["participant", *(f"s{number}_{method}" for number in range(1, len(STATEMENTS) + 1) for method in METHODS), "helped"]
+    return [
+        "participant",
+        *(f"s{number}_{method}" for number in range(1, len(STATEMENTS) + 1) for method in METHODS),
+        "helped",
+    ]
 
 
 def read(path: Path) -> Questionnaire:
@@ -80,12 +97,16 @@ def read(path: Path) -> Questionnaire:
     """
     sheet = read_sheet(path, columns(), "bad_questionnaire")
     for line, name in sheet.participant[sheet.participant.duplicated() | (sheet.participant == "")].items():
-        raise CodedError("bad_questionnaire", f"{path}, line {line}: participant: expected a name that no other line has, got '{name}'")
+        raise CodedError(
+            "bad_questionnaire",
+            f"{path}, line {line}: participant: expected a name that no other line has, got '{name}'",
+        )
     if not len(sheet):
         raise CodedError("bad_questionnaire", f"{path}: nobody has answered yet")
     number = {
         column: [
-            _answer(text, f"{path}, line {line}: {column}", most) for line, text in sheet.get(column, pandas.Series(dtype=str)).items()
+            _answer(text, f"{path}, line {line}: {column}", most)
+            for line, text in sheet.get(column, pandas.Series(dtype=str)).items()
         ]
         for most, names in ((5, columns()[1:-1]), (7, ueq_columns()))
         for column in names
@@ -94,11 +115,17 @@ def read(path: Path) -> Questionnaire:
     parts += [(words, [f"u{number}" for number in items], 4.0) for words, items in UEQ_SCALES]
     answers = []
     for words, items, middle in parts:
-        pairs = np.array([np.mean([number[f"{item}_{method}"] for item in items], axis=0) - middle for method in METHODS])
+        pairs = np.array(
+            [np.mean([number[f"{item}_{method}"] for item in items], axis=0) - middle for method in METHODS]
+        )
         pairs = pairs[:, np.isfinite(pairs).all(axis=0)]
         if pairs.shape[1] or not middle:
             answers.append(Answers(words, *pairs))
-    said = [yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire") for line, text in sheet.helped.items() if text]
+    said = [
+        yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire")
+        for line, text in sheet.helped.items()
+        if text
+    ]
     return Questionnaire(tuple(answers), sum(said), len(said))
 
 

@@ -1,8 +1,9 @@
 """The simulated study: python3 -m vb_evaluation.study COMMAND
 
-    all     every run that has not been done yet; make study does this
-    run     one run alone: the row that it has in its file
+all     every run that has not been done yet; make study does this
+run     one run alone: the row that it has in its file
 """
+
 from __future__ import annotations
 
 import argparse
@@ -22,8 +23,10 @@ from vb_evaluation.report.data import CURVES, RUNS, UNGATED, WORLDS
 from vb_evaluation.study import campaign, config, plan
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-RERUN = ("python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} --seed {seed}; "
-         "for curves.csv with --sweep {sweep} --value {value}, for worlds.csv with --draw {draw}")
+RERUN = (
+    "python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} --seed {seed}; "
+    "for curves.csv with --sweep {sweep} --value {value}, for worlds.csv with --draw {draw}"
+)
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -41,7 +44,8 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="vb_evaluation.study", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+        prog="vb_evaluation.study", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     commands = parser.add_subparsers(dest="name", required=True)
 
     def command(name: str, function, words: str) -> argparse.ArgumentParser:
@@ -54,8 +58,12 @@ def _parser() -> argparse.ArgumentParser:
     out = repository_top() / "out" / "study"
     every = command("all", _all, "every run that has not been done yet")
     every.add_argument("--out", type=Path, default=out)
-    every.add_argument("--size", choices=plan.SIZES, default="default", help="quick: one person; full: curves, and all worlds")
-    every.add_argument("--only", choices=[Path(file).stem for file in (RUNS, CURVES, WORLDS, UNGATED)], help="one part alone")
+    every.add_argument(
+        "--size", choices=plan.SIZES, default="default", help="quick: one person; full: curves, and all worlds"
+    )
+    every.add_argument(
+        "--only", choices=[Path(file).stem for file in (RUNS, CURVES, WORLDS, UNGATED)], help="one part alone"
+    )
     every.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     every.add_argument("--scheduler", default="", help="address of a Dask scheduler, for instance tcp://10.0.0.1:8786")
     every.add_argument("--fresh", action="store_true", help="throws away what is in the folder")
@@ -85,9 +93,15 @@ def _all(given: argparse.Namespace, console: Console) -> int:
     jobs = plan.jobs(study, given.size, f"{given.only}.csv" if given.only else None)
     counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, UNGATED, WORLDS, CURVES)}
     console.print(", ".join(f"{count} runs for {file}" for file, count in counts.items()))
-    facts = {**campaign.made_by(), "date": datetime.date.today().isoformat(), "size": given.size,
-             "rerun": RERUN + (f" --config {given.config}" if given.config else "")}
-    failed = campaign.conduct(study, jobs, given.out, max(1, given.processes), given.fresh, facts, console, given.scheduler)
+    facts = {
+        **campaign.made_by(),
+        "date": datetime.date.today().isoformat(),
+        "size": given.size,
+        "rerun": RERUN + (f" --config {given.config}" if given.config else ""),
+    }
+    failed = campaign.conduct(
+        study, jobs, given.out, max(1, given.processes), given.fresh, facts, console, given.scheduler
+    )
     console.print(f"written to {given.out}")
     return 1 if failed else 0
 
@@ -99,8 +113,15 @@ def _run(given: argparse.Namespace, console: Console) -> int:
         among = plan.world_jobs(study)
     elif given.sweep:
         among = plan.curve_jobs(study, given.sweep)
-    job = plan.find(among, participant=given.participant, scenario=given.scenario, method=given.method, sweep=given.sweep,
-                    value=given.value, draw=given.draw)
+    job = plan.find(
+        among,
+        participant=given.participant,
+        scenario=given.scenario,
+        method=given.method,
+        sweep=given.sweep,
+        value=given.value,
+        draw=given.draw,
+    )
     row, _ = campaign.row_of(study, job)
     writer = csv.DictWriter(sys.stdout, campaign.columns(job.file), lineterminator="\n")
     writer.writeheader()
@@ -109,7 +130,9 @@ def _run(given: argparse.Namespace, console: Console) -> int:
         return 0
     key = job.columns(study.design.seed)
     with open(str(given.compare), newline="", encoding="utf-8") as stream:
-        found = [line for line in csv.DictReader(stream) if all(line[name] == str(value) for name, value in key.items())]
+        found = [
+            line for line in csv.DictReader(stream) if all(line[name] == str(value) for name, value in key.items())
+        ]
     differing = [name for name, value in row.items() if not found or found[0][name] != str(value)]
     console.print(f"the row in {given.compare} differs: {', '.join(differing)}" if differing else "the row is the same")
     return 1 if differing else 0

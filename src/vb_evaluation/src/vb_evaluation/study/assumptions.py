@@ -1,4 +1,5 @@
 """What the simulation assumes, read as data (config/assumptions.yaml), and worlds in which all of it varies at once."""
+
 from __future__ import annotations
 
 import math
@@ -54,7 +55,16 @@ def table(study: Study) -> List[Dict[str, str]]:
         value = _get(study, key)
         if value is not None:
             words = f"× {entry.range[0]:g} to {entry.range[1]:g}" if entry.range else ""
-            rows.append({"key": key, "value": str(value), "unit": entry.unit, "range": words, "source": entry.source, "why": entry.why})
+            rows.append(
+                {
+                    "key": key,
+                    "value": str(value),
+                    "unit": entry.unit,
+                    "range": words,
+                    "source": entry.source,
+                    "why": entry.why,
+                }
+            )
     return rows
 
 
@@ -68,8 +78,13 @@ def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
 
     found = varied(study)
     unit = qmc.LatinHypercube(len(found), seed=seed).random(count)
-    return [{key: round(math.exp(math.log(entry.range[0]) + share * math.log(entry.range[1] / entry.range[0])), 6)
-             for share, (key, entry) in zip(row, found.items())} for row in unit]
+    return [
+        {
+            key: round(math.exp(math.log(entry.range[0]) + share * math.log(entry.range[1] / entry.range[0])), 6)
+            for share, (key, entry) in zip(row, found.items())
+        }
+        for row in unit
+    ]
 
 
 def changes(study: Study, factors: Mapping[str, float]) -> Dict[str, Any]:

@@ -1,9 +1,10 @@
 """Carries out the runs of a study, on this computer or on a cluster, and can be interrupted at any time.
 
-Every run is a function of its job alone: it is computed by one worker, which gets the configuration with it and returns the
-row and the map. So neither the number of workers nor their order nor an interruption changes a row, and workers need
-no shared disk. joblib distributes the jobs, to processes or to the workers of a Dask scheduler.
+Every run is a function of its job alone: it is computed by one worker, which gets the configuration with it and returns
+the row and the map. So neither the number of workers nor their order nor an interruption changes a row, and workers
+need no shared disk. joblib distributes the jobs, to processes or to the workers of a Dask scheduler.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -20,8 +21,15 @@ from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Seque
 import joblib
 import numpy as np
 from rich.console import Console
-from rich.progress import (BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn,
-                           TimeRemainingColumn)
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap
@@ -36,7 +44,16 @@ from vb_evaluation.study.store import RowFile, open_folder
 from vb_sim.room import floor_plan
 
 # what a run's result depends on
-PACKAGES = ("vb_core", "vb_laser_detect", "vb_fusion", "vb_map_integration", "vb_msgs", "vb_robot", "vb_voice_wizard", "vb_sim")
+PACKAGES = (
+    "vb_core",
+    "vb_laser_detect",
+    "vb_fusion",
+    "vb_map_integration",
+    "vb_msgs",
+    "vb_robot",
+    "vb_voice_wizard",
+    "vb_sim",
+)
 CAVEATS = (
     "Simulated people know the system and its commands from the first run; they neither learn nor tire.",
     "How unevenly people draw is taken from strokes that people drew freely on screens. Nobody has measured it with a laser pointer "
@@ -89,8 +106,17 @@ def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
     return row, result.posterior
 
 
-def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1, fresh: bool = False, facts: Optional[
-        Mapping[str, Any]] = None, console: Optional[Console] = None, scheduler: str = "", work: Optional[Work] = None) -> int:
+def conduct(
+    study: Study,
+    jobs: Sequence[Job],
+    folder: Path,
+    processes: int = 1,
+    fresh: bool = False,
+    facts: Optional[Mapping[str, Any]] = None,
+    console: Optional[Console] = None,
+    scheduler: str = "",
+    work: Optional[Work] = None,
+) -> int:
     """Carries out the remaining runs; returns how many failed because of a fault in the program.
 
     Args:
@@ -109,15 +135,20 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1,
     write_truths(study, folder / "maps" / "physical", folder / "maps" / "truth_{}")
     if any(job.file == WORLDS for job in jobs):
         drawn = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
-        write_table(folder / DRAWS, ["draw", *drawn[0]], [{"draw": draw, **factors} for draw, factors in enumerate(drawn, 1)])
-    files = {file: RowFile(folder / file, columns(file), (*CONDITIONS[file], *KEY)) for file in dict.fromkeys(job.file for job in jobs)}
+        write_table(
+            folder / DRAWS, ["draw", *drawn[0]], [{"draw": draw, **factors} for draw, factors in enumerate(drawn, 1)]
+        )
+    files = {
+        file: RowFile(folder / file, columns(file), (*CONDITIONS[file], *KEY))
+        for file in dict.fromkeys(job.file for job in jobs)
+    }
     names = [(job.file, files[job.file].name_of(job.columns(study.design.seed))) for job in jobs]
     waiting = [job for job, (file, name) in zip(jobs, names) if name not in files[file].rows]
     if len(waiting) < len(jobs):
         console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
     failed = 0
-    # the few longest first, as others would wait for one that came last; then the study itself, person by person, so that
-    # what an interrupted study has is balanced
+    # the few longest first, as others would wait for one that came last; then the study itself, person by person, so
+    # that what an interrupted study has is balanced
     waiting.sort(key=lambda job: (not job.thorough, job.file != RUNS, job.file))
     # where a curve changes nothing, its run is one of the study itself
     alike: Dict[str, List[Job]] = {}
@@ -140,7 +171,9 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1,
         # what is on the disk: an interruption may come while a row is written
         there = {file: RowFile(rows.path, rows.columns, rows.key).rows for file, rows in files.items()}
         done = sum(name in there[file] for file, name in names)
-        console.print(f"interrupted: {done} of {len(jobs)} runs are done and kept in {folder}; the same command goes on from there")
+        console.print(
+            f"interrupted: {done} of {len(jobs)} runs are done and kept in {folder}; the same command goes on from there"
+        )
         raise
     for file, rows in files.items():
         rows.write([name for belongs, name in names if belongs == file])
@@ -155,6 +188,7 @@ def _carry_out(study: Study, jobs: Sequence[Job], processes: int, scheduler: str
         if scheduler:
             try:
                 from distributed import Client
+
                 stack.enter_context(Client(scheduler, timeout="20s"))
             except (ImportError, OSError, ValueError) as error:
                 raise CodedError("no_scheduler", f"there is no Dask scheduler at {scheduler}: {error}") from None
@@ -174,8 +208,16 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
 
 def _progress(console: Console) -> Progress:
     return Progress(
-        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs, for"),
-        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(elapsed_when_finished=False), console=console)
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("runs, for"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(elapsed_when_finished=False),
+        console=console,
+    )
 
 
 # ---------------------------------------------------------------- metadata of the runs
@@ -184,9 +226,19 @@ def configuration(study: Study) -> str:
 
     How many participants there are, and which curves, is left out: rows of some are rows of all.
     """
-    parts = [study.hash, *(_fingerprint(folder) for folder in (
-        *(f"src/{package}" for package in PACKAGES), "src/vb_evaluation/src/vb_evaluation/study",
-        "src/vb_evaluation/src/vb_evaluation/virtual_ros", "launch", "robots"))]
+    parts = [
+        study.hash,
+        *(
+            _fingerprint(folder)
+            for folder in (
+                *(f"src/{package}" for package in PACKAGES),
+                "src/vb_evaluation/src/vb_evaluation/study",
+                "src/vb_evaluation/src/vb_evaluation/virtual_ros",
+                "launch",
+                "robots",
+            )
+        ),
+    ]
     return hashlib.sha256("".join(parts).encode()).hexdigest()[:12]
 
 
@@ -214,8 +266,11 @@ def about(study: Study) -> Dict[str, Any]:
 
 def made_by() -> Dict[str, str]:
     """Returns revision, command and machine, for study.json."""
-    return {"revision": revision(), "command": " ".join(["python3 -m vb_evaluation.study", *sys.argv[1:]]),
-            "machine": f"{os.cpu_count()} processors, {platform.machine()}, Python {platform.python_version()}"}
+    return {
+        "revision": revision(),
+        "command": " ".join(["python3 -m vb_evaluation.study", *sys.argv[1:]]),
+        "machine": f"{os.cpu_count()} processors, {platform.machine()}, Python {platform.python_version()}",
+    }
 
 
 def write_truths(study: Study, physical: Path, truth: Path) -> None:

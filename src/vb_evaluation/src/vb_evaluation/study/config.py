@@ -1,4 +1,5 @@
 """Reads and checks a study's configuration, one YAML file."""
+
 from __future__ import annotations
 
 import copy
@@ -164,8 +165,13 @@ def study_of(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
         if key not in METHODS:
             raise ParameterError("design/methods", f"'{key}' is unknown; known are {', '.join(METHODS)}")
     study = Study(
-        document, sources, design, Timing.from_mapping(document.get("timing"), "timing"), world,
-        {name: read_section(sources["models"], name, cls) for name, cls in MODELS.items()}, read_camera_models(sources["models"]),
+        document,
+        sources,
+        design,
+        Timing.from_mapping(document.get("timing"), "timing"),
+        world,
+        {name: read_section(sources["models"], name, cls) for name, cls in MODELS.items()},
+        read_camera_models(sources["models"]),
     )
     study.traits(1)  # a mistake in a distribution is found now, not in the tenth run
     study.marks("")

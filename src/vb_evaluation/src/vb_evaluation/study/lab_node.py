@@ -1,4 +1,5 @@
 """The simulated lab's nodes as a run starts them: with its own person, world and models, and with fewer images."""
+
 from __future__ import annotations
 
 import zlib
@@ -75,8 +76,8 @@ def frame_generator(seed: int, camera: str, stamp: float) -> np.random.Generator
 class StudyCeilingCameras(CeilingCamerasNode):
     """Ceiling cameras that skip images in which no spot can be.
 
-    An image without spot and without people or robots is skipped; one with them is sent every `idle_every`-th time only,
-    as the detector updates its background with it.
+    An image without spot and without people or robots is skipped; one with them is sent every `idle_every`-th time
+    only, as the detector updates its background with it.
 
     Args:
         idle_every: 1 sends every image.
@@ -86,7 +87,13 @@ class StudyCeilingCameras(CeilingCamerasNode):
     """
 
     def __init__(
-        self, world: World, models: CameraModels, cameras: List[CeilingCamera], seed: int, cache: RenderCache, idle_every: int
+        self,
+        world: World,
+        models: CameraModels,
+        cameras: List[CeilingCamera],
+        seed: int,
+        cache: RenderCache,
+        idle_every: int,
     ) -> None:
         self._seed, self._idle_every = seed, idle_every
         self._idle = [0] * len(cameras)
@@ -95,14 +102,17 @@ class StudyCeilingCameras(CeilingCamerasNode):
         views = [cache.ceiling_view(camera) for camera in cameras]
         self.too_bright = any(
             saturated_share(view.frame(Snapshot(0.0), frame_generator(seed, camera.name, 0.0))) > TOO_BRIGHT
-            for camera, view in zip(cameras, views))
+            for camera, view in zip(cameras, views)
+        )
         super().__init__(world, models, cameras, seed, views)
 
     def _image(self, index: int, snapshot: Snapshot) -> Optional[np.ndarray]:
         if not self._is_relevant(index, snapshot):
             self.left_out += 1
             return None
-        return self._views[index].frame(snapshot, frame_generator(self._seed, self._cameras[index].name, snapshot.stamp))
+        return self._views[index].frame(
+            snapshot, frame_generator(self._seed, self._cameras[index].name, snapshot.stamp)
+        )
 
     def _is_relevant(self, index: int, snapshot: Snapshot) -> bool:
         if self._idle_every == 1:
@@ -143,7 +153,14 @@ class StudyRobotCamera(RobotCameraNode):
     """
 
     def __init__(
-        self, world: World, models: CameraModels, robot: Robot, seed: int, tf_prefix: str, cache: RenderCache, whole: bool
+        self,
+        world: World,
+        models: CameraModels,
+        robot: Robot,
+        seed: int,
+        tf_prefix: str,
+        cache: RenderCache,
+        whole: bool,
     ) -> None:
         self._seed, self._whole, self._idle = seed, whole, 0
         self.left_out = 0

@@ -1,4 +1,5 @@
 """Who takes part: what differs between people, drawn from the distributions of the configuration."""
+
 from __future__ import annotations
 
 import math
@@ -61,7 +62,9 @@ def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
     except ParameterError:
         raise
     except (TypeError, ValueError, KeyError, AttributeError):
-        raise ParameterError(key, f"expected a number, or one of mixture, scaled, {', '.join(_KINDS)}, got {spec!r}") from None
+        raise ParameterError(
+            key, f"expected a number, or one of mixture, scaled, {', '.join(_KINDS)}, got {spec!r}"
+        ) from None
     return min(max(value, low), high)
 
 
@@ -79,8 +82,8 @@ class Population:
     """Draws participants: each trait from its own distribution.
 
     Args:
-        settings: the section `participants` of the configuration. `traits` and `body`: a key of that section of vb_sim's
-            models.yaml to its distribution; `stand_offset`, `margin`: distributions [m].
+        settings: the section `participants` of the configuration. `traits` and `body`: a key of that section of
+            vb_sim's models.yaml to its distribution; `stand_offset`, `margin`: distributions [m].
         model: what all participants have in common.
 
     Raises:
@@ -100,7 +103,9 @@ class Population:
 
     def draw(self, streams: Streams) -> Traits:
         """Draws a participant; the same for the same streams."""
-        values: Dict[str, Any] = {key: draw(f"participants/traits/{key}", spec, streams(key)) for key, spec in self._traits.items()}
+        values: Dict[str, Any] = {
+            key: draw(f"participants/traits/{key}", spec, streams(key)) for key, spec in self._traits.items()
+        }
         for key in ("drawing_speed", "tremor_band"):
             # models.yaml gives these as ranges; a person has one speed
             if key in values:
@@ -109,8 +114,12 @@ class Population:
         body = {key: draw(f"participants/body/{key}", spec, streams(f"body {key}")) for key, spec in self._body.items()}
         stand = streams("stand")
         offset = tuple(self._length("stand_offset", stand) for _ in range(2))
-        return Traits(ParticipantModel(**_possible(ParticipantModel, mapping)), Build(**_possible(Build, body)), offset,
-                      self._length("margin", streams("margin")))
+        return Traits(
+            ParticipantModel(**_possible(ParticipantModel, mapping)),
+            Build(**_possible(Build, body)),
+            offset,
+            self._length("margin", streams("margin")),
+        )
 
     def _length(self, key: str, rng: np.random.Generator) -> float:
         return draw(f"participants/{key}", self._settings.get(key, 0.0), rng)

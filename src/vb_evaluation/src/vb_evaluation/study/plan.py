@@ -1,4 +1,5 @@
 """Plans the runs of a study: its own, the curves, plausible worlds, and some with every image searched."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
@@ -54,13 +55,16 @@ def jobs(study: Study, size: str, only: Optional[str] = None) -> List[Job]:
     """Lists all runs of a study; those of a size are among those of the next one.
 
     Args:
-        size: "quick" shows that all works; "default" answers the paper's questions with intervals; "full" also says which
-            assumption decides, and has the curves.
+        size: "quick" shows that all works; "default" answers the paper's questions with intervals; "full" also says
+            which assumption decides, and has the curves.
         only: the name of one file.
     """
     design = study.design
-    participants, worlds = {"quick": (design.quick_participants, 0), "default": (design.participants, design.usual_worlds),
-                            "full": (design.full_participants, design.worlds)}[size]
+    participants, worlds = {
+        "quick": (design.quick_participants, 0),
+        "default": (design.participants, design.usual_worlds),
+        "full": (design.full_participants, design.worlds),
+    }[size]
     main = main_jobs(study, participants)
     found = main + ungated_jobs(study, main) + world_jobs(study, worlds) + (curve_jobs(study) if size == "full" else [])
     return [job for job in found if only in (None, job.file)]
@@ -73,7 +77,8 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
         Job(RunTask(participant, scenario, method), order=place)
         for participant in range(1, participants + 1)
         for place, (scenario, method) in enumerate(
-            order_of_runs(participant, design.scenarios, design.methods, design.seed), 1)
+            order_of_runs(participant, design.scenarios, design.methods, design.seed), 1
+        )
     ]
 
 
@@ -96,8 +101,15 @@ def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
     """Lists both methods in each of the first worlds, each world with another person and one scenario in turn."""
     scenarios = study.design.scenarios
     return [
-        Job(RunTask(draw, scenarios[draw % len(scenarios)], method), WORLDS, assumptions.changes(study, factors), {"draw": draw})
-        for draw, factors in enumerate(assumptions.draw_worlds(study, study.design.worlds, study.design.seed)[:first], 1)
+        Job(
+            RunTask(draw, scenarios[draw % len(scenarios)], method),
+            WORLDS,
+            assumptions.changes(study, factors),
+            {"draw": draw},
+        )
+        for draw, factors in enumerate(
+            assumptions.draw_worlds(study, study.design.worlds, study.design.seed)[:first], 1
+        )
         for method in study.design.methods
     ]
 
@@ -106,12 +118,17 @@ def curve_jobs(study: Study, only: Optional[str] = None) -> List[Job]:
     """Lists the same runs in other surroundings, by the first participants of the study; `only` one curve."""
     curves, design = study.document.get("curves") or {}, study.design
     return [
-        Job(RunTask(participant, scenario, method), CURVES,
+        Job(
+            RunTask(participant, scenario, method),
+            CURVES,
             point.get("changes", {}) if method in point.get("methods", design.methods) else {},
-            {"sweep": point["sweep"], "value": point["value"]})
-        for point in curves.get("points", []) if only in (None, point["sweep"])
+            {"sweep": point["sweep"], "value": point["value"]},
+        )
+        for point in curves.get("points", [])
+        if only in (None, point["sweep"])
         for scenario in point.get("scenarios", design.scenarios)
-        for participant in range(1, int(curves.get("participants", 1)) + 1) for method in design.methods
+        for participant in range(1, int(curves.get("participants", 1)) + 1)
+        for method in design.methods
     ]
 
 
@@ -121,8 +138,11 @@ def find(among: List[Job], **wanted: Any) -> Job:
     Raises:
         CodedError: "no_such_run".
     """
-    found = [job for job in among if all(
-        str(job.columns(0).get(name)) == str(value) for name, value in wanted.items() if value is not None)]
+    found = [
+        job
+        for job in among
+        if all(str(job.columns(0).get(name)) == str(value) for name, value in wanted.items() if value is not None)
+    ]
     if not found:
         raise CodedError("no_such_run", f"the study has no run with {wanted}")
     return found[0]

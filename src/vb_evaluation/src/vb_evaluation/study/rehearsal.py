@@ -1,7 +1,9 @@
 """A dry run: a simulated person does the planned run in one process and leaves the same recording as a real one.
 
-It needs neither ROS nor people, and shows that plan, condition, recording and analysis fit before the first person comes.
+It needs neither ROS nor people, and shows that plan, condition, recording and analysis fit before the first person
+comes.
 """
+
 from __future__ import annotations
 
 import json
@@ -50,7 +52,9 @@ def write_recording(result: Result, folder: Path) -> None:
     cameras = sorted(METHODS[result.task.method](result.world))
     for record in result.records:
         if record["border_id"] and result.border is not None:
-            border = VirtualBorder(result.border.points, result.border.seed, 1.0, result.border.closed, id=record["border_id"])
+            border = VirtualBorder(
+                result.border.points, result.border.seed, 1.0, result.border.closed, id=record["border_id"]
+            )
             maps.record(result.posterior, [border], record["ended"] - 0.05, {})
         append_line(folder / LOG, json.dumps(record))
     session = {"method": result.task.method, "cameras": cameras, "revision": revision(), "rehearsal": True}

@@ -1,4 +1,5 @@
 """A run: which it was, what came out, and its measures (paper, Sect. 5.5), with what explains them."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -15,8 +16,24 @@ from vb_evaluation.study.people import Traits
 from vb_sim.room.world import Scenario, World
 
 FALSE_M = 0.3  # [m] from the true spot beyond which a reported one is something else
-FURTHER = ("outcome", "reason", "seed_is_right", "tries", "elapsed_s", "border_m", "chain_m", "vertices", "spots",
-           "spots_robot", "false_spots", "robot_goals", "robot_way_m", "robot_collisions", "jaccard_enclosed", "too_bright")
+FURTHER = (
+    "outcome",
+    "reason",
+    "seed_is_right",
+    "tries",
+    "elapsed_s",
+    "border_m",
+    "chain_m",
+    "vertices",
+    "spots",
+    "spots_robot",
+    "false_spots",
+    "robot_goals",
+    "robot_way_m",
+    "robot_collisions",
+    "jaccard_enclosed",
+    "too_bright",
+)
 COLUMNS = (*MEASURES, *FURTHER)
 
 
@@ -58,7 +75,8 @@ class Result:
         records: of all interactions of the run as the interaction manager logs them, those that were cancelled too.
         border: what was saved; None if nothing was.
         outcome, reason, tries: how it went for the person.
-        spots: every spot that a camera reported; false_spots: how many of them were farther than FALSE_M from the true one.
+        spots: every spot that a camera reported; false_spots: how many of them were farther than FALSE_M from the true
+            one.
         left_out: images that were not sent.
         path: (N, 2) [m] where the first robot was.
         collisions, goals: of all robots.

@@ -1,4 +1,5 @@
 """One run: one participant, one scenario, one method, with the live system's own nodes (vb_evaluation/virtual_ros)."""
+
 from __future__ import annotations
 
 import contextlib
@@ -79,7 +80,9 @@ class _RunRecorder:
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot)
         rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab)
         for robot in robots:
-            rospy.Subscriber(f"/{robot}/move_base/goal" if robot else "/move_base/goal", MoveBaseActionGoal, self._on_goal)
+            rospy.Subscriber(
+                f"/{robot}/move_base/goal" if robot else "/move_base/goal", MoveBaseActionGoal, self._on_goal
+            )
 
     def _on_map(self, message: OccupancyGrid) -> None:
         self.posterior = grid_from_message(message)
@@ -87,7 +90,8 @@ class _RunRecorder:
     def _on_borders(self, message: VirtualBorderArray) -> None:
         for border in message.borders:
             self.border = SavedBorder(
-                array_from_points(border.points), (border.seed.x, border.seed.y), border.kind == border.POLYGON)
+                array_from_points(border.points), (border.seed.x, border.seed.y), border.kind == border.POLYGON
+            )
 
     def _on_lab(self, message: LabState) -> None:
         self._history.add(snapshot_from_message(message))
@@ -99,7 +103,9 @@ class _RunRecorder:
         self.goals += 1
 
     def _on_spot(self, message: LaserSpot) -> None:
-        spot = SeenSpot(message.header.stamp.to_sec(), (message.position.x, message.position.y), message.camera, message.mobile)
+        spot = SeenSpot(
+            message.header.stamp.to_sec(), (message.position.x, message.position.y), message.camera, message.mobile
+        )
         self.spots.append(spot)
         true = self._history.at(spot.stamp).laser
         self.false_spots += int(true is None or np.hypot(*np.subtract(spot.position, true)) > FALSE_M)
@@ -113,14 +119,17 @@ class LiveRun:
         thorough: every camera sends every image.
     """
 
-    def __init__(self, study: Study, task: RunTask, cache: Optional[RenderCache] = None, thorough: bool = False) -> None:
+    def __init__(
+        self, study: Study, task: RunTask, cache: Optional[RenderCache] = None, thorough: bool = False
+    ) -> None:
         self._study, self._task = study, task
         self._traits = study.traits(task.participant)
         self._world = study.world
         self._seed = study.run_seed(task.participant)
         self._prior = floor_plan.physical_map(self._world)
         self.scenario = personal_scenario(
-            self._world, self._world.scenario(task.scenario), self._traits, self._prior, study.marks(task.scenario))
+            self._world, self._world.scenario(task.scenario), self._traits, self._prior, study.marks(task.scenario)
+        )
         self._models: CameraModels = replace(study.cameras, body=self._traits.body)
         self._cache, self._thorough = cache or _kept_cache(), thorough
         self._lab = Lab(self._world, *(study.models[name] for name in ("robot", "localisation", "scan")), self._seed)
@@ -139,13 +148,20 @@ class LiveRun:
         self._cache.enter(self._world, self._models)
         timing = self._study.timing
         scheduler = Scheduler(START_NS)
-        graph = Graph(scheduler, {
-            names.COMMAND: timing.command_s, names.GET_DRAWN_BORDER: timing.save_s, names.SPOTS: timing.spot_s})
+        graph = Graph(
+            scheduler,
+            {names.COMMAND: timing.command_s, names.GET_DRAWN_BORDER: timing.save_s, names.SPOTS: timing.spot_s},
+        )
         cameras = METHODS[self._task.method](self._world)
         arguments = {
-            "world": "study", "cameras": " ".join(cameras) or "none", "method": self._task.method,
-            "robots": " ".join(filter(None, self._robots)), "rviz": "false", "page": "false",
-            "state": ""}
+            "world": "study",
+            "cameras": " ".join(cameras) or "none",
+            "method": self._task.method,
+            "robots": " ".join(filter(None, self._robots)),
+            "rviz": "false",
+            "page": "false",
+            "state": "",
+        }
         import_nodes(repository_top() / LAUNCH, arguments, (*WITHOUT, *LAB_NODES))
         extracted = GrowingBorder.chain
 
@@ -155,11 +171,12 @@ class LiveRun:
             finally:
                 scheduler.wait(int(timing.extraction_s * 1e9))
 
-        with tempfile.TemporaryDirectory() as state, graph.installed(), \
-                replaced({GrowingBorder: {"chain": chain}}):
+        with tempfile.TemporaryDirectory() as state, graph.installed(), replaced({GrowingBorder: {"chain": chain}}):
             watching: List[_RunRecorder] = []
             graph.start(Node("/study", {}), lambda: (watching.append(_RunRecorder(self._robots)), watch()))
-            start_launch(graph, repository_top() / LAUNCH, {**arguments, "state": state}, WITHOUT, self._lab_nodes(cameras))
+            start_launch(
+                graph, repository_top() / LAUNCH, {**arguments, "state": state}, WITHOUT, self._lab_nodes(cameras)
+            )
             graph.start(Node("/participant", {}), self._participant_comes)
             until = START_NS + int((WARM_UP_S + timing.time_limit_s) * 1e9)
             scheduler.run(lambda: self._outcome() != "", until)
@@ -186,26 +203,38 @@ class LiveRun:
     # ------------------------------------------------------------- the simulated lab's nodes
     def _lab_nodes(self, cameras: Tuple[str, ...]) -> Dict[str, Callable[[], Any]]:
         def lab_simulator() -> None:
-            LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams), self._study.models["localisation"], True, _NoState())
+            LabSimulatorNode(
+                self._lab, parameters.read(LabSimulatorParams), self._study.models["localisation"], True, _NoState()
+            )
 
         def ceiling_cameras() -> None:
             found = StudyCeilingCameras(
-                self._world, self._models, [self._world.camera(name) for name in cameras], self._seed, self._cache,
-                1 if self._thorough else self._study.timing.idle_every)
+                self._world,
+                self._models,
+                [self._world.camera(name) for name in cameras],
+                self._seed,
+                self._cache,
+                1 if self._thorough else self._study.timing.idle_every,
+            )
             self._camera_nodes.append(found)
             self._too_bright = found.too_bright
 
         def robot_camera() -> None:
             name, prefix = rospy.get_param("~robot", ""), rospy.get_param("~tf_prefix", "")
             robot = self._world.robot(name) if name else self._world.robots[0]
-            self._camera_nodes.append(StudyRobotCamera(
-                self._world, self._models, robot, self._seed, prefix, self._cache, self._thorough))
+            self._camera_nodes.append(
+                StudyRobotCamera(self._world, self._models, robot, self._seed, prefix, self._cache, self._thorough)
+            )
 
         def map_server() -> None:
             MapServerNode(self._prior)
 
-        return {"lab_simulator": lab_simulator, "ceiling_cameras": ceiling_cameras, "robot_camera": robot_camera,
-                "map_server": map_server}
+        return {
+            "lab_simulator": lab_simulator,
+            "ceiling_cameras": ceiling_cameras,
+            "robot_camera": robot_camera,
+            "map_server": map_server,
+        }
 
     def _participant_comes(self) -> None:
         rospy.rostime.wallsleep(WARM_UP_S)
@@ -215,11 +244,26 @@ class LiveRun:
     def _result(self, seen: _RunRecorder, records: Tuple[Dict[str, Any], ...]) -> Result:
         script = self._participant._script if self._participant is not None else None
         return Result(
-            self._task, self._traits, self._world, self.scenario, self._prior, seen.posterior or self._prior,
-            floor_plan.ground_truth(self._world, self.scenario), records, seen.border,
-            script.outcome if script else "", script.reason if script else "", script.person.tries if script else 0,
-            tuple(seen.spots), seen.false_spots, sum(node.left_out for node in self._camera_nodes), np.array(seen.path),
-            sum(robot.collisions for robot in self._lab.robots), seen.goals, self._too_bright)
+            self._task,
+            self._traits,
+            self._world,
+            self.scenario,
+            self._prior,
+            seen.posterior or self._prior,
+            floor_plan.ground_truth(self._world, self.scenario),
+            records,
+            seen.border,
+            script.outcome if script else "",
+            script.reason if script else "",
+            script.person.tries if script else 0,
+            tuple(seen.spots),
+            seen.false_spots,
+            sum(node.left_out for node in self._camera_nodes),
+            np.array(seen.path),
+            sum(robot.collisions for robot in self._lab.robots),
+            seen.goals,
+            self._too_bright,
+        )
 
 
 def _records(state: Path) -> Tuple[Dict[str, Any], ...]:

@@ -1,4 +1,5 @@
 """A study's folder: rows that survive an interruption, and the study they belong to."""
+
 from __future__ import annotations
 
 import csv
@@ -30,7 +31,9 @@ class RowFile:
         whole = path.read_bytes().rpartition(b"\n")[0].decode("utf-8") if path.exists() else ""
         reader = csv.DictReader(io.StringIO(whole))
         if reader.fieldnames not in (None, self.columns):
-            raise CodedError("other_columns", f"{path} was written with other columns: move it away, or start again with FRESH=1")
+            raise CodedError(
+                "other_columns", f"{path} was written with other columns: move it away, or start again with FRESH=1"
+            )
         self.rows: Dict[Tuple[str, ...], Mapping[str, Any]] = {self.name_of(row): row for row in reader}
         self.write()
 
@@ -46,7 +49,10 @@ class RowFile:
     def write(self, names: Iterable[Tuple[str, ...]] = ()) -> None:
         """Writes the rows in the order of these names, so that the file does not depend on who finished first; others come last."""
         self.rows = {name: self.rows[name] for name in dict.fromkeys([*names, *self.rows]) if name in self.rows}
-        write_atomically(self.path, (self._lines([dict(zip(self.columns, self.columns)), *self.rows.values()]) + "\n").encode("utf-8"))
+        write_atomically(
+            self.path,
+            (self._lines([dict(zip(self.columns, self.columns)), *self.rows.values()]) + "\n").encode("utf-8"),
+        )
 
     def _lines(self, rows: Iterable[Mapping[str, Any]]) -> str:
         stream = io.StringIO()
@@ -70,7 +76,10 @@ def open_folder(folder: Path, configuration: str, fresh: bool, facts: Mapping[st
             path.unlink()
     found = read_meta(folder / META).get("configuration", "unknown")
     if found != configuration and ((folder / META).exists() or (folder / RUNS).exists()):
-        raise CodedError("other_study", f"{folder} holds runs of another configuration or program ({found}, this is {configuration}): "
-                         "they cannot be mixed. FRESH=1 throws them away; OUT=folder puts the new ones elsewhere")
+        raise CodedError(
+            "other_study",
+            f"{folder} holds runs of another configuration or program ({found}, this is {configuration}): "
+            "they cannot be mixed. FRESH=1 throws them away; OUT=folder puts the new ones elsewhere",
+        )
     document = {**facts, "configuration": configuration}
     write_atomically(folder / META, (json.dumps(document, indent=2, sort_keys=True, default=str) + "\n").encode())

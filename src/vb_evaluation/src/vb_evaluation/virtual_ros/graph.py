@@ -1,4 +1,5 @@
 """Replaces rospy for nodes that run within one process: names, topics, services, parameters, time."""
+
 from __future__ import annotations
 
 import contextlib
@@ -21,8 +22,14 @@ from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import WaitQueue, StandIns, replaced
 
 LOG = logging.getLogger("vb_evaluation.nodes")
-_LEVELS = {"debug": logging.DEBUG, "info": logging.INFO, "warn": logging.WARNING, "err": logging.ERROR,
-           "error": logging.ERROR, "fatal": logging.CRITICAL}
+_LEVELS = {
+    "debug": logging.DEBUG,
+    "info": logging.INFO,
+    "warn": logging.WARNING,
+    "err": logging.ERROR,
+    "error": logging.ERROR,
+    "fatal": logging.CRITICAL,
+}
 
 
 class Node:
@@ -130,8 +137,11 @@ class Graph:
         delivery = _Delivery(data, {"callerid": self.node.name, "topic": name, "type": kind})
         for subscriber in self.topic(name).subscribers:
             if subscriber.kind._type != kind or subscriber.kind._md5sum != definition:
-                raise CodedError("bad_recording", f"{name} was recorded with another definition of {kind}: `rosbag check` and "
-                                 "`rosbag fix` bring old recordings up to date")
+                raise CodedError(
+                    "bad_recording",
+                    f"{name} was recorded with another definition of {kind}: `rosbag check` and "
+                    "`rosbag fix` bring old recordings up to date",
+                )
             subscriber.put(delivery)
 
     def set_clock(self, now: genpy.Time) -> None:
@@ -195,15 +205,24 @@ class Graph:
 
         names: Dict[str, Any] = {
             "init_node": lambda *_, **__: self._stand_ins.replace(),
-            "get_name": lambda: self.node.name, "get_caller_id": lambda: self.node.name,
+            "get_name": lambda: self.node.name,
+            "get_caller_id": lambda: self.node.name,
             "get_namespace": lambda: rosgraph.names.namespace(self.node.name),
             "resolve_name": lambda name, caller_id=None: self.node.resolve(name),
             "remap_name": lambda name: name,
-            "Publisher": bound(Publisher), "Subscriber": bound(Subscriber), "Service": bound(Service),
-            "ServiceProxy": bound(ServiceProxy), "Timer": bound(Timer), "wait_for_service": self._wait_for_service,
-            "sleep": self.sleep, "spin": self.spin, "is_shutdown": lambda: self.scheduler.closed,
-            "signal_shutdown": self._shut_down, "on_shutdown": self.closers.append,
-            "get_param": self._get_param, "set_param": lambda name, value: self.parameters.set_param(self.node.resolve(name), value),
+            "Publisher": bound(Publisher),
+            "Subscriber": bound(Subscriber),
+            "Service": bound(Service),
+            "ServiceProxy": bound(ServiceProxy),
+            "Timer": bound(Timer),
+            "wait_for_service": self._wait_for_service,
+            "sleep": self.sleep,
+            "spin": self.spin,
+            "is_shutdown": lambda: self.scheduler.closed,
+            "signal_shutdown": self._shut_down,
+            "on_shutdown": self.closers.append,
+            "get_param": self._get_param,
+            "set_param": lambda name, value: self.parameters.set_param(self.node.resolve(name), value),
             "has_param": lambda name: self.parameters.has_param(self.node.resolve(name)),
             "delete_param": lambda name: self.parameters.delete_param(self.node.resolve(name)),
             "search_param": lambda name: self.parameters.search_param(self.node.name, name),
@@ -229,8 +248,17 @@ _NOBODY = Node("/study", {})
 class Publisher:
     """rospy.Publisher."""
 
-    def __init__(self, graph: Graph, name: str, data_class: type, subscriber_listener: Any = None, tcp_nodelay: bool = False,
-                 latch: bool = False, headers: Any = None, queue_size: Optional[int] = None) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        name: str,
+        data_class: type,
+        subscriber_listener: Any = None,
+        tcp_nodelay: bool = False,
+        latch: bool = False,
+        headers: Any = None,
+        queue_size: Optional[int] = None,
+    ) -> None:
         self._graph = graph
         self.resolved_name = self.name = graph.node.resolve(name)
         self.data_class, self.type = data_class, data_class._type
@@ -281,9 +309,17 @@ class Publisher:
 class Subscriber:
     """rospy.Subscriber: its own task calls the callback for one message after the other."""
 
-    def __init__(self, graph: Graph, name: str, data_class: type, callback: Optional[Callable] = None,
-                 callback_args: Any = None, queue_size: Optional[int] = None, buff_size: int = 0,
-                 tcp_nodelay: bool = False) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        name: str,
+        data_class: type,
+        callback: Optional[Callable] = None,
+        callback_args: Any = None,
+        queue_size: Optional[int] = None,
+        buff_size: int = 0,
+        tcp_nodelay: bool = False,
+    ) -> None:
         self._graph = graph
         self.resolved_name = self.name = graph.node.resolve(name)
         self.kind, self._callback, self._extra = data_class, callback, callback_args
@@ -328,8 +364,15 @@ class Subscriber:
 class Service:
     """rospy.Service."""
 
-    def __init__(self, graph: Graph, name: str, service_class: Any, handler: Callable[[Any], Any], buff_size: int = 0,
-                 error_handler: Any = None) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        name: str,
+        service_class: Any,
+        handler: Callable[[Any], Any],
+        buff_size: int = 0,
+        error_handler: Any = None,
+    ) -> None:
         self._graph, self.node = graph, graph.node
         self.resolved_name = graph.node.resolve(name)
         self.kind, self.handler = service_class, handler
@@ -343,7 +386,9 @@ class Service:
 class ServiceProxy:
     """rospy.ServiceProxy."""
 
-    def __init__(self, graph: Graph, name: str, service_class: Any, persistent: bool = False, headers: Any = None) -> None:
+    def __init__(
+        self, graph: Graph, name: str, service_class: Any, persistent: bool = False, headers: Any = None
+    ) -> None:
         self._graph = graph
         self.resolved_name, self._kind = graph.node.resolve(name), service_class
 
@@ -366,8 +411,11 @@ class ServiceProxy:
 
         def serve() -> None:
             try:
-                answers.append(rospy.impl.tcpros_service.convert_return_to_response(
-                    service.handler(asked), service.kind._response_class))
+                answers.append(
+                    rospy.impl.tcpros_service.convert_return_to_response(
+                        service.handler(asked), service.kind._response_class
+                    )
+                )
             except rospy.ServiceException as error:
                 answers.append(error)
             delay = self._graph.delay_of(self.resolved_name)
@@ -396,7 +444,9 @@ def _repacked(message: Any, kind: type) -> Any:
 class Timer:
     """rospy.Timer."""
 
-    def __init__(self, graph: Graph, period: Any, callback: Callable[[Any], Any], oneshot: bool = False, reset: bool = False) -> None:
+    def __init__(
+        self, graph: Graph, period: Any, callback: Callable[[Any], Any], oneshot: bool = False, reset: bool = False
+    ) -> None:
         self._graph, self._period, self._callback, self._once = graph, period, callback, oneshot
         self._over = False
         graph.scheduler.spawn(self._run)

@@ -1,4 +1,5 @@
 """The nodes of a launch file, as roslaunch would start them."""
+
 from __future__ import annotations
 
 import ast
@@ -32,8 +33,11 @@ def read_launch(path: str, arguments: Tuple[str, ...]) -> Tuple[Tuple[LaunchedNo
     config = ROSLaunchConfig()
     XmlLoader(resolve_anon=False).load(path, config, argv=list(arguments), verbose=False)
     nodes = tuple(
-        LaunchedNode(node.package, node.type, f"{node.namespace}{node.name}", tuple(tuple(pair) for pair in node.remap_args))
-        for node in config.nodes)
+        LaunchedNode(
+            node.package, node.type, f"{node.namespace}{node.name}", tuple(tuple(pair) for pair in node.remap_args)
+        )
+        for node in config.nodes
+    )
     return nodes, {key: parameter.value for key, parameter in config.params.items()}
 
 
@@ -51,7 +55,10 @@ def import_nodes(path: Path, arguments: Mapping[str, str], without: Collection[s
 
 
 def start_launch(
-    graph: Graph, path: Path, arguments: Mapping[str, str], without: Collection[str] = (),
+    graph: Graph,
+    path: Path,
+    arguments: Mapping[str, str],
+    without: Collection[str] = (),
     instead: Mapping[str, Callable[[], Any]] = {},
 ) -> List[str]:
     """Starts the nodes of a launch file; returns their names.
@@ -63,7 +70,9 @@ def start_launch(
     """
     nodes, parameters = read_launch(str(path), _given(arguments))
     for key, value in parameters.items():
-        graph.parameters.set_param(key, value.replace(_STATE, arguments.get("state", "")) if isinstance(value, str) else value)
+        graph.parameters.set_param(
+            key, value.replace(_STATE, arguments.get("state", "")) if isinstance(value, str) else value
+        )
     started = []
     for launched in nodes:
         if launched.type in without:

@@ -1,4 +1,5 @@
 """Runs tasks that take turns, and a clock that advances when all of them wait."""
+
 from __future__ import annotations
 
 import heapq
@@ -82,7 +83,9 @@ class Scheduler:
         task.waits += 1
         if timeout_ns is not None:
             self._count += 1
-            heapq.heappush(self._timed, (self.now_ns + max(int(timeout_ns), SHORTEST_NS), self._count, task, task.waits))
+            heapq.heappush(
+                self._timed, (self.now_ns + max(int(timeout_ns), SHORTEST_NS), self._count, task, task.waits)
+            )
         return bool(self._hub.switch())
 
     def wake(self, task: Task) -> None:

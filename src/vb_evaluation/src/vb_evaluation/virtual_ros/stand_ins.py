@@ -1,4 +1,5 @@
 """Replaces threading, time and queue in modules of nodes while they run within one process."""
+
 from __future__ import annotations
 
 import contextlib
@@ -30,8 +31,7 @@ class StandIns:
 
     def __init__(self, scheduler: Scheduler) -> None:
         self._replaced: list = []
-        self._stand_ins = {
-            "threading": _Threading(scheduler), "time": _Time(scheduler), "queue": _Queues(scheduler)}
+        self._stand_ins = {"threading": _Threading(scheduler), "time": _Time(scheduler), "queue": _Queues(scheduler)}
 
     def replace(self) -> None:
         """Puts them into every module of nodes that has been imported so far."""
@@ -66,15 +66,26 @@ def _Time(scheduler: Scheduler) -> _Module:
     def seconds() -> float:
         return scheduler.now_ns * 1e-9
 
-    return _Module(real_time, time=seconds, monotonic=seconds, perf_counter=seconds, time_ns=lambda: scheduler.now_ns,
-                   sleep=lambda duration: scheduler.wait(_ns(max(duration, 0.0))))
+    return _Module(
+        real_time,
+        time=seconds,
+        monotonic=seconds,
+        perf_counter=seconds,
+        time_ns=lambda: scheduler.now_ns,
+        sleep=lambda duration: scheduler.wait(_ns(max(duration, 0.0))),
+    )
 
 
 def _Threading(scheduler: Scheduler) -> _Module:
     return _Module(
-        real_threading, Lock=lambda: Lock(scheduler), RLock=lambda: Lock(scheduler, True), Event=lambda: Event(scheduler),
+        real_threading,
+        Lock=lambda: Lock(scheduler),
+        RLock=lambda: Lock(scheduler, True),
+        Event=lambda: Event(scheduler),
         Condition=lambda lock=None: Condition(scheduler, lock),
-        Thread=lambda *given, **named: Thread(scheduler, *given, **named), get_ident=lambda: id(greenlet.getcurrent()))
+        Thread=lambda *given, **named: Thread(scheduler, *given, **named),
+        get_ident=lambda: id(greenlet.getcurrent()),
+    )
 
 
 def _Queues(scheduler: Scheduler) -> _Module:
@@ -134,7 +145,9 @@ class Lock:
             self._depth += 1
             return True
         # free almost always: one task is at work at a time
-        if self._holder is not None and not self._line.wait_for(lambda: self._holder is None, _ns(timeout) if blocking else 0):
+        if self._holder is not None and not self._line.wait_for(
+            lambda: self._holder is None, _ns(timeout) if blocking else 0
+        ):
             return False
         self._holder, self._depth = current, 1
         return True
@@ -216,8 +229,16 @@ class Event:
 class Thread:
     """threading.Thread."""
 
-    def __init__(self, scheduler: Scheduler, group: None = None, target: Optional[Callable] = None, name: str = "",
-                 args: Tuple = (), kwargs: Optional[Dict[str, Any]] = None, daemon: Optional[bool] = None) -> None:
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        group: None = None,
+        target: Optional[Callable] = None,
+        name: str = "",
+        args: Tuple = (),
+        kwargs: Optional[Dict[str, Any]] = None,
+        daemon: Optional[bool] = None,
+    ) -> None:
         self._scheduler = scheduler
         self._work = lambda: target(*args, **(kwargs or {})) if target is not None else None
         self._over = Event(scheduler)

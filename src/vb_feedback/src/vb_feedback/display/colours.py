@@ -1,4 +1,5 @@
 """Colours that people with any kind of colour vision tell apart (the set of Okabe and Ito, 2008)."""
+
 from __future__ import annotations
 
 from typing import Dict, Sequence, Tuple

@@ -1,4 +1,5 @@
 """Converts messages to the display's contents, and these to markers."""
+
 from __future__ import annotations
 
 from typing import Any, List, Optional, Sequence
@@ -64,7 +65,9 @@ def panel_from_state(
     """Converts the state to what the panel shows; without a map that is only whether robots are stopped."""
     stopped = state is not None and state.stopped
     if not has_map:
-        return PanelContent(message=sentences.say("display_waiting_map", {}, language), stopped=stopped, language=language)
+        return PanelContent(
+            message=sentences.say("display_waiting_map", {}, language), stopped=stopped, language=language
+        )
     if state is None:
         return PanelContent(language=language)
     message = state.last_message

@@ -3,6 +3,7 @@
 The view is a rectangle in the map frame with the screen's aspect. Sizes of letters are shares of its
 height, so that the same share is the same size on the screen whatever the map's size.
 """
+
 from __future__ import annotations
 
 import unicodedata
@@ -118,16 +119,117 @@ def fit_view(extent: Box, aspect: float) -> Layout:
 # ----------------------------------------------------------------- letters
 # advance widths of Liberation Sans, RViz's font, in thousandths of its size, from "!" on
 _WIDTHS = (
-    278, 355, 556, 556, 889, 667, 191, 333, 333, 389, 584, 278, 333, 278, 278, 556, 556, 556, 556, 556, 556, 556,
-    556, 556, 556, 278, 278, 584, 584, 584, 556, 1015, 667, 667, 722, 722, 667, 611, 778, 722, 278, 500, 667, 556,
-    833, 722, 778, 667, 778, 722, 667, 611, 722, 667, 944, 667, 667, 611, 278, 278, 278, 469, 556, 333, 556, 556,
-    500, 556, 556, 278, 556, 556, 222, 222, 500, 222, 833, 556, 556, 556, 556, 333, 500, 278, 556, 500, 722, 500,
-    500, 500, 334, 260, 334, 584,
+    278,
+    355,
+    556,
+    556,
+    889,
+    667,
+    191,
+    333,
+    333,
+    389,
+    584,
+    278,
+    333,
+    278,
+    278,
+    556,
+    556,
+    556,
+    556,
+    556,
+    556,
+    556,
+    556,
+    556,
+    556,
+    278,
+    278,
+    584,
+    584,
+    584,
+    556,
+    1015,
+    667,
+    667,
+    722,
+    722,
+    667,
+    611,
+    778,
+    722,
+    278,
+    500,
+    667,
+    556,
+    833,
+    722,
+    778,
+    667,
+    778,
+    722,
+    667,
+    611,
+    722,
+    667,
+    944,
+    667,
+    667,
+    611,
+    278,
+    278,
+    278,
+    469,
+    556,
+    333,
+    556,
+    556,
+    500,
+    556,
+    556,
+    278,
+    556,
+    556,
+    222,
+    222,
+    500,
+    222,
+    833,
+    556,
+    556,
+    556,
+    556,
+    333,
+    500,
+    278,
+    556,
+    500,
+    722,
+    500,
+    500,
+    500,
+    334,
+    260,
+    334,
+    584,
 )
 _SPACE = 310
 _MARKS = {
-    "\u00b2": 333, "\u00b3": 333, "\u00b7": 333, "\u00df": 611, "\u2013": 556, "\u2014": 1000, "\u2018": 222, "\u2019": 222,
-    "\u201a": 222, "\u201c": 333, "\u201d": 333, "\u201e": 333, "\u2026": 1000, "\u20ac": 556,
+    "\u00b2": 333,
+    "\u00b3": 333,
+    "\u00b7": 333,
+    "\u00df": 611,
+    "\u2013": 556,
+    "\u2014": 1000,
+    "\u2018": 222,
+    "\u2019": 222,
+    "\u201a": 222,
+    "\u201c": 333,
+    "\u201d": 333,
+    "\u201e": 333,
+    "\u2026": 1000,
+    "\u20ac": 556,
 }
 _WIDE, _NARROW = 1015, 660  # the widest Greek and Cyrillic capital; hardly a small letter is wider, few marks are
 # the font's size in heights of RViz's text markers: measured on words of 4 to 11 letters, 0.83 to 0.84
@@ -208,9 +310,7 @@ def wrap(text: str, size: float, width: float) -> List[str]:
     return lines
 
 
-def fit_texts(
-    texts: Sequence[str], sizes: Sequence[float], width: float, height: float
-) -> Tuple[List[str], float]:
+def fit_texts(texts: Sequence[str], sizes: Sequence[float], width: float, height: float) -> Tuple[List[str], float]:
     """Sentences below each other in the largest of the sizes [m] in which all fit a box, wrapped, and that size.
 
     In the smallest size what does not fit is left out, with an ellipsis at its end: of the longest first, each keeps

@@ -2,6 +2,7 @@
 
 Everything comes as a code with values; the sentence is looked up in the display's language, and no wording is read.
 """
+
 from __future__ import annotations
 
 from typing import List, Optional, Sequence, Tuple
@@ -31,8 +32,13 @@ _NEAR = 0.6
 
 
 def coverage_notices(
-    state: str, seeing: Sequence[str], lost: Optional[Tuple[float, float]], coverage: Optional[GridMap], robots: bool,
-    held: Sequence[notices.Notice], language: str,
+    state: str,
+    seeing: Sequence[str],
+    lost: Optional[Tuple[float, float]],
+    coverage: Optional[GridMap],
+    robots: bool,
+    held: Sequence[notices.Notice],
+    language: str,
 ) -> List[PanelNotice]:
     """Says why no spot is seen while spots are wanted.
 

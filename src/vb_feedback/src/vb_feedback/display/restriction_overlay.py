@@ -1,4 +1,5 @@
 """The overlay of restricted areas on the smart display."""
+
 from __future__ import annotations
 
 from typing import Optional

@@ -1,4 +1,5 @@
 """Fits an RViz config to a map and a screen."""
+
 from __future__ import annotations
 
 import copy
@@ -48,7 +49,9 @@ def fit_config(
     return result
 
 
-def write_fitted(source: str, target: Path, extent: Box, width: int, height: int, aspect: Optional[float] = None) -> None:
+def write_fitted(
+    source: str, target: Path, extent: Box, width: int, height: int, aspect: Optional[float] = None
+) -> None:
     """Reads an RViz config, fits it as `fit_config` does, and writes the result.
 
     Raises:

@@ -5,6 +5,7 @@ with another one is not drawn at all. The font itself has Latin, Greek and Cyril
 data folder before its package's: links to everything, and one font definition that asks for all of them.
 What the font lacks, for instance Chinese or Arabic, is transliterated (`layout.transliterate`).
 """
+
 from __future__ import annotations
 
 import os

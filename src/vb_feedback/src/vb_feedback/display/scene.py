@@ -3,6 +3,7 @@
 Each function makes the shapes of one part of the display from plain values. Shapes are compared with the
 ones shown before, so that only what changed is sent.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -57,9 +58,7 @@ class Shape:
         return self.namespace, self.number
 
 
-def compare(
-    before: Dict[Tuple[str, int], Shape], now: Sequence[Shape]
-) -> Tuple[List[Shape], List[Tuple[str, int]]]:
+def compare(before: Dict[Tuple[str, int], Shape], now: Sequence[Shape]) -> Tuple[List[Shape], List[Tuple[str, int]]]:
     """Compares two scenes: the shapes that are new or differ, and the keys of those that are gone.
 
     A shape with a lifetime counts as new each time, since it would expire otherwise.
@@ -225,9 +224,7 @@ def trails(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape
     shapes = []
     for camera, trail in by_camera.items():
         tint = colours.camera_colour(camera)
-        faded = tuple(
-            colours.blend(tint, colours.WHITE, 0.85 * max(0.0, now - spot.stamp) / FADE_S) for spot in trail
-        )
+        faded = tuple(colours.blend(tint, colours.WHITE, 0.85 * max(0.0, now - spot.stamp) / FADE_S) for spot in trail)
         points, width = tuple((spot.x, spot.y) for spot in trail), 0.014 * layout.unit
         shapes.append(Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (width,), faded, lifetime=_LIFETIME_S))
     return shapes
@@ -240,7 +237,9 @@ def live_spots(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[S
     for camera, spot in newest.items():
         for number, (share, tint) in enumerate(((0.036, colours.BLACK), (0.028, colours.camera_colour(camera)))):
             z, size = Z_SPOT + 0.015 * (number + 1), (share * layout.unit,)
-            shapes.append(Shape(f"spots/{camera}", number, DISC, ((spot.x, spot.y),), z, size, (tint,), lifetime=_LIFETIME_S))
+            shapes.append(
+                Shape(f"spots/{camera}", number, DISC, ((spot.x, spot.y),), z, size, (tint,), lifetime=_LIFETIME_S)
+            )
     return shapes
 
 

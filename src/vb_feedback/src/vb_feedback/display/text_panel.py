@@ -1,4 +1,5 @@
 """The text on the smart display: a panel to the right of the map, a strip below it. No ROS."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -10,7 +11,8 @@ from vb_feedback.display.colours import Colour
 from vb_feedback.display.layout import LINE, Layout, fit_texts, text_height, text_width, transliterate
 from vb_feedback.display.scene import PLATE, Z_PLATE, Shape, write
 
-# heights of letters as RViz counts them, in shares of the screen's height; docs/explanation/display.md has them in minutes of arc
+# heights of letters as RViz counts them, in shares of the screen's height;
+# docs/explanation/display.md has them in minutes of arc
 TITLE, COMMAND, CLOCK, NAME, LABEL = 0.125, 0.088, 0.07, 0.062, 0.055
 # of the strip's sentences: the largest in which they all fit
 SENTENCES = (0.088, 0.08, 0.074, 0.068, 0.062, 0.056, 0.05, 0.045)
@@ -72,7 +74,9 @@ def _panel(layout: Layout, talk: PanelContent) -> List[Shape]:
     if talk.stopped:
         # in place of the state: a person who wonders why nothing moves reads this first
         plate = (panel.width - 0.02 * unit, 1.2 * TITLE * unit)
-        shapes.append(Shape("words/state/plate", 0, PLATE, ((centre, panel.y1 - 0.08 * unit),), Z_PLATE, plate, (colours.YELLOW,)))
+        shapes.append(
+            Shape("words/state/plate", 0, PLATE, ((centre, panel.y1 - 0.08 * unit),), Z_PLATE, plate, (colours.YELLOW,))
+        )
         line("state", talk.words("display_stopped"), 0.08, TITLE, colours.BLACK)
     else:
         title = talk.words("state_" + talk.state if talk.state in colours.STATE else "display_not_ready")
@@ -98,7 +102,9 @@ def _strip(layout: Layout, talk: PanelContent) -> List[Shape]:
     start = talk.words("display_start" if talk.state else "display_waiting_system")
     answer = PanelNotice(transliterate(talk.message or start), warning=not talk.success)
     said = [PanelNotice(transliterate(notice.text), notice.warning) for notice in talk.notices]
-    if all(notice.text != answer.text for notice in said):  # else it stands as a notice, which stays as long as it holds
+    if all(
+        notice.text != answer.text for notice in said
+    ):  # else it stands as a notice, which stays as long as it holds
         said.insert(0, answer)
     unit, strip = layout.unit, layout.strip
     width, height = strip.width - 0.08 * unit, strip.height - 0.03 * unit

@@ -4,6 +4,7 @@ A projector adds light. Two things follow. Dark colours cannot be seen, so the p
 And the cameras see the light too: nothing here looks like a laser spot. Lines are long, the seed is a ring, nothing is
 as bright as a spot, and near the spot itself nothing changes: the drawing's newest piece waits until the spot moves on.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -120,10 +121,15 @@ class FloorImage:
             inside = (region.values_at(grid / self._scale + self._low, 0) > 0).reshape(canvas.shape[:2])
         else:
             to_canvas = np.array([[step[0], 0, corner[0, 0]], [0, step[1], corner[0, 1]]])
-            inside = cv2.warpAffine(
-                (region.data > 0).astype(np.uint8), to_canvas, (canvas.shape[1], canvas.shape[0]),
-                flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
-            ) > 0
+            inside = (
+                cv2.warpAffine(
+                    (region.data > 0).astype(np.uint8),
+                    to_canvas,
+                    (canvas.shape[1], canvas.shape[0]),
+                    flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
+                )
+                > 0
+            )
         canvas[inside & striped] = self._shade(colour, level)
 
     @staticmethod

@@ -1,4 +1,5 @@
 """Where on the floor each pixel of a projector's image falls: a homography, from clicked points."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -36,13 +37,17 @@ class ProjectorCalibration:
     def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, dtype=float)
         if not (16 <= self.width <= 16384 and 16 <= self.height <= 16384):
-            raise CodedError("bad_calibration", f"the picture's size must be 16 to 16384 px, got {self.width} x {self.height}")
+            raise CodedError(
+                "bad_calibration", f"the picture's size must be 16 to 16384 px, got {self.width} x {self.height}"
+            )
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
             raise CodedError("bad_calibration", "the homography must be an invertible matrix of 3 x 3 numbers")
         inverse = np.linalg.inv(matrix)
         scales = _corners(self.width, self.height) @ inverse[2, :2] + inverse[2, 2]
         if scales.min() * scales.max() <= 0:
-            raise CodedError("bad_calibration", "a part of the picture would lie beyond the horizon: was a point mistaken?")
+            raise CodedError(
+                "bad_calibration", "a part of the picture would lie beyond the horizon: was a point mistaken?"
+            )
         object.__setattr__(self, "matrix", matrix)
 
     def to_pixels(self, points: np.ndarray) -> np.ndarray:
@@ -109,7 +114,9 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
         raise CodedError("bad_click", reason="$clicks_out_of_order")
     # large coordinates would cost digits: the homography is found about the points' middle
     middle = points.mean(axis=0)
-    matrix = cv2.getPerspectiveTransform((points - middle).astype(np.float32), markers(width, height).astype(np.float32))
+    matrix = cv2.getPerspectiveTransform(
+        (points - middle).astype(np.float32), markers(width, height).astype(np.float32)
+    )
     matrix = matrix @ np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, 1.0]])
     return ProjectorCalibration(width, height, matrix / np.abs(matrix).max())
 
@@ -124,7 +131,9 @@ def load(path: str) -> ProjectorCalibration:
         with open(path, encoding="utf-8") as file:
             return ProjectorCalibration.from_mapping(yaml.safe_load(file))
     except OSError as error:
-        raise CodedError("no_calibration", f"cannot read '{path}': {error.strerror}; calibrate_projector writes it") from None
+        raise CodedError(
+            "no_calibration", f"cannot read '{path}': {error.strerror}; calibrate_projector writes it"
+        ) from None
     except yaml.YAMLError:
         raise CodedError("bad_calibration", f"'{path}' is not valid YAML") from None
 

@@ -1,4 +1,5 @@
 """Shows an image on a projector's full screen, by Tk: part of Python itself; OpenCV's headless build has no window."""
+
 from __future__ import annotations
 
 import threading
@@ -23,7 +24,9 @@ class ProjectorWindow:
         CodedError: "no_window" if Tk is not installed or there is no screen.
     """
 
-    def __init__(self, x: int, y: int, width: int, height: int, start: Callable[[Callable[[], None]], threading.Thread]) -> None:
+    def __init__(
+        self, x: int, y: int, width: int, height: int, start: Callable[[Callable[[], None]], threading.Thread]
+    ) -> None:
         self._geometry = f"{width}x{height}+{x}+{y}"
         self._lock = threading.Lock()
         self._next: Optional[bytes] = None

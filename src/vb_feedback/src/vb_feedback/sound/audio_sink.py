@@ -1,4 +1,5 @@
 """Plays samples through ALSA's aplay, the counterpart of the voice recognition's arecord."""
+
 from __future__ import annotations
 
 import subprocess
@@ -31,8 +32,12 @@ class AudioSink:
         """
         try:
             done = subprocess.run(
-                self._command, input=pcm.astype("<i2").tobytes(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-                timeout=len(pcm) / RATE + _PATIENCE_S, check=False,
+                self._command,
+                input=pcm.astype("<i2").tobytes(),
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                timeout=len(pcm) / RATE + _PATIENCE_S,
+                check=False,
             )
         except OSError as error:
             raise CodedError("no_audio", f"'{self._command[0]}' cannot be run: {error.strerror}") from None

@@ -1,4 +1,5 @@
 """Decides which sound to make when."""
+
 from __future__ import annotations
 
 from typing import List, Optional
@@ -30,7 +31,13 @@ class SoundEvents:
         self._last_tick: Optional[float] = None
 
     def on_state(
-        self, name: str, success: bool, outcome: str, answer: tuple, code: str = "", stopped: bool = False,
+        self,
+        name: str,
+        success: bool,
+        outcome: str,
+        answer: tuple,
+        code: str = "",
+        stopped: bool = False,
         ending: bool = False,
     ) -> List[str]:
         """Takes a state message and returns the sounds that it calls for.

@@ -1,4 +1,5 @@
 """Synthesises the sounds: notes to samples. No files, no ROS."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -72,7 +73,9 @@ def _tone(note: Note) -> np.ndarray:
     time = np.arange(int(round(note.seconds * RATE))) / RATE
     if note.frequency <= 0:
         return np.zeros(len(time))
-    wave = sum(share * np.sin(2.0 * np.pi * (order + 1) * note.frequency * time) for order, share in enumerate(_OVERTONES))
+    wave = sum(
+        share * np.sin(2.0 * np.pi * (order + 1) * note.frequency * time) for order, share in enumerate(_OVERTONES)
+    )
     # swells at once, then fades like a struck bar
     envelope = np.minimum(1.0, time / _FADE) * np.minimum(1.0, (note.seconds - time) / _FADE)
     envelope = envelope * np.exp(-2.0 * time / note.seconds)

@@ -1,4 +1,5 @@
 """The result of an extraction, and its errors."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field

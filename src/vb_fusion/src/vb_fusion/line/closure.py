@@ -7,6 +7,7 @@ to turn from its end to its start, the more likely it is that a side was left un
 be, as long as the end came back by more than half of the figure's size. A wave encloses next to nothing however near
 its ends are. Ends that cross or run past each other are cut there; what is cut off counts half as opening.
 """
+
 from __future__ import annotations
 
 import math

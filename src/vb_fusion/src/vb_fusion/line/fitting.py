@@ -4,6 +4,7 @@ The stations are divided into sides, exactly, by dynamic programming: a corner i
 a detail larger than a hand's tremble, and sooner where the pointer stopped. Then the corners are moved to where the
 sides fit all stations best (least squares), which puts them where the sides meet, even where no camera saw them.
 """
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,8 +1,9 @@
 """Stage 3: the stations of the stroke.
 
-The observations, in the order in which they were drawn, become stations a hand's tremble apart: a spot held still is one
-station, however long. What is drawn again over the end of the stroke is merged into it.
+The observations, in the order in which they were drawn, become stations a hand's tremble apart: a spot held still is
+one station, however long. What is drawn again over the end of the stroke is merged into it.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
 """The point set of one interaction: which spots belong to it, and which are ignored and why."""
+
 from __future__ import annotations
 
 import math
@@ -164,9 +165,7 @@ class Collector:
 
     def cameras_seeing(self, now: float) -> List[str]:
         """Returns the names of the cameras that see the spot at a time [s]."""
-        return sorted(
-            camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= self._params.seeing_s
-        )
+        return sorted(camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= self._params.seeing_s)
 
     @property
     def counts(self) -> tuple:
@@ -176,6 +175,4 @@ class Collector:
     def collection(self) -> Collection:
         """Returns what was collected so far."""
         border, seed = self._stores[BORDER], self._stores[SEED]
-        return Collection(
-            self.interaction_id, border.rows, seed.rows, list(self._cameras), border.total, seed.total
-        )
+        return Collection(self.interaction_id, border.rows, seed.rows, list(self._cameras), border.total, seed.total)

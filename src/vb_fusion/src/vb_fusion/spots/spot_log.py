@@ -5,6 +5,7 @@ collected in. Appended as spots come, so that a process that is killed loses at 
 
 A journal that fails never stops the drawing: the failure is kept in `problem` until the next interaction.
 """
+
 from __future__ import annotations
 
 import json

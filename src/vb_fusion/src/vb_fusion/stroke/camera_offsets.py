@@ -4,9 +4,10 @@ Cameras that see the pointer at the same time disagree: their poses are known to
 are explained by one offset per stationary camera, and for a camera on a robot by one per second, since localisation
 errs differently as the robot drives and turns. But it errs much the same from one second to the next: a first-order
 autoregressive process. So where the robot alone sees the pointer, the offset is what it was beside the other cameras
-just before and after. All offsets are found at once by weighted least squares; stationary cameras are held near zero far
-more firmly than mobile ones, so that a robot that is lost does not move the border.
+just before and after. All offsets are found at once by weighted least squares; stationary cameras are held near zero
+far more firmly than mobile ones, so that a robot that is lost does not move the border.
 """
+
 from __future__ import annotations
 
 import math
@@ -17,7 +18,9 @@ from scipy.sparse.linalg import spsolve
 
 from vb_fusion.stroke.observations import LOCALISATION, TREMOR, Observations, time_bins
 
-KEPT = math.exp(-1.0 / 10.0)  # of a robot's error is the same a second later: localisation corrects itself within metres
+KEPT = math.exp(
+    -1.0 / 10.0
+)  # of a robot's error is the same a second later: localisation corrects itself within metres
 
 
 def remove_offsets(seen: Observations) -> Observations:

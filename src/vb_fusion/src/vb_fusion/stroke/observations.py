@@ -4,6 +4,7 @@ Everything after this works on observations. An observation is what one camera s
 ten a second from a camera that sees a hand draw, and more only where the pointer is quick. A million spots become a few
 thousand.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
@@ -124,6 +125,10 @@ def merge_observations(spots: Observations) -> Observations:
     x, y, times = (np.bincount(index, spots.weights * values) / weights for values in (*spots.points.T, spots.stamps))
     order = np.lexsort((y, x, times))
     return Observations(
-        np.column_stack([x, y]), times, spots.cameras[first], weights, spots.mobile[first],
+        np.column_stack([x, y]),
+        times,
+        spots.cameras[first],
+        weights,
+        spots.mobile[first],
         np.bincount(index, spots.spots).astype(int),
     ).select(order)

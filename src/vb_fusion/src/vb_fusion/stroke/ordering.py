@@ -4,6 +4,7 @@ The points are gathered into sites on a lattice; lonely sites go. The sites' min
 and its longest path is the stroke: a ring is opened at its widest gap. Legs closer than two sites cannot be told
 apart, and something bright beside the line may pass for a part of it: with stamps both can.
 """
+
 from __future__ import annotations
 
 import numpy as np
@@ -35,8 +36,10 @@ def order_points(points: np.ndarray, widest_gap: float) -> np.ndarray:
     tree = cKDTree(at)
     pairs = tree.query_pairs(2.0 * SITE, output_type="ndarray")
     capped = np.minimum(count, 3.0 * np.median(count))
-    company = capped + np.bincount(pairs[:, 0], capped[pairs[:, 1]], len(at)) + np.bincount(
-        pairs[:, 1], capped[pairs[:, 0]], len(at)
+    company = (
+        capped
+        + np.bincount(pairs[:, 0], capped[pairs[:, 1]], len(at))
+        + np.bincount(pairs[:, 1], capped[pairs[:, 0]], len(at))
     )
     usual = np.median(company[company > 2.0]) if (company > 2.0).any() else 1.0
     at = at[company >= LONELY * usual]

@@ -1,9 +1,10 @@
 """The seed point: the last place where the pointer dwelt.
 
-The pointer's track is found as for the border (stroke/track.py): the sequence of places that explains most with the least
-effort. What a place explains is another thing here: the pointer dwells instead of moving, and may be switched off on
-its way. So what counts is light that is new at its place, and a jump costs a blink of it, or little more.
+The pointer's track is found as for the border (stroke/track.py): the sequence of places that explains most with the
+least effort. What a place explains is another thing here: the pointer dwells instead of moving, and may be switched off
+on its way. So what counts is light that is new at its place, and a jump costs a blink of it, or little more.
 """
+
 from __future__ import annotations
 
 from typing import Optional, Sequence, Tuple

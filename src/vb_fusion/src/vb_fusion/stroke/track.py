@@ -12,6 +12,7 @@ track is the sequence of places that explains the most floor with the least effo
 The best track is found by dynamic programming, place by place in the order of time. The branches that it leaves are
 the other strokes.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -3,6 +3,7 @@
 Seen from above, the board's point P1 is its upper left corner and P2 its upper right one. The person lays them on two
 known places of the map.
 """
+
 from __future__ import annotations
 
 import math
@@ -186,8 +187,14 @@ def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
     page.axis("off")
     # a marker's module is a whole number of pixels, so that enlarging them keeps its edges where they belong
     picture = draw_board(board, 80.0 / board.square)
-    page.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="none",
-                extent=(left, left + board_width, top + board_height, top))
+    page.imshow(
+        picture,
+        cmap="gray",
+        vmin=0,
+        vmax=255,
+        interpolation="none",
+        extent=(left, left + board_width, top + board_height, top),
+    )
     page.set_xlim(0, width)
     page.set_ylim(height, 0)
     small = dict(fontsize=9, color="black", va="center")
@@ -195,8 +202,13 @@ def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
     page.text(left + board_width, top - 3.0, f"P2, {board_width:.0f} mm from P1 ◥", ha="right", **small)
     below = top + board_height + 3.5
     page.plot([left, left + 100.0], [below, below], color="black", linewidth=0.8)
-    page.text(left + 103.0, below, "100 mm: print at 100 %, not fitted to the page.   "
-              f"{paper}, squares of {1e3 * board.square:.0f} mm", ha="left", **small)
+    page.text(
+        left + 103.0,
+        below,
+        "100 mm: print at 100 %, not fitted to the page.   " f"{paper}, squares of {1e3 * board.square:.0f} mm",
+        ha="left",
+        **small,
+    )
     try:
         figure.savefig(path)
     except (OSError, ValueError) as error:  # no such folder; an extension that no writer knows

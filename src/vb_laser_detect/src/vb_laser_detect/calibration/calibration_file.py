@@ -1,4 +1,5 @@
 """A calibrated camera's file: its pose, which the launch file publishes, and what it was computed from."""
+
 from __future__ import annotations
 
 import contextlib
@@ -96,7 +97,9 @@ def save(path: Path, content: Mapping[str, Any]) -> None:
     """
     if path.exists():
         write_atomically(path.with_name(path.name + ".old"), path.read_bytes())
-    text = _HEAD.format(camera=content["camera"]) + yaml.safe_dump(dict(content), sort_keys=False, default_flow_style=None, width=110)
+    text = _HEAD.format(camera=content["camera"]) + yaml.safe_dump(
+        dict(content), sort_keys=False, default_flow_style=None, width=110
+    )
     write_atomically(path, text.encode("utf-8"))
 
 

@@ -1,4 +1,5 @@
 """What a person collects for a calibration, place by place, and its progress. No ROS, no terminal."""
+
 from __future__ import annotations
 
 import math
@@ -10,7 +11,13 @@ import numpy as np
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_laser_detect.calibration.pose import MIN_POINTS, Correspondences, PoseEstimate, PoseEstimationParams, estimate_pose
+from vb_laser_detect.calibration.pose import (
+    MIN_POINTS,
+    Correspondences,
+    PoseEstimate,
+    PoseEstimationParams,
+    estimate_pose,
+)
 
 _HOLD_S = 2.0  # a spot is held this long before a point is taken
 _MIN_SIGHTINGS = 5
@@ -95,9 +102,11 @@ class CalibrationSession:
             return f"{count}; not yet: {error}"
         left_out = int((~estimate.used).sum())
         middle, worst = 100 * np.array(estimate.floor_sigma)
-        return (f"{count}: error {estimate.rms_px:.2f} px, {100 * estimate.rms_m:.2f} cm on the floor"
-                + (f", {left_out} of {points} points left out as wrong" if left_out else "")
-                + f"; a spot is certain to {middle:.1f} cm in the middle, {worst:.1f} cm at the worst place")
+        return (
+            f"{count}: error {estimate.rms_px:.2f} px, {100 * estimate.rms_m:.2f} cm on the floor"
+            + (f", {left_out} of {points} points left out as wrong" if left_out else "")
+            + f"; a spot is certain to {middle:.1f} cm in the middle, {worst:.1f} cm at the worst place"
+        )
 
 
 def describe(estimate: PoseEstimate, observed: Correspondences) -> List[str]:

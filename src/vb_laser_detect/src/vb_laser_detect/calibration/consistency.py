@@ -1,4 +1,5 @@
 """How well overlapping cameras agree: the same spot, seen by two of them, must be at one place on the floor."""
+
 from __future__ import annotations
 
 import itertools

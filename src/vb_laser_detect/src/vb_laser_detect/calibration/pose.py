@@ -7,6 +7,7 @@ far off a spot on the floor can be. Input that does not determine a pose is refu
 One idea for single points and for boards: what was measured is a placement, of one point or of many, whose points are
 off their places in the map together. The floor is the map's plane z = 0.
 """
+
 from __future__ import annotations
 
 import itertools
@@ -69,8 +70,11 @@ class Correspondences:
         if [len(part) for part in pixels] != [len(part) for part in points]:
             raise CodedError("bad_points")
         none = [np.zeros((0, 2))]
-        return Correspondences(np.vstack(none + pixels), np.vstack(none + points),
-                            np.repeat(np.arange(len(parts)), [len(part) for part in points]))
+        return Correspondences(
+            np.vstack(none + pixels),
+            np.vstack(none + points),
+            np.repeat(np.arange(len(parts)), [len(part) for part in points]),
+        )
 
     @staticmethod
     def single(pixels: np.ndarray, points: np.ndarray) -> "Correspondences":
@@ -127,9 +131,10 @@ def estimate_pose(
     """Finds the pose from where the camera sees the points.
 
     Raises:
-        CodedError: "bad_points", "outside_image", "too_few_calibration_points", "collinear", "clustered" for points that cannot
-            determine a pose; "no_agreement" where no pose explains enough of them; "below_floor" if the camera would be
-            under it; "ambiguous" if two poses explain them; "uncertain" if the pose is known too poorly.
+        CodedError: "bad_points", "outside_image", "too_few_calibration_points", "collinear", "clustered" for
+            points that cannot determine a pose; "no_agreement" where no pose explains enough of them;
+            "below_floor" if the camera would be under it; "ambiguous" if two poses explain them; "uncertain"
+            if the pose is known too poorly.
     """
     params = params or PoseEstimationParams()
     check_points(camera, observed)
@@ -343,7 +348,9 @@ class _Fit:
         return np.linalg.inv(np.linalg.cholesky(_PIXEL_SIGMA**2 * np.eye(2 * len(points)) + spread.T @ spread))
 
 
-def _refuse_if_ambiguous(camera: CameraModel, observed: Correspondences, params: PoseEstimationParams, fit: _Fit) -> None:
+def _refuse_if_ambiguous(
+    camera: CameraModel, observed: Correspondences, params: PoseEstimationParams, fit: _Fit
+) -> None:
     """Refuses a pose if another one is almost as likely: a small or distant plane looks alike from two sides."""
     for pose in _planar_poses(camera.rays(observed.pixels), observed.points):
         if _turn(pose, fit.T_map_camera) < _SAME_TURN:

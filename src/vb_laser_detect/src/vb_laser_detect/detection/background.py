@@ -1,10 +1,11 @@
 """What a camera sees without a spot: a background updated slowly, never from a spot.
 
 One idea for cameras that move: a keyframe. The background stays where it was taken, and each image is compared with it
-through one motion, from the keyframe to now, so that nothing is resampled twice and no error adds up. Every few images the
-image itself becomes the keyframe; only what a spot hides is brought along. What shone in the keyframe within a pixel, the
-uncertainty of that motion, is not new.
+through one motion, from the keyframe to now, so that nothing is resampled twice and no error adds up. Every few images
+the image itself becomes the keyframe; only what a spot hides is brought along. What shone in the keyframe within a
+pixel, the uncertainty of that motion, is not new.
 """
+
 from __future__ import annotations
 
 import math
@@ -13,7 +14,15 @@ from typing import Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.blocks import BLOCK, Region, block_maxima, halve, mask_of_blocks, max_channel, sample_blocks
+from vb_laser_detect.detection.blocks import (
+    BLOCK,
+    Region,
+    block_maxima,
+    halve,
+    mask_of_blocks,
+    max_channel,
+    sample_blocks,
+)
 
 _DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
 _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
@@ -25,7 +34,8 @@ _KEYFRAME = 6  # [images] a moving camera's background is kept for: people walk 
 _KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe
 _MARGIN = 24  # [px] around a region that is examined
 _AROUND = 7  # [blocks] the neighbourhood of a spot, whose median is taken for the floor under it
-# half the rows must do, in half the time: spots cover several. In a Bayer image's pattern two neighbours hold all colours
+# half the rows must do, in half the time: spots cover several. In a Bayer image's pattern two neighbours hold all
+# colours
 _COLOUR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
 _SQUARE = np.ones((3, 3), np.uint8)
 _HALF = np.diag((0.5, 0.5, 1.0))
@@ -34,9 +44,9 @@ _HALF = np.diag((0.5, 0.5, 1.0))
 class Background:
     """The background of one camera at full resolution, and each block's noise.
 
-    A stationary camera's image is blended in strip by strip, so that every frame costs the same. Blocks that changed are
-    left out until the change has lasted 1.5 s; then they are adopted in one step. Blocks that show a spot are left
-    out.
+    A stationary camera's image is blended in strip by strip, so that every frame costs the same. Blocks
+    that changed are left out until the change has lasted 1.5 s; then they are adopted in one step. Blocks
+    that show a spot are left out.
 
     Args:
         image: (H, W) or (H, W, 3) uint8, the first image.
@@ -166,13 +176,19 @@ class Background:
         if wide:
             part = slice(top, top + high), slice(left, left + wide)
             rows, columns = (slice(one.start // BLOCK, one.stop // BLOCK) for one in part)
-            cv2.copyTo(self._moved_part(part, image), mask_of_blocks(np.ascontiguousarray(spots[rows, columns]), high, wide), kept[part])
+            cv2.copyTo(
+                self._moved_part(part, image),
+                mask_of_blocks(np.ascontiguousarray(spots[rows, columns]), high, wide),
+                kept[part],
+            )
         self.image, self._sample = kept, sample_blocks(kept)
         self._brightest = self.motion = None
         self._changed_s[:], self._images = 0.0, 0
         self._noise[:], self._deviation[:], self._limit = self._noise.mean(), self._deviation.mean(), None
 
-    def _take(self, image: np.ndarray, blocks: np.ndarray, weight: float, first: int = 0, last: Optional[int] = None) -> None:
+    def _take(
+        self, image: np.ndarray, blocks: np.ndarray, weight: float, first: int = 0, last: Optional[int] = None
+    ) -> None:
         """Blends blocks of the image in, of some rows of blocks."""
         blocks = blocks[first:last]
         rows = np.flatnonzero(blocks.any(axis=1))

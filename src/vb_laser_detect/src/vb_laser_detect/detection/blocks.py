@@ -1,4 +1,5 @@
 """Whole-image work that must stay cheap: maxima over blocks of pixels, masks back to pixels."""
+
 from __future__ import annotations
 
 from typing import List, Sequence, Tuple
@@ -13,10 +14,13 @@ _LARGE = 14  # [blocks] regions that are larger are cut down to their brightest 
 Region = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
 
 
-def block_maxima(image: np.ndarray, background: np.ndarray, rows: Sequence[int] = range(BLOCK), block: int = BLOCK) -> np.ndarray:
+def block_maxima(
+    image: np.ndarray, background: np.ndarray, rows: Sequence[int] = range(BLOCK), block: int = BLOCK
+) -> np.ndarray:
     """Computes each block's largest rise above the background, of any channel.
 
-    Band by band: what one step leaves is still in the processor's cache for the next, which saves more than half the time.
+    Band by band: what one step leaves is still in the processor's cache for the next, which saves more than half the
+    time.
 
     Args:
         image, background: (H, W) or (H, W, C) uint8, contiguous. The difference is never stored at full size.
@@ -26,8 +30,12 @@ def block_maxima(image: np.ndarray, background: np.ndarray, rows: Sequence[int] 
         (H // block, W // block) uint8.
     """
     high = block * max(1, _BAND // image[0].nbytes)
-    return cv2.vconcat([_band_maxima(image[top : top + high], background[top : top + high], rows, block)
-                        for top in range(0, image.shape[0] - block + 1, high)])
+    return cv2.vconcat(
+        [
+            _band_maxima(image[top : top + high], background[top : top + high], rows, block)
+            for top in range(0, image.shape[0] - block + 1, high)
+        ]
+    )
 
 
 def _band_maxima(image: np.ndarray, background: np.ndarray, rows: Sequence[int], block: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 One idea: a ray that meets a robot before it meets the floor shows the robot, and nothing on it is a spot on the floor,
 whatever it looks like. Where robots are is known, so no rule about their lights, buttons and reflections is needed.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass

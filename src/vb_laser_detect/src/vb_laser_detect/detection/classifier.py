@@ -1,9 +1,10 @@
 """Whether a blob is a laser spot: a sum of what each feature says for or against it.
 
-An additive logistic model. Each feature has a curve, linear between knots, whose value is what it adds to the logarithm of
-the odds; it is 0 for a usual spot, so the feature that lowers it most is the reason for a rejection. The curves are
+An additive logistic model. Each feature has a curve, linear between knots, whose value is what it adds to the logarithm
+of the odds; it is 0 for a usual spot, so the feature that lowers it most is the reason for a rejection. The curves are
 trained by bench/spot_training.py and stored as numbers.
 """
+
 from __future__ import annotations
 
 import json
@@ -76,8 +77,10 @@ def load(path: str = "") -> SpotClassifier:
         document = json.loads(where.read_text(encoding="utf-8"))
         if document["version"] != VERSION:
             raise ValueError(f"version {document['version']}, expected {VERSION}")
-        curves = {name: (np.array(curve["knots"], float), np.array(curve["values"], float))
-                  for name, curve in document["curves"].items()}
+        curves = {
+            name: (np.array(curve["knots"], float), np.array(curve["values"], float))
+            for name, curve in document["curves"].items()
+        }
         if any(len(x) != len(y) or len(x) < 2 or not (np.diff(x) > 0).all() for x, y in curves.values()):
             raise ValueError("a curve's knots do not rise")
         return SpotClassifier(curves, float(document["intercept"]))

@@ -1,4 +1,5 @@
 """Draws what the detector saw."""
+
 from __future__ import annotations
 
 from typing import Iterable
@@ -27,5 +28,14 @@ def draw(image: np.ndarray, encoding: str, candidates: Iterable[Spot]) -> np.nda
         radius = int(max(6, 0.5 * c.diameter + 4))
         cv2.circle(picture, centre, radius, colour, 1 if c.rejection else 2, cv2.LINE_AA)
         text = c.rejection or f"{c.confidence:.2f}"
-        cv2.putText(picture, text, (centre[0] + radius + 3, centre[1] + 4), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
+        cv2.putText(
+            picture,
+            text,
+            (centre[0] + radius + 3, centre[1] + 4),
+            cv2.FONT_HERSHEY_SIMPLEX,
+            scale,
+            colour,
+            1,
+            cv2.LINE_AA,
+        )
     return picture

@@ -1,4 +1,5 @@
 """Counts and rates of a detector, for its status message and diagnostics."""
+
 from __future__ import annotations
 
 import threading
@@ -53,5 +54,12 @@ class DetectorCounts:
             sums = dict(self._sums)
         latency, p95 = (1e3 * np.percentile(frames[:, 1], (50, 95))).tolist()
         search = 1e3 * float(np.median(frames[:, 2]))
-        return {**sums, "rejections": list(rejections), "rejection_counts": list(rejections.values()), "rate_hz": rate,
-                "latency_ms": latency, "latency_p95_ms": p95, "search_ms": search}
+        return {
+            **sums,
+            "rejections": list(rejections),
+            "rejection_counts": list(rejections.values()),
+            "rate_hz": rate,
+            "latency_ms": latency,
+            "latency_p95_ms": p95,
+            "search_ms": search,
+        }

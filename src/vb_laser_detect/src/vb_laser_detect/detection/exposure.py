@@ -1,4 +1,5 @@
 """Tells whether an image is too bright for a spot to show on it."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,8 +1,10 @@
 """What a proposal looks like at full resolution, in numbers that a classifier can weigh.
 
-One pure function: `measure` cuts a blob out of the rise over the reference and describes it. Light falls on a floor that
-goes on beside it, is brightest in its middle, ends within some pixels and darkens nothing; each number tells one of these.
+One pure function: `measure` cuts a blob out of the rise over the reference and describes it. Light falls on
+a floor that goes on beside it, is brightest in its middle, ends within some pixels and darkens nothing;
+each number tells one of these.
 """
+
 from __future__ import annotations
 
 import math
@@ -83,8 +85,10 @@ def measure(image: np.ndarray, background: np.ndarray, seed: Region, largest: fl
         # the blob's surroundings must be in the window too
         pad = int(math.ceil(0.6 * max(bw, bh))) + 4
         missing = max(
-            pad - bx if x0 > 0 else 0, pad - (x1 - x0 - bx - bw) if x1 < width else 0,
-            pad - by if y0 > 0 else 0, pad - (y1 - y0 - by - bh) if y1 < height else 0,
+            pad - bx if x0 > 0 else 0,
+            pad - (x1 - x0 - bx - bw) if x1 < width else 0,
+            pad - by if y0 > 0 else 0,
+            pad - (y1 - y0 - by - bh) if y1 < height else 0,
         )
         if missing <= 0:
             break
@@ -107,20 +111,26 @@ def measure(image: np.ndarray, background: np.ndarray, seed: Region, largest: fl
     hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
     rim = cv2.subtract(cv2.dilate(mask, _SQUARE), cv2.erode(mask, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
-    return Blob(u, v, diameter, tint=tint, features={
-        "elongation": elongation,
-        "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.white),
-        "level": level / camera.white,
-        # of the outline, in the image and in the image and the reference together: a ghost's is in the reference alone; the
-        # longer it is, the less noise and a table's edge under the spot affect it
-        "edge": slope / max(1e-3, slope + slope_before) - 0.14 * min(1.0, max(0.0, diameter / 24.0 - 1.0)),
-        "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / max(1, cv2.countNonZero(ring)),
-        # a light darkens no channel, paint does
-        "fall": max(0.0, float((floor - levels).max())) / camera.white,
-        "diameter": math.log(diameter / camera.diagonal),
-        # many webcams make white of a spot, mosaics show its colour: only there it tells a single blob
-        "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if camera.mosaic else math.nan,
-    })
+    return Blob(
+        u,
+        v,
+        diameter,
+        tint=tint,
+        features={
+            "elongation": elongation,
+            "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.white),
+            "level": level / camera.white,
+            # of the outline, in the image and in the image and the reference together: a ghost's is in the reference
+            # alone; the longer it is, the less noise and a table's edge under the spot affect it
+            "edge": slope / max(1e-3, slope + slope_before) - 0.14 * min(1.0, max(0.0, diameter / 24.0 - 1.0)),
+            "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / max(1, cv2.countNonZero(ring)),
+            # a light darkens no channel, paint does
+            "fall": max(0.0, float((floor - levels).max())) / camera.white,
+            "diameter": math.log(diameter / camera.diagonal),
+            # many webcams make white of a spot, mosaics show its colour: only there it tells a single blob
+            "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if camera.mosaic else math.nan,
+        },
+    )
 
 
 # ------------------------------------------------------------------ colour
@@ -143,7 +153,12 @@ def means_over(mask: np.ndarray, mosaic: bool, *images: np.ndarray) -> List[np.n
 
 
 def tint_of(
-    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray, level: np.ndarray, floor: np.ndarray
+    blob: np.ndarray,
+    smooth: np.ndarray,
+    image: np.ndarray,
+    background: np.ndarray,
+    level: np.ndarray,
+    floor: np.ndarray,
 ) -> np.ndarray:
     """Returns each channel's share (C,) of a blob's light: 1 for the strongest, 1 for all if the light is white.
 
@@ -212,5 +227,7 @@ def _plane(image: np.ndarray, channel: int) -> np.ndarray:
 
 
 def _gradient(plane: np.ndarray) -> np.ndarray:
-    return cv2.magnitude(cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE),
-                         cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=cv2.BORDER_REPLICATE))
+    return cv2.magnitude(
+        cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE),
+        cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=cv2.BORDER_REPLICATE),
+    )

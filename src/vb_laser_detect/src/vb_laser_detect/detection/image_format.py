@@ -1,4 +1,5 @@
 """What an image's numbers mean: 8-bit pixels from any camera encoding, and whether they are a mosaic."""
+
 from __future__ import annotations
 
 import cv2
@@ -6,10 +7,18 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-_YUV = {"yuv422": cv2.COLOR_YUV2BGR_UYVY, "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUYV, "uyvy": cv2.COLOR_YUV2BGR_UYVY,
-        "yuyv": cv2.COLOR_YUV2BGR_YUYV}
-BAYER = {"bayer_rggb": cv2.COLOR_BayerRGGB2BGR, "bayer_bggr": cv2.COLOR_BayerBGGR2BGR,
-         "bayer_gbrg": cv2.COLOR_BayerGBRG2BGR, "bayer_grbg": cv2.COLOR_BayerGRBG2BGR}
+_YUV = {
+    "yuv422": cv2.COLOR_YUV2BGR_UYVY,
+    "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUYV,
+    "uyvy": cv2.COLOR_YUV2BGR_UYVY,
+    "yuyv": cv2.COLOR_YUV2BGR_YUYV,
+}
+BAYER = {
+    "bayer_rggb": cv2.COLOR_BayerRGGB2BGR,
+    "bayer_bggr": cv2.COLOR_BayerBGGR2BGR,
+    "bayer_gbrg": cv2.COLOR_BayerGBRG2BGR,
+    "bayer_grbg": cv2.COLOR_BayerGRBG2BGR,
+}
 
 
 class PixelReader:

@@ -1,4 +1,5 @@
 """One image's geometry: where its pixels are on the floor, computed only where a candidate needs it."""
+
 from __future__ import annotations
 
 from functools import cached_property
@@ -33,8 +34,13 @@ class ImageGeometry:
     """
 
     def __init__(
-        self, camera: CameraModel, pose: Callable[[], np.ndarray], projector: FloorProjection,
-        depth: Optional[DepthAt] = None, stamp: Any = None, bodies: Callable[[], Sequence[Body]] = tuple,
+        self,
+        camera: CameraModel,
+        pose: Callable[[], np.ndarray],
+        projector: FloorProjection,
+        depth: Optional[DepthAt] = None,
+        stamp: Any = None,
+        bodies: Callable[[], Sequence[Body]] = tuple,
     ) -> None:
         self.stamp = stamp
         self.unplaced: Optional[CodedError] = None
@@ -107,7 +113,9 @@ def search(
     return detector.detect(image, stamp)
 
 
-def locate_confirmed(detector: SpotDetector, spots: List[Spot], frame: Optional[ImageGeometry]) -> List[Tuple[ImageGeometry, Spot]]:
+def locate_confirmed(
+    detector: SpotDetector, spots: List[Spot], frame: Optional[ImageGeometry]
+) -> List[Tuple[ImageGeometry, Spot]]:
     """Returns the spots that a search has confirmed, each with its own image's geometry, the oldest first.
 
     Those of images without a known place are left out.

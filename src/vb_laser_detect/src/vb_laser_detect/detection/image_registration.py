@@ -1,8 +1,9 @@
 """How a camera moved since a keyframe, judged by what is stationary in the room.
 
-Corners of the keyframe are followed into each image (sparse optical flow), and most of them agree on one motion; what moves
-by itself, people and the laser spot, does not agree and is left out (RANSAC).
+Corners of the keyframe are followed into each image (sparse optical flow), and most of them agree on one motion; what
+moves by itself, people and the laser spot, does not agree and is left out (RANSAC).
 """
+
 from __future__ import annotations
 
 from typing import Optional
@@ -17,8 +18,12 @@ _CORNERS, _FEWEST = 48, 12  # looked for; needed to know a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
 _SHARE = 0.35  # of the corners have to agree
 _STILL_PX = 0.35  # [px] no place of the image moved farther: the camera is stationary
-_FLOW = dict(winSize=(11, 11), maxLevel=2, criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
-             flags=cv2.OPTFLOW_USE_INITIAL_FLOW)
+_FLOW = dict(
+    winSize=(11, 11),
+    maxLevel=2,
+    criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
+    flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+)
 
 
 class ImageRegistration:
@@ -81,7 +86,8 @@ class ImageRegistration:
 def _agreed_motion(before: np.ndarray, after: np.ndarray) -> Optional[np.ndarray]:
     """Returns the motion (3, 3) that most corners (N, 1, 2) agree on; None if too few do."""
     motion, agree = cv2.estimateAffinePartial2D(
-        before, after, method=cv2.RANSAC, ransacReprojThreshold=_AGREE_PX, maxIters=200, confidence=0.99)
+        before, after, method=cv2.RANSAC, ransacReprojThreshold=_AGREE_PX, maxIters=200, confidence=0.99
+    )
     if motion is None:
         return None
     motion, count = np.vstack([motion, (0, 0, 1)]), int(agree.sum())

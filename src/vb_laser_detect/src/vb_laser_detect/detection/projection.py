@@ -3,6 +3,7 @@ mobile ones).
 
 Only the pixel is undistorted, never the image.
 """
+
 from __future__ import annotations
 
 import math
@@ -115,7 +116,8 @@ class FloorProjection:
         """Projects a pixel [px] to the floor plane.
 
         Raises:
-            CodedError: "outside_image", "no_floor_intersection", "grazing_view", "too_far", "ignored_region", "spot_outside_map".
+            CodedError: "outside_image", "no_floor_intersection", "grazing_view", "too_far",
+                "ignored_region", "spot_outside_map".
         """
         p = self.params
         if not (math.isfinite(u) and math.isfinite(v)) or not camera.contains(np.array([[u, v]]))[0]:
@@ -189,7 +191,9 @@ def _polygon(corners: Sequence[Sequence[float]]) -> np.ndarray:
     except (TypeError, ValueError):
         polygon = np.zeros((0, 2), np.float32)
     if len(polygon) < 3 or not np.isfinite(polygon).all():
-        raise ParameterError("ignore_regions", f"expected polygons [[x, y], [x, y], [x, y], ...] in metres, got {corners!r}")
+        raise ParameterError(
+            "ignore_regions", f"expected polygons [[x, y], [x, y], [x, y], ...] in metres, got {corners!r}"
+        )
     return polygon
 
 

@@ -1,9 +1,10 @@
 """Regions worth examining: what became brighter than the scene was, for every camera.
 
-One idea: a moving camera is a stationary one over a background that moves along (`background`); `image_registration` estimates
-its motion. The first image of a scene is its background: what shines there may be a lamp, and only its motion can tell.
-Under a spot that was followed until a light was switched, the median of its surroundings replaces the floor.
+One idea: a moving camera is a stationary one over a background that moves along (`background`); `image_registration`
+estimates its motion. The first image of a scene is its background: what shines there may be a lamp, and only its motion
+can tell. Under a spot that was followed until a light was switched, the median of its surroundings replaces the floor.
 """
+
 from __future__ import annotations
 
 import math
@@ -23,7 +24,9 @@ _MIN_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is small
 _SATURATED = 0.97
 _MAX_REGIONS = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.3  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
-_MAX_CHANGE_LOST = 0.12  # the same, for a moving camera whose motion is not known: else all that it passes would be examined
+_MAX_CHANGE_LOST = (
+    0.12  # the same, for a moving camera whose motion is not known: else all that it passes would be examined
+)
 
 
 class Proposal(NamedTuple):
@@ -119,12 +122,14 @@ class Proposer:
         changed = hot if background.motion is not None else hot | darker
         return SearchedImage(image, background.reference, proposals, rise, changed, self.white)
 
-    def _rank(self, image: np.ndarray, found: Sequence[Tuple[Region, float]], expected: Sequence[Expected]) -> List[Proposal]:
+    def _rank(
+        self, image: np.ndarray, found: Sequence[Tuple[Region, float]], expected: Sequence[Expected]
+    ) -> List[Proposal]:
         """Proposals of regions with their rise; notes the brightest value.
 
-        Those where a spot is expected come first. A spot shows the camera's white wherever it falls; by how much it rises
-        depends on the floor, and on a bright one a person beside it rises more. So white regions come next, among them those
-        that rose most.
+        Those where a spot is expected come first. A spot shows the camera's white wherever it falls; by how much it
+        rises depends on the floor, and on a bright one a person beside it rises more. So white regions come next,
+        among them those that rose most.
         """
         rated = []
         for region, peak in found:
@@ -140,7 +145,9 @@ class Proposer:
             spot = next((one for one in expected if one.overlaps(region)), None)
             proposals.append(Proposal(region, spot, "" if level >= _MIN_LEVEL * self.white else "too_dark"))
         # published ones, other expected ones, the rest
-        return sorted(proposals, key=lambda one: 2 if one.rejection or one.expected is None else int(not one.expected.published))
+        return sorted(
+            proposals, key=lambda one: 2 if one.rejection or one.expected is None else int(not one.expected.published)
+        )
 
     def _start(self, image: np.ndarray, expected: Sequence[Expected]) -> None:
         background = self._background = Background(image)

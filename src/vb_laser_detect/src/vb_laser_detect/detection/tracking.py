@@ -1,9 +1,10 @@
 """Spots over time: which sighting belongs to which spot, when it counts, and which is published.
 
 The only part of the detector that knows time. A track moves on at a constant velocity, on the floor where the camera's
-pose is known, else in the image; every limit is given in seconds and holds for some images at least, so that a camera of
-two images a second works as one of sixty does. A track that is published stays so until it is lost.
+pose is known, else in the image; every limit is given in seconds and holds for some images at least, so that a camera
+of two images a second works as one of sixty does. A track that is published stays so until it is lost.
 """
+
 from __future__ import annotations
 
 import math
@@ -23,12 +24,17 @@ from vb_laser_detect.detection.features import Camera, chroma
 
 _SLACK_M, _SLACK_PX = 0.05, 12.0  # what noise alone may move a spot between two images
 _MAX_SPEED = 8.0  # [m/s] of a spot on the floor: a wrist's flick
-_GAP_S, _GAP_PERIODS = 0.25, 3.5  # a spot may be hidden so long, a leg's time, and be missing in two images of any camera
+_GAP_S, _GAP_PERIODS = (
+    0.25,
+    3.5,
+)  # a spot may be hidden so long, a leg's time, and be missing in two images of any camera
 _RECALL_S = 1.0  # older sightings of a spot confirmed late are not published
 _DIAGONAL_M = 5.0  # without a pose an image's diagonal counts as this much
 _PERIODS = 15  # [images] whose median distance in time is the period
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
-_PALE = 0.25  # ... of a laser on a floor that is nearly white; a mosaic's mean of white glints over half a second is less
+_PALE = (
+    0.25  # ... of a laser on a floor that is nearly white; a mosaic's mean of white glints over half a second is less
+)
 # [s] colourless light is followed for longer before it counts: a glint on a shoe, a watch or a cup lasts
 # less than a step, half a second. Nothing is lost, as the spots until then are backfilled
 _STEP_S = 0.6
@@ -86,7 +92,12 @@ class Expected(NamedTuple):
     def overlaps(self, region: Region) -> bool:
         """Tells whether a part of a region is within reach, of a square."""
         left, top, right, bottom = region
-        return left <= self.u + self.reach and self.u - self.reach < right and top <= self.v + self.reach and self.v - self.reach < bottom
+        return (
+            left <= self.u + self.reach
+            and self.u - self.reach < right
+            and top <= self.v + self.reach
+            and self.v - self.reach < bottom
+        )
 
 
 @dataclass(eq=False)
@@ -148,7 +159,9 @@ class SpotTracker:
         gap = max(_GAP_S, _GAP_PERIODS * self.period_s)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         for track in self._tracks if motion is not None else ():
-            track.place[:2], track.rest_position = cv2.perspectiveTransform(np.array([[track.place[:2], track.rest_position]]), motion)[0]
+            track.place[:2], track.rest_position = cv2.perspectiveTransform(
+                np.array([[track.place[:2], track.rest_position]]), motion
+            )[0]
         expected = [self._expect(track) for track in self._tracks if track.confirmed]
         return sorted(expected, key=lambda one: not one.published)
 
@@ -182,7 +195,9 @@ class SpotTracker:
         axes = slice(0, 2) if math.isnan(places[0, 2]) else slice(2, 4)
         if axes != self._axes:
             self._tracks, self._axes = [], axes
-        slack, speed = (_SLACK_M, _MAX_SPEED) if axes.start else (_SLACK_PX, _MAX_SPEED * self._camera.diagonal / _DIAGONAL_M)
+        slack, speed = (
+            (_SLACK_M, _MAX_SPEED) if axes.start else (_SLACK_PX, _MAX_SPEED * self._camera.diagonal / _DIAGONAL_M)
+        )
         found: List[Optional[Track]] = [None] * len(spots)
         if self._tracks:
             last = np.array([track.place[axes] for track in self._tracks])
@@ -211,8 +226,8 @@ class SpotTracker:
             track.light = spot.tint if track.light is None else track.light + spot.tint
         if track.hits < self.params.confirm_frames or track.confirmed:
             return
-        # of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which looks like a colour; in
-        # the mean over several images it does not
+        # of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which looks like a colour;
+        # in the mean over several images it does not
         shown = 0.0 if track.light is None else chroma(track.light)
         if self._stamp - track.created < _STEP_S:
             least = _VIVID

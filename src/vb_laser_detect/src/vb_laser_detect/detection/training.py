@@ -4,6 +4,7 @@ The detector itself proposes and measures; an oracle that knows the truth judges
 right classifier would leave to it. What was measured, and the truth, are the examples. Each feature is cut into ramps
 between knots, a logistic regression finds the height of each ramp, and the ramps add up to the curve.
 """
+
 from __future__ import annotations
 
 import json
@@ -62,8 +63,12 @@ class Examples(NamedTuple):
     @staticmethod
     def join(parts: Sequence["Examples"]) -> "Examples":
         """Joins the examples of several clips and scenes."""
-        return Examples(np.concatenate([p.values for p in parts]), np.concatenate([p.truth for p in parts]),
-                        parts[0].names, np.concatenate([p.groups for p in parts]))
+        return Examples(
+            np.concatenate([p.values for p in parts]),
+            np.concatenate([p.truth for p in parts]),
+            parts[0].names,
+            np.concatenate([p.groups for p in parts]),
+        )
 
 
 class Oracle(SpotClassifier):
@@ -92,17 +97,24 @@ def save_examples(examples: Examples, path: Path) -> None:
     """Keeps the examples of one clip or scene; the file is there once it is whole."""
     part = path.with_suffix(".part")
     with part.open("wb") as file:
-        np.savez_compressed(file, values=examples.values, truth=examples.truth, names=np.array(examples.names), groups=examples.groups)
+        np.savez_compressed(
+            file, values=examples.values, truth=examples.truth, names=np.array(examples.names), groups=examples.groups
+        )
     part.replace(path)
 
 
 def load_examples(files: Iterable[Path]) -> Examples:
     """Loads the examples of several clips and scenes; inverse of `save_examples` for each."""
-    parts = [Examples(data["values"], data["truth"], tuple(data["names"].tolist()), data["groups"]) for data in map(np.load, files)]
+    parts = [
+        Examples(data["values"], data["truth"], tuple(data["names"].tolist()), data["groups"])
+        for data in map(np.load, files)
+    ]
     return Examples.join([part for part in parts if len(part.truth)])
 
 
-def collect(frames: Iterable[LabelledFrame], params: DetectorParams, group: str, reach: float, encoding: str = "") -> Examples:
+def collect(
+    frames: Iterable[LabelledFrame], params: DetectorParams, group: str, reach: float, encoding: str = ""
+) -> Examples:
     """Collects the examples of one clip or scene.
 
     Args:
@@ -125,9 +137,9 @@ def collect(frames: Iterable[LabelledFrame], params: DetectorParams, group: str,
 def fit(examples: Examples) -> SpotClassifier:
     """Fits the curves: a logistic regression over ramps whose signs are fixed, one convex problem with one solution.
 
-    Within a kind (clips; each kind of rendered scene, "kind: name"; recordings) each example counts alike, a false spot as
-    three missed ones; the spots of all kinds weigh the same together. Classes must not be balanced within a kind: one
-    that shows few other bright things would price each at dozens of spots, and shift its limits into the spots.
+    Within a kind (clips; each kind of rendered scene, "kind: name"; recordings) each example counts alike, a false spot
+    as three missed ones; the spots of all kinds weigh the same together. Classes must not be balanced within a kind:
+    one that shows few other bright things would price each at dozens of spots, and shift its limits into the spots.
     """
     from scipy.optimize import minimize
 
@@ -151,12 +163,21 @@ def fit(examples: Examples) -> SpotClassifier:
     def loss(heights: np.ndarray) -> Tuple[float, np.ndarray]:
         margins = design @ heights
         slopes = -weights * np.exp(-np.logaddexp(0.0, margins))
-        return (float(weights @ np.logaddexp(0.0, -margins) + 0.5 * pull @ heights**2), design.T @ slopes + pull * heights)
+        return (
+            float(weights @ np.logaddexp(0.0, -margins) + 0.5 * pull @ heights**2),
+            design.T @ slopes + pull * heights,
+        )
 
     # a ramp that goes the wrong way is an accident of these examples: it stays level
     bounds = [(0.0, None)] * (len(signs) - 1) + [(None, None)]
-    found = minimize(loss, np.zeros(len(signs)), jac=True, method="L-BFGS-B", bounds=bounds,
-                     options={"maxiter": 5000, "maxfun": 10000, "ftol": 0.0, "gtol": 1e-6})
+    found = minimize(
+        loss,
+        np.zeros(len(signs)),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"maxiter": 5000, "maxfun": 10000, "ftol": 0.0, "gtol": 1e-6},
+    )
     heights = found.x * signs
     intercept, curves, first = float(heights[-1]), {}, 0
     for name, x, middle in zip(examples.names, knots, usual):
@@ -197,7 +218,9 @@ def fit_without(examples: Examples, groups: Sequence[str], parts: int) -> Dict[s
 def validate(examples: Examples) -> List[Tuple[str, np.ndarray, np.ndarray]]:
     """Returns (group, truth, logits) of each group, by classifiers that were fitted without it."""
     result = []
-    for group, judge in fit_without(examples, np.random.default_rng(1).permutation(np.unique(examples.groups)), _FOLDS).items():
+    for group, judge in fit_without(
+        examples, np.random.default_rng(1).permutation(np.unique(examples.groups)), _FOLDS
+    ).items():
         own = examples.select(examples.groups == group)
         result.append((str(group), own.truth, logits(judge, own)))
     return sorted(result, key=lambda one: one[0])
@@ -205,10 +228,16 @@ def validate(examples: Examples) -> List[Tuple[str, np.ndarray, np.ndarray]]:
 
 def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
     """Writes a classifier; inverse of `classifier.load`."""
-    curves = [f'  "{name}": {{"knots": {json.dumps([round(float(v), 3) for v in x])},\n'
-              f'    "values": {json.dumps([round(float(v), 2) for v in y])}}}' for name, (x, y) in classifier.curves.items()]
-    path.write_text(f'{{"version": {VERSION},\n "trained_on": {json.dumps(trained_on)},\n'
-                    f' "intercept": {round(classifier.intercept, 2)},\n "curves": {{\n' + ",\n".join(curves) + "}}\n", encoding="utf-8")
+    curves = [
+        f'  "{name}": {{"knots": {json.dumps([round(float(v), 3) for v in x])},\n'
+        f'    "values": {json.dumps([round(float(v), 2) for v in y])}}}'
+        for name, (x, y) in classifier.curves.items()
+    ]
+    path.write_text(
+        f'{{"version": {VERSION},\n "trained_on": {json.dumps(trained_on)},\n'
+        f' "intercept": {round(classifier.intercept, 2)},\n "curves": {{\n' + ",\n".join(curves) + "}}\n",
+        encoding="utf-8",
+    )
 
 
 def _signs(name: str, knots: np.ndarray) -> np.ndarray:
@@ -224,8 +253,12 @@ def _knots(column: np.ndarray, truth: np.ndarray) -> np.ndarray:
     if not known.any():
         return np.zeros(0)
     # most values of some features are 0: what the others are like tells apart too
-    parts = [np.quantile(column[rows], _QUANTILES) for kind in (True, False)
-             for rows in (known & (truth == kind), known & (truth == kind) & (column != 0)) if rows.any()]
+    parts = [
+        np.quantile(column[rows], _QUANTILES)
+        for kind in (True, False)
+        for rows in (known & (truth == kind), known & (truth == kind) & (column != 0))
+        if rows.any()
+    ]
     x = np.unique(np.round(np.concatenate(parts), 3))
     least = 0.03 * (x[-1] - x[0])
     kept = [x[0]]

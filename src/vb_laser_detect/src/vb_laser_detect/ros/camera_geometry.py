@@ -1,4 +1,5 @@
 """Where a camera was when it took an image, what its lens does, and what depth it saw."""
+
 from __future__ import annotations
 
 import threading
@@ -68,7 +69,10 @@ class InfoTopic:
     def __init__(self, topic: str, report: DetectorDiagnostics, rectified: bool = False) -> None:
         self._report, self._rectified = report, rectified
         self._known: Optional[list] = None  # what the last one said
-        self._latest: Tuple[Optional[CameraModel], str] = None, f"no camera_info on {topic}"  # the model, or why there is none
+        self._latest: Tuple[Optional[CameraModel], str] = (
+            None,
+            f"no camera_info on {topic}",
+        )  # the model, or why there is none
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
 
     def model_for(self, shape: Tuple[int, ...]) -> CameraModel:
@@ -215,7 +219,12 @@ class CameraGeometry:
     """
 
     def __init__(
-        self, mobile: bool, info: InfoTopic, depth: Optional[DepthTopic], projector: FloorProjection, robots: Sequence[str],
+        self,
+        mobile: bool,
+        info: InfoTopic,
+        depth: Optional[DepthTopic],
+        projector: FloorProjection,
+        robots: Sequence[str],
         report: DetectorDiagnostics,
     ) -> None:
         self._mobile, self._info, self._depth, self._projector = mobile, info, depth, projector

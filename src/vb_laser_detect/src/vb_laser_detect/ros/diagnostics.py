@@ -1,4 +1,5 @@
 """A spot detector as seen from outside: status, diagnostics, warnings."""
+
 from __future__ import annotations
 
 import threading
@@ -21,9 +22,10 @@ from vb_msgs.msg import DetectorStatus
 
 _SILENCE_S = 2.0  # without an image for this long, diagnostics call the camera silent
 _RECENT_S = 5.0  # a fault of its input stays in the diagnostics for this long
-# [s] of wall time. A fault is logged once, when its sentence changes, and as a reminder, each after twice the time of the one
-# before: a person who calibrates cameras for half an hour knows that they have no pose. A missing input not before it has
-# lasted: while nodes start inputs come late, and a camera whose frame is another's should not be told of its pose first
+# [s] of wall time. A fault is logged once, when its sentence changes, and as a reminder, each after twice the
+# time of the one before: a person who calibrates cameras for half an hour knows that they have no pose. A missing
+# input not before it has lasted: while nodes start inputs come late, and a camera whose frame is another's should
+# not be told of its pose first
 _CHANGES_S, _REMIND_S, _LASTS_S = 10.0, 60.0, 3.0
 _SLOW_S = 1.0  # a spot that is confirmed later than this is worth a warning
 _HEARD_S = 5.0  # a detector that is silent for this long is gone
@@ -133,7 +135,14 @@ class DetectorDiagnostics:
             require_own_frame(self._camera, frame_id, frames)
 
     def count_image(
-        self, stamp: rospy.Time, search_s: float, spots: int, backfilled: int, image: np.ndarray, frame_id: str, confirmation_s: float
+        self,
+        stamp: rospy.Time,
+        search_s: float,
+        spots: int,
+        backfilled: int,
+        image: np.ndarray,
+        frame_id: str,
+        confirmation_s: float,
     ) -> None:
         """Counts a searched image, see `DetectorCounts`; at the images' rate a spot is confirmed after `confirmation_s`."""
         self._frame_id, self._confirmation_s, self._image = frame_id, confirmation_s, image
@@ -143,8 +152,14 @@ class DetectorDiagnostics:
     def _publish(self, _event: Any) -> None:
         now = rospy.Time.now()
         self._status = DetectorStatus(
-            header=rospy.Header(stamp=now), camera=self._camera, mobile=self._mobile, frame_id=self._frame_id,
-            received=self._mailbox.received, dropped=self._mailbox.dropped, **self._counts.summary(now.to_sec()))
+            header=rospy.Header(stamp=now),
+            camera=self._camera,
+            mobile=self._mobile,
+            frame_id=self._frame_id,
+            received=self._mailbox.received,
+            dropped=self._mailbox.dropped,
+            **self._counts.summary(now.to_sec()),
+        )
         self._publisher.publish(self._status)
         self._updater.force_update()
 
@@ -152,7 +167,9 @@ class DetectorDiagnostics:
         now, told = rospy.Time.now(), self._status
         with self._lock:
             missing = [self._missing_input] if self._missing_input else []
-            faults = [(code, one.text) for code, one in self._faults.items() if abs((now - one.at).to_sec()) < _RECENT_S]
+            faults = [
+                (code, one.text) for code, one in self._faults.items() if abs((now - one.at).to_sec()) < _RECENT_S
+            ]
         recent = [f"{text} [{code}]" for code, text in faults]
         image = self._image
         saturated = saturated_share(image) if image is not None else 0.0
@@ -164,16 +181,22 @@ class DetectorDiagnostics:
         elif recent:
             level, lines = DiagnosticStatus.WARN, recent
         elif self._confirmation_s > _SLOW_S:
-            level, lines = DiagnosticStatus.WARN, [str(CodedError(
-                "slow_camera", rate=f"{told.rate_hz:.1f}", seconds=f"{self._confirmation_s:.1f}"))]
+            level, lines = (
+                DiagnosticStatus.WARN,
+                [str(CodedError("slow_camera", rate=f"{told.rate_hz:.1f}", seconds=f"{self._confirmation_s:.1f}"))],
+            )
         elif self._mobile and not self.colour:
             level, lines = DiagnosticStatus.WARN, [str(CodedError("no_colour", camera=self._camera))]
         elif saturated > TOO_BRIGHT:
             level = DiagnosticStatus.WARN
             lines = [f"{100 * saturated:.0f} % of the image is saturated: reduce the exposure"]
         status.summary(level, "; ".join(dict.fromkeys(lines)))
-        for name, value in (("rate [1/s]", told.rate_hz), ("latency, median [ms]", told.latency_ms),
-                            ("latency, 95th percentile [ms]", told.latency_p95_ms), ("search, median [ms]", told.search_ms)):
+        for name, value in (
+            ("rate [1/s]", told.rate_hz),
+            ("latency, median [ms]", told.latency_ms),
+            ("latency, 95th percentile [ms]", told.latency_p95_ms),
+            ("search, median [ms]", told.search_ms),
+        ):
             status.add(name, f"{value:.1f}")
         status.add("images received", str(told.received))
         status.add("images dropped", str(told.dropped))

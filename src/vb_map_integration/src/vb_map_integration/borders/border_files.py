@@ -1,4 +1,5 @@
 """Borders as plain values, and as YAML."""
+
 from __future__ import annotations
 
 import json
@@ -43,7 +44,9 @@ def border_from_mapping(values: Any) -> VirtualBorder:
     values = dict(values)
     kind = values.pop("kind", None)
     if kind not in (None, "polygon", "separating_curve", "virtual_wall"):
-        raise CodedError("bad_border_file", reason=f"kind: must be polygon, separating_curve or virtual_wall, got {kind!r}")
+        raise CodedError(
+            "bad_border_file", reason=f"kind: must be polygon, separating_curve or virtual_wall, got {kind!r}"
+        )
     try:
         if kind == "virtual_wall":
             values.setdefault("seed", (0.0, 0.0))

@@ -1,4 +1,5 @@
 """Borders and issues as messages."""
+
 from __future__ import annotations
 
 from typing import Iterable, List, Sequence, Tuple
@@ -13,7 +14,9 @@ from vb_map_integration.borders.issues import ERROR, WARNING, Issue, Integration
 
 # whether the chain is closed, by kind
 KINDS = {
-    BorderMessage.DECIDE: None, BorderMessage.POLYGON: True, BorderMessage.SEPARATING_CURVE: False,
+    BorderMessage.DECIDE: None,
+    BorderMessage.POLYGON: True,
+    BorderMessage.SEPARATING_CURVE: False,
     BorderMessage.VIRTUAL_WALL: False,
 }
 ZONES = {BorderMessage.KEEP_OUT: KEEP_OUT, BorderMessage.AVOID: AVOID, BorderMessage.SLOW: SLOW}
@@ -81,7 +84,9 @@ def issue_messages(issues: Sequence[Issue]) -> List[BorderIssue]:
     """Issues to messages; inverse of `issues_from_messages`."""
     return [
         BorderIssue(
-            severity=_SEVERITIES[one.severity], code=one.code, message=one.message,
+            severity=_SEVERITIES[one.severity],
+            code=one.code,
+            message=one.message,
             values=messages.values_from_mapping(one.values),
         )
         for one in issues

@@ -1,4 +1,5 @@
 """Clicks on the map that become a border: the chain's points, its end, the seed."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
 """How an unfinished border looks in RViz."""
+
 from __future__ import annotations
 
 from typing import List, Sequence, Tuple

@@ -1,4 +1,5 @@
 """Changes to a border's vertices, as a person makes them with a mouse. Each returns a new, checked border."""
+
 from __future__ import annotations
 
 from typing import Sequence

@@ -4,6 +4,7 @@ A Polygon is a polygon, a LineString a separating curve. The seed and the rest a
 in the YAML files; a polygon without a seed restricts its inside, and a LineString of kind "virtual_wall" needs none.
 Properties of other programs are ignored; errors in ours, or in the geometry, are reported.
 """
+
 from __future__ import annotations
 
 import dataclasses
@@ -83,7 +84,9 @@ def _border(feature: Any) -> VirtualBorder:
     values.update(points=points, kind="virtual_wall" if wall else plain)
     if "seed" not in values and not wall:
         if kind == "LineString":
-            raise CodedError("bad_border_file", reason="properties: a separating curve needs a seed, [x, y], on the restricted side")
+            raise CodedError(
+                "bad_border_file", reason="properties: a separating curve needs a seed, [x, y], on the restricted side"
+            )
         values["seed"] = _point_inside(points)
     return border_from_mapping(values)
 
@@ -93,8 +96,10 @@ def _positions(values: Any) -> List[List[float]]:
     if not isinstance(values, list):
         raise CodedError("bad_border_file", reason=f"coordinates: expected a list of positions, got {values!r}")
     for value in values:
-        numbers = isinstance(value, list) and len(value) in (2, 3) and all(
-            isinstance(number, (int, float)) and not isinstance(number, bool) for number in value
+        numbers = (
+            isinstance(value, list)
+            and len(value) in (2, 3)
+            and all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in value)
         )
         if not numbers:
             raise CodedError("bad_border_file", reason=f"coordinates: a position is [x, y] in metres, got {value!r}")

@@ -1,4 +1,5 @@
 """The issues that a border's check reports, and the error that refuses it."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field

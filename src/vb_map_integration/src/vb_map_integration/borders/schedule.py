@@ -1,4 +1,5 @@
 """Weekly times at which a border is in force, for instance "mon-fri 08:00-12:00; sat 10:00-11:00"."""
+
 from __future__ import annotations
 
 import datetime

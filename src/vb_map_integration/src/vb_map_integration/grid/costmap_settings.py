@@ -1,4 +1,5 @@
 """How a costmap of move_base treats soft values, by its parameters."""
+
 from __future__ import annotations
 
 from typing import Any, List, Mapping, Optional, Tuple
@@ -28,7 +29,8 @@ def _is_trinary(settings: Mapping[str, Any]) -> bool:
 def _static_layers(settings: Mapping[str, Any]) -> Tuple[str, ...]:
     plugins: List[Any] = settings.get("plugins") or []
     named = tuple(
-        str(plugin.get("name", "static_layer")) for plugin in plugins
+        str(plugin.get("name", "static_layer"))
+        for plugin in plugins
         if isinstance(plugin, Mapping) and str(plugin.get("type", "")).endswith("StaticLayer")
     )
     return named or ("static_layer",)

@@ -12,6 +12,7 @@ it; behind, where the end has passed it; or beside, where a straight extension w
 few centimetres before a doorway does. No robot passes through so small a gap, so joining the end to the wall takes
 nothing away from anybody.
 """
+
 from __future__ import annotations
 
 import math
@@ -114,7 +115,10 @@ def separate(
     """
     shape = (cells.shape[0] - 2, cells.shape[1] - 2)
     reach = 2.0 * sum(shape) + float(np.abs(points).max())
-    outer = [points[0] + reach * end_direction(points[::-1], fit_length), points[-1] + reach * end_direction(points, fit_length)]
+    outer = [
+        points[0] + reach * end_direction(points[::-1], fit_length),
+        points[-1] + reach * end_direction(points, fit_length),
+    ]
     trace = raster.trace_chain(np.concatenate([outer[:1], points, outer[1:]]), shape)
     drawn_length = float(np.hypot(*(points[1:] - points[:-1]).T).sum())
     before = -(trace.arc - reach)  # [cells] how far each cell is before the chain's start
@@ -146,13 +150,18 @@ def _stops(
         point: (2,) (column, row), the drawn end.
         outwards: -1 for the chain's start, 1 for its end.
     """
-    # the outermost cell is beyond the map's rim, so there always is one; it may be the only one, the end being off the map
+    # the outermost cell is beyond the map's rim, so there always is one; it may be the only one, the end being off the
+    # map
     indices = np.flatnonzero(beyond >= -tolerance)[::outwards]
     indices = indices if len(indices) else np.array([0 if outwards < 0 else len(beyond) - 1])
     hit = cells[trace.rows[indices] + 1, trace.columns[indices] + 1] != _FREE
     hit[1:] &= ~hit[:-1]
     ahead = [
-        _Stop(max(float(beyond[k]), 0.0), (int(trace.rows[k]), int(trace.columns[k])), int(k if outwards < 0 else len(beyond) - 1 - k))
+        _Stop(
+            max(float(beyond[k]), 0.0),
+            (int(trace.rows[k]), int(trace.columns[k])),
+            int(k if outwards < 0 else len(beyond) - 1 - k),
+        )
         for k in (indices[hit] if hit.any() else indices[-1:])
     ]
     within = int(tolerance)

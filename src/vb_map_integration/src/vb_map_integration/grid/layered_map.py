@@ -1,4 +1,5 @@
 """The posterior map, always computed from the physical map and all regions that are in force."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -4,6 +4,7 @@ Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are
 Masks are uint8, 0 or 255, as OpenCV uses them; most belong to a window of the map, as the less of a large map is
 touched the better.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
 """What a robot can reach in a map, and what a border would cut off."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -65,7 +66,9 @@ def check_reachability(
         if len(found) == 0:
             return Reachability(parts, tuple(range(len(goals))))
         home = int(found[0])
-    return Reachability(parts, tuple(i for i, goal in enumerate(goals) if home not in _labels_near(grid, labels, goal, radius)))
+    return Reachability(
+        parts, tuple(i for i, goal in enumerate(goals) if home not in _labels_near(grid, labels, goal, radius))
+    )
 
 
 def _coarser(free: np.ndarray, factor: int) -> np.ndarray:

@@ -1,4 +1,5 @@
 """An image of two maps laid on each other, with the borders where they would be."""
+
 from __future__ import annotations
 
 from typing import Iterable, Optional
@@ -15,7 +16,9 @@ _FREE, _UNKNOWN, _WALL, _OLD, _BORDER = (255, 255, 255), (210, 210, 210), (60, 6
 _MAX_PIXELS = 1000
 
 
-def draw_map_overlay(old: Optional[GridMap], new: GridMap, transform: Transform, borders: Iterable[VirtualBorder]) -> bytes:
+def draw_map_overlay(
+    old: Optional[GridMap], new: GridMap, transform: Transform, borders: Iterable[VirtualBorder]
+) -> bytes:
     """Draws a PNG: the new map in grey, the old one's obstacles in blue, borders in red.
 
     Args:

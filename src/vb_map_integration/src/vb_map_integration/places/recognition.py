@@ -4,6 +4,7 @@ The idea: fail closed. A map is recognised by its exact fingerprint; else by the
 registration against the maps at which the borders were drawn, never against the last one seen. Where that is not sure
 the borders of the likeliest place stay in force, and a person is asked.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -14,7 +15,14 @@ import numpy as np
 from vb_core.grid_map import OCCUPIED_FROM, GridMap
 from vb_map_integration.storage.database import Database, KnownMap
 from vb_map_integration.places.registration import (
-    IDENTITY, MIN_AGREEMENT, MIN_OVERLAP, Registration, WallMap, Transform, measure_at, register_wall_maps,
+    IDENTITY,
+    MIN_AGREEMENT,
+    MIN_OVERLAP,
+    Registration,
+    WallMap,
+    Transform,
+    measure_at,
+    register_wall_maps,
 )
 
 # this many of a place's maps are compared: the first and the newest ones
@@ -77,7 +85,11 @@ class Recognizer:
         floor = int(np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_FROM)))
         wall_map = WallMap(grid)
         continued = before is not None and recognition.place in candidates and is_extension(before, grid)
-        if continued and recognition.certain and self._agrees(candidates[recognition.place], wall_map, recognition.transform):
+        if (
+            continued
+            and recognition.certain
+            and self._agrees(candidates[recognition.place], wall_map, recognition.transform)
+        ):
             return replace(recognition, floor_cells=floor)
         if continued and not recognition.certain and floor < _GROWN * recognition.floor_cells:
             return recognition
@@ -114,7 +126,9 @@ class Recognizer:
                 return True
         return False
 
-    def _register(self, candidates: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: Recognition) -> Recognition:
+    def _register(
+        self, candidates: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: Recognition
+    ) -> Recognition:
         best: Dict[int, Recognition] = {}
         for place, maps in candidates.items():
             for one in maps[:1] + maps[1:][1 - _COMPARED :]:

@@ -11,6 +11,7 @@ one of them has seen says nothing. Long connected walls carry the evidence, sinc
 
 Scale is fixed: both maps are in metres. Resolutions may differ.
 """
+
 from __future__ import annotations
 
 import math
@@ -122,9 +123,7 @@ class Registration:
     @property
     def local(self) -> bool:
         """Whether the maps agree at this transform, whatever another one would give."""
-        return (
-            self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALLS_M
-        )
+        return self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALLS_M
 
     @property
     def score(self) -> float:
@@ -171,13 +170,19 @@ class WallMap:
         if not len(points):
             return np.zeros(0), np.zeros((0, 2))
         where = self.grid.world_to_grid(points).astype(np.float32)
-        found = np.concatenate([
-            cv2.remap(
-                self.fields, part[:, :1], part[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
-                borderValue=(1e3, 0.0, 0.0),
-            )[:, 0]
-            for part in np.array_split(where, 1 + len(where) // _REMAPPED)
-        ])
+        found = np.concatenate(
+            [
+                cv2.remap(
+                    self.fields,
+                    part[:, :1],
+                    part[:, 1:],
+                    cv2.INTER_LINEAR,
+                    borderMode=cv2.BORDER_CONSTANT,
+                    borderValue=(1e3, 0.0, 0.0),
+                )[:, 0]
+                for part in np.array_split(where, 1 + len(where) // _REMAPPED)
+            ]
+        )
         c, s = math.cos(self.grid.origin[2]), math.sin(self.grid.origin[2])
         return found[:, 0], found[:, 1:] @ np.array([[c, s], [-s, c]])
 
@@ -248,10 +253,7 @@ def register_wall_maps(
     refined = [_refine(old, new, start) for start in [*guesses, *coarse]]
     scored = sorted(((_explained(old, new, one), one) for one in refined), key=lambda pair: -pair[0].balance)
     best, transform = scored[0]
-    rest = [
-        measure.balance for measure, other in scored[1:]
-        if not _is_same(transform, other, old.centre)
-    ]
+    rest = [measure.balance for measure, other in scored[1:] if not _is_same(transform, other, old.centre)]
     margin = 0.0
     if search and best.balance > 0.0:
         margin = 1.0 - max([0.0, *rest]) / best.balance

@@ -13,6 +13,7 @@ replaces the other, and `notices` says what was done. If both are damaged, the n
 
 One process writes at a time: it holds a lock for as long as it runs.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -62,8 +63,22 @@ CREATE INDEX changes_of_place ON changes (place, undone, number);
 CREATE TABLE requests (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, border TEXT NOT NULL);
 CREATE TABLE facts (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 """
-_MAP_COLUMNS = ("id", "place", "name", "fingerprint", "x", "y", "yaw", "resolution", "origin_x", "origin_y",
-                "origin_yaw", "rows", "columns", "cells")
+_MAP_COLUMNS = (
+    "id",
+    "place",
+    "name",
+    "fingerprint",
+    "x",
+    "y",
+    "yaw",
+    "resolution",
+    "origin_x",
+    "origin_y",
+    "origin_yaw",
+    "rows",
+    "columns",
+    "cells",
+)
 _PUT_MAP = f"INSERT OR REPLACE INTO maps VALUES ({', '.join('?' * (len(_MAP_COLUMNS) + 1))})"
 _PUT_BORDER = "INSERT OR REPLACE INTO borders VALUES (?, ?, ?, ?)"
 _PUT_FACT = "INSERT OR REPLACE INTO facts VALUES (?, ?)"
@@ -260,7 +275,9 @@ class Database:
             if replica is not None:
                 self._report("database_repaired", Severity.WARNING, reason=why)
             else:
-                self._report("borders_lost_since", Severity.ERROR, reason=why, date=source.stem[-10:], count=found.borders)
+                self._report(
+                    "borders_lost_since", Severity.ERROR, reason=why, date=source.stem[-10:], count=found.borders
+                )
             return found
         connection = _connect(self._path)
         _create(connection)
@@ -379,12 +396,7 @@ class Database:
         return None if row is None else _map_from_row(row)
 
     def add_map(
-        self,
-        grid: Optional[GridMap],
-        map_id: str,
-        place: int = 0,
-        transform: Transform = IDENTITY,
-        name: str = "",
+        self, grid: Optional[GridMap], map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
     ) -> int:
         """Keeps a map, as a new place (place 0) or as another map of one; returns the place's number."""
         known = self.map_of(map_id)
@@ -526,8 +538,10 @@ class Database:
         body = _text([[entry.id, _to_dict(entry.before), _to_dict(entry.after)] for entry in change])
         return [
             ("DELETE FROM changes WHERE place = ? AND undone = 1", (place,)),
-            ("INSERT INTO changes (place, undone, body, digest) VALUES (?, 0, ?, ?)",
-             (place, body, _digest(place, body))),
+            (
+                "INSERT INTO changes (place, undone, body, digest) VALUES (?, 0, ?, ?)",
+                (place, body, _digest(place, body)),
+            ),
             (f"DELETE FROM changes WHERE number <= (SELECT max(number) FROM changes) - {MAX_CHANGES}", ()),
         ]
 
@@ -541,7 +555,9 @@ class Database:
         if row is None:
             raise CodedError(f"nothing_to_{kind}")
         entries = json.loads(row[1])
-        return int(row[0]), tuple(BorderChange(key, _from_dict(before), _from_dict(after)) for key, before, after in entries)
+        return int(row[0]), tuple(
+            BorderChange(key, _from_dict(before), _from_dict(after)) for key, before, after in entries
+        )
 
     def prepare_undo(self, place: int) -> Change:
         """Prepares the change that reverts the last one; raises CodedError "nothing_to_undo"."""

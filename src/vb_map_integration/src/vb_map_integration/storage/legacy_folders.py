@@ -1,4 +1,5 @@
 """Borders as older versions kept them: one folder per map, with borders.yaml, its backup, a journal and map.npz."""
+
 from __future__ import annotations
 
 import hashlib

@@ -1,4 +1,5 @@
 """Every posterior map on disk, for evaluation (paper, Sect. "Implementation")."""
+
 from __future__ import annotations
 
 import contextlib

@@ -6,6 +6,7 @@ keep its promise in time (navigation accepts it, the robot gets on, a camera see
 not offered for a while: so the next best is tried. The robot that serves is asked again only when its place has been
 unfit for a while, and its offer counts as SWITCH_GAIN cheaper, so that two do not take turns.
 """
+
 from __future__ import annotations
 
 import enum
@@ -129,8 +130,11 @@ class RobotRecord:
             self._failed, self._unfit_since, self._rests_until = [], None, -math.inf
         if not inputs.wanted or not status.server or (inputs.key != before.key and not status.running):
             self.goal = None  # it belonged to the state before
-        self._failed = [failure for failure in self._failed
-                        if (inputs.lost if failure.blind else now - failure.stamp < FAILED_MEMORY)]
+        self._failed = [
+            failure
+            for failure in self._failed
+            if (inputs.lost if failure.blind else now - failure.stamp < FAILED_MEMORY)
+        ]
         self.searched = self.searched if inputs.lost else 0.0
         if self.goal is not None:
             what = status.goal.value
@@ -224,7 +228,9 @@ class RobotRecord:
             return
         if goal is not None and pose is not None and math.dist(place.pose[:2], goal.pose[:2]) < MIN_GAIN:
             there = math.dist(pose[:2], goal.pose[:2]) <= MIN_GAIN and self._target_rests(goal, planner)
-            if abs(math.remainder(place.pose[2] - goal.pose[2], 2.0 * math.pi)) < MIN_TURN and (status.running or there):
+            if abs(math.remainder(place.pose[2] - goal.pose[2], 2.0 * math.pi)) < MIN_TURN and (
+                status.running or there
+            ):
                 self._unfit_since = now
                 return
         # a copy: to be sent to the same place again is another goal

@@ -1,4 +1,5 @@
 """One robot as the dispatcher sees it: where it is, and its move_base action. Nothing here waits."""
+
 from __future__ import annotations
 
 import functools
@@ -23,11 +24,18 @@ from vb_robot.floor_view import FloorView
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.poses import Pose
 
-SILENCE = rospy.Duration(2.0)  # without a status message for this long navigation counts as gone: it sends five a second
+SILENCE = rospy.Duration(
+    2.0
+)  # without a status message for this long navigation counts as gone: it sends five a second
 RUNNING = (StatusMessage.PENDING, StatusMessage.ACTIVE)
-OUTCOMES = {StatusMessage.SUCCEEDED: GoalStatus.REACHED, StatusMessage.PREEMPTED: GoalStatus.PREEMPTED,
-            StatusMessage.RECALLED: GoalStatus.PREEMPTED, StatusMessage.ABORTED: GoalStatus.FAILED,
-            StatusMessage.REJECTED: GoalStatus.FAILED, StatusMessage.LOST: GoalStatus.FAILED}
+OUTCOMES = {
+    StatusMessage.SUCCEEDED: GoalStatus.REACHED,
+    StatusMessage.PREEMPTED: GoalStatus.PREEMPTED,
+    StatusMessage.RECALLED: GoalStatus.PREEMPTED,
+    StatusMessage.ABORTED: GoalStatus.FAILED,
+    StatusMessage.REJECTED: GoalStatus.FAILED,
+    StatusMessage.LOST: GoalStatus.FAILED,
+}
 
 
 class DispatchedRobot:
@@ -40,7 +48,11 @@ class DispatchedRobot:
     """
 
     def __init__(
-        self, name: str, profile: RobotProfile, transforms: TransformLookup, take_view: Callable[[FloorView], None],
+        self,
+        name: str,
+        profile: RobotProfile,
+        transforms: TransformLookup,
+        take_view: Callable[[FloorView], None],
         sent: Callable[[Pose], None],
     ) -> None:
         prefix = f"{name}/" if name else ""
@@ -48,7 +60,8 @@ class DispatchedRobot:
         self._who = f"robot {name}" if name else "the robot"
         self._base_frame, self._transforms, self._sent = prefix + profile.frames.base, transforms, sent
         self._camera = CameraView(
-            prefix + profile.camera.info, self._base_frame, profile.camera.max_range, transforms, take_view)
+            prefix + profile.camera.info, self._base_frame, profile.camera.max_range, transforms, take_view
+        )
         self._goal: Optional[Viewpoint] = None
         self._client = actionlib.ActionClient(f"{prefix}move_base", MoveBaseAction)
         self._handle: Optional[actionlib.ClientGoalHandle] = None
@@ -56,8 +69,12 @@ class DispatchedRobot:
         self._heard = rospy.Time(0)
         self._known: Deque[str] = deque(maxlen=100)  # ids of goals that are this node's own
         self._newest_goal: Optional[MoveBaseActionGoal] = None
-        self._goals = rospy.Subscriber(f"{prefix}move_base/goal", MoveBaseActionGoal,
-                                       functools.partial(setattr, self, "_newest_goal"), queue_size=5)
+        self._goals = rospy.Subscriber(
+            f"{prefix}move_base/goal",
+            MoveBaseActionGoal,
+            functools.partial(setattr, self, "_newest_goal"),
+            queue_size=5,
+        )
 
     def pursue(self, goal: Optional[Viewpoint]) -> None:
         """Sends it to a new goal, which replaces the one before; without one the last is cancelled if it still runs."""
@@ -84,7 +101,9 @@ class DispatchedRobot:
         if server:
             self._cancel_leftovers(running)
         busy = any(goal not in self._known for goal in running)
-        return RobotStatus(self._pose() if wanted else None, server, self._goal_status(), busy, self._goal_place(running))
+        return RobotStatus(
+            self._pose() if wanted else None, server, self._goal_status(), busy, self._goal_place(running)
+        )
 
     def _pose(self) -> Optional[Pose]:
         """Looks up the robot's pose; None if it is not localised."""
@@ -107,7 +126,9 @@ class DispatchedRobot:
     def _running(self) -> List[str]:
         """The ids of the goals that navigation works on, no matter who gave them."""
         status = self._client.last_status_msg
-        return [entry.goal_id.id for entry in (status.status_list if status is not None else []) if entry.status in RUNNING]
+        return [
+            entry.goal_id.id for entry in (status.status_list if status is not None else []) if entry.status in RUNNING
+        ]
 
     def _cancel_leftovers(self, running: List[str]) -> None:
         """Cancels goals that an earlier process of this node sent before it died, until they have ended."""
@@ -116,7 +137,8 @@ class DispatchedRobot:
                 # said again each time: while publishers are being connected a message may be lost
                 self._client.pub_cancel.publish(GoalID(id=goal))
                 rospy.logwarn_throttle(
-                    5.0, f"{rospy.get_name()}: cancels a goal that {self._who} has from before a restart")
+                    5.0, f"{rospy.get_name()}: cancels a goal that {self._who} has from before a restart"
+                )
 
     def _goal_place(self, running: List[str]) -> Optional[Tuple[float, float]]:
         """Returns where it drives to, (x, y) [m], map frame, no matter who gave the goal; None if nowhere that is known."""

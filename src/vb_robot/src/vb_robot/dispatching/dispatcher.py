@@ -1,4 +1,5 @@
 """Collects what is known of spot, drawing, maps and robots, and decides; the node only wires it."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -85,8 +86,15 @@ class Dispatcher:
             cameras: names of those that contributed.
         """
         ordered = len(chain) >= 2
-        self._drawn = interaction, DrawingState(
-            points[-1] if len(points) else None, chain if ordered else points, closed=ordered and closed, ordered=ordered)
+        self._drawn = (
+            interaction,
+            DrawingState(
+                points[-1] if len(points) else None,
+                chain if ordered else points,
+                closed=ordered and closed,
+                ordered=ordered,
+            ),
+        )
         # also before any robot is wanted: that cameras contributed may be why one is
         self.sightings.add_contributors(interaction, cameras)
 
@@ -101,7 +109,9 @@ class Dispatcher:
         seeing = {}
         for name, status in robots.items():
             others = [place for other, its in robots.items() if other != name for place in its.places()]
-            planner = self.maps[name].make_planner(drawing, status, self.unseen, others) if drawing is not None else None
+            planner = (
+                self.maps[name].make_planner(drawing, status, self.unseen, others) if drawing is not None else None
+            )
             seeing[name] = (status, planner)
         goals = self._fleet.step(DispatchInputs(now, wanted, known.key, time_since_seen), seeing)
         self.notice = None
@@ -119,8 +129,14 @@ class Dispatcher:
         target = drawn.spot if known.newest() is None else known.target()
         if target is None:
             return None
-        return replace(drawn, spot=target, velocity=known.velocity(), seeding=known.state == spots.SEED,
-                       seen_by_stationary=known.seen_by_stationary(now), searched=self._fleet.searched)
+        return replace(
+            drawn,
+            spot=target,
+            velocity=known.velocity(),
+            seeding=known.state == spots.SEED,
+            seen_by_stationary=known.seen_by_stationary(now),
+            searched=self._fleet.searched,
+        )
 
     def _notice(self, lost: bool, drawing: DrawingState, able: bool) -> Optional[Notice]:
         """Says what people should know: that no camera sees the spot, or will soon lose it, and what follows."""
@@ -131,5 +147,9 @@ class Dispatcher:
         ahead = drawing.seen_by_stationary and self.unseen is not None and self.unseen.nearest(drawing.spot) is not None
         if not (comes and (lost or ahead)):
             return None
-        return Notice("spot_unseen_robot_comes" if lost else "spot_ahead_unseen", Severity.INFO, robot=serving or "",
-                      values={"who": sentences.robot(serving or "")})
+        return Notice(
+            "spot_unseen_robot_comes" if lost else "spot_ahead_unseen",
+            Severity.INFO,
+            robot=serving or "",
+            values={"who": sentences.robot(serving or "")},
+        )

@@ -3,6 +3,7 @@
 The idea: a robot does not look at the spot but at where the ceiling cameras will lose it, before they do; and since
 navigation does not know a border before it is saved, its paths avoid what the border will probably restrict.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
@@ -159,7 +160,7 @@ class BlindSpots:
             return NOTHING
         begin = int(np.argmax(hidden))
         seen_again = np.flatnonzero(~hidden[begin:])
-        return line[begin:begin + int(seen_again[0])] if len(seen_again) else line[begin:]
+        return line[begin : begin + int(seen_again[0])] if len(seen_again) else line[begin:]
 
 
 class KeepOutArea:

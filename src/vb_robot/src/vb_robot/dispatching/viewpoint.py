@@ -4,6 +4,7 @@ The idea: one test says whether a pose shows what the camera has to see, for the
 candidate alike; candidates need some more margin. Those that pass are sorted by their cost in metres of
 path, and their paths are checked in that order until one avoids what is being drawn.
 """
+
 from __future__ import annotations
 
 import math
@@ -19,7 +20,10 @@ from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, ShortestPaths, cl
 from vb_robot.floor_view import FloorView
 from vb_robot.poses import Pose
 
-MIN_DISTANCE, MAX_DISTANCE = 0.8, 1.5  # [m] to what the camera looks at: nearer it leaves the image, farther it is small
+MIN_DISTANCE, MAX_DISTANCE = (
+    0.8,
+    1.5,
+)  # [m] to what the camera looks at: nearer it leaves the image, farther it is small
 BEST_DISTANCE = 1.1  # [m]
 DISTANCES, BEARINGS = 4, 36  # how many are checked
 IMAGE_MARGIN = 0.15  # fraction of the image that must be beyond what a new pose looks at ...
@@ -60,11 +64,14 @@ class ViewpointPlanner:
         self._others = np.asarray(list(others), dtype=float).reshape(-1, 2)
         side = terrain.side_of(drawing.spot, drawing.chain, drawing.closed) if drawing.seeding else None
         # while the seed is shown its side is left: the border to come would lock the robot in
-        self._off_side = None if side is None else (
-            clearance_grid(side, terrain.grid.resolution) >= terrain.radius + STAND_MARGIN)
+        self._off_side = (
+            None if side is None else (clearance_grid(side, terrain.grid.resolution) >= terrain.radius + STAND_MARGIN)
+        )
         lines = [drawing.line_ahead(LINE_AHEAD)]
         if len(drawing.chain):
-            lines.append(geometry.resample_chain(drawing.chain, 0.1, drawing.closed) if len(drawing.chain) > 1 else drawing.chain)
+            lines.append(
+                geometry.resample_chain(drawing.chain, 0.1, drawing.closed) if len(drawing.chain) > 1 else drawing.chain
+            )
         self._line = np.vstack(lines)
 
     def shows_target(self, pose: Pose) -> bool:
@@ -158,7 +165,9 @@ class ViewpointPlanner:
         if len(ahead) > 1:
             cost += UNSEEN_COST * (1.0 - self._seen(ahead, places, yaws).mean(axis=1))
         return [
-            Viewpoint((*places[i].tolist(), geometry.wrap_angle(float(yaws[i]))), float(cost[i]), tuple(look_at.tolist()))
+            Viewpoint(
+                (*places[i].tolist(), geometry.wrap_angle(float(yaws[i]))), float(cost[i]), tuple(look_at.tolist())
+            )
             for i in np.argsort(cost, kind="stable")
         ]
 

@@ -3,6 +3,7 @@
 Navigation plans nothing from inside an occupied area, so the robot is driven along the shortest path over floor
 without physical obstacles to allowed floor. Its goal waits meanwhile.
 """
+
 from __future__ import annotations
 
 import math
@@ -39,13 +40,14 @@ class ExitPlanner:
         room = MARGIN + 0.03 + posterior.resolution
         # the robot cuts corners by some centimetres; it keeps to the path only where there is no room for that
         self._terrains = [
-            ClearanceMap(physical, radius, travel_margin=MAP_MARGIN + spare, occupied=LETHAL_FROM) for spare in (0.08, 0.02)
+            ClearanceMap(physical, radius, travel_margin=MAP_MARGIN + spare, occupied=LETHAL_FROM)
+            for spare in (0.08, 0.02)
         ]
         beyond = self._terrains[0].clearance
         clearance = clearance_grid((posterior.data >= LETHAL_FROM) | (posterior.data < 0), posterior.resolution)
         fits = ((clearance >= radius + room) & (beyond >= radius + room)).astype(np.uint8)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(fits, connectivity=8)
-        large = stats[:, cv2.CC_STAT_AREA] * posterior.resolution ** 2 >= MIN_AREA
+        large = stats[:, cv2.CC_STAT_AREA] * posterior.resolution**2 >= MIN_AREA
         large[0] = False
         self._allowed = posterior.cell_to_world(np.argwhere(large[labels]))
 
@@ -99,7 +101,9 @@ class BorderExit:
         """Restarts the time limit: while another one drives, or nobody may, no progress is expected."""
         self._shortest: Tuple[float, float] = math.inf, math.inf  # [m] of the path left at least, and since when [s]
 
-    def compute_request(self, now: float, pose: Pose, calm: bool, goal: bool, moves: bool, held_by: str) -> Optional[VelocityRequest]:
+    def compute_request(
+        self, now: float, pose: Pose, calm: bool, goal: bool, moves: bool, held_by: str
+    ) -> Optional[VelocityRequest]:
         """Computes how the robot should move at a time [s]; None if it needs no help.
 
         Args:
@@ -132,7 +136,7 @@ class BorderExit:
             self.pause()
         if self._route is None:
             return self._give_up(now, "no_way_out")
-        rest = self._route[int(np.argmin(np.linalg.norm(self._route - pose[:2], axis=1))):]
+        rest = self._route[int(np.argmin(np.linalg.norm(self._route - pose[:2], axis=1))) :]
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rest, axis=0), axis=1))])
         remaining = float(along[-1]) + math.dist(rest[0], pose[:2])
         if remaining < self._shortest[0] - PROGRESS:

@@ -4,8 +4,10 @@ The idea: several want to drive (a person with a joystick, the spot, the path ou
 does, and every command passes one gate, see gate.py. In doubt the robot stops, and the driver tells people by a code
 who drives and why.
 
-Who drives, in order of priority: stop (it holds until resume), teleoperation, following the spot, leaving a border, navigation.
+Who drives, in order of priority: stop (it holds until resume), teleoperation, following the spot, leaving a border,
+navigation.
 """
+
 from __future__ import annotations
 
 import math
@@ -60,7 +62,11 @@ class Driver:
     """
 
     def __init__(
-        self, profile: RobotProfile, camera: str = "robot", mobile_cameras: Iterable[str] = (), leaves: bool = True,
+        self,
+        profile: RobotProfile,
+        camera: str = "robot",
+        mobile_cameras: Iterable[str] = (),
+        leaves: bool = True,
         stopped: bool = False,
     ) -> None:
         self.gate = Gate(profile)
@@ -174,7 +180,9 @@ class Driver:
         return NONE, VelocityRequest(0.0, 0.0, "idle")
 
     def _command(self, driver: str, now: float) -> Optional[VelocityRequest]:
-        return self._commands[driver] if -0.1 <= now - self.gate.stamps.get(driver, -math.inf) <= INPUT_TIMEOUT else None
+        return (
+            self._commands[driver] if -0.1 <= now - self.gate.stamps.get(driver, -math.inf) <= INPUT_TIMEOUT else None
+        )
 
     def _leave(self, now: float) -> Optional[VelocityRequest]:
         pose = self.gate.pose(now)

@@ -1,9 +1,10 @@
 """The one gate that every command passes: what of it can be shown to be safe now, and if not all, why not.
 
-Whatever it depends on has one age limit: INPUT_TIMEOUT after the last message of any input the robot stops. The older the
-oldest input, the slower the robot, so that its brakes keep that promise from any speed. A message that is a little late,
-on a busy computer, slows the robot for a moment and does not stop it.
+Whatever it depends on has one age limit: INPUT_TIMEOUT after the last message of any input the robot stops. The older
+the oldest input, the slower the robot, so that its brakes keep that promise from any speed. A message that is a little
+late, on a busy computer, slows the robot for a moment and does not stop it.
 """
+
 from __future__ import annotations
 
 import math
@@ -133,7 +134,8 @@ class Gate:
             v, w, code = request.v, min(max(request.w, -limits.max_turn), limits.max_turn), request.code
             allowed, reason = self._speed_limit(now, driver, v, w) if v != 0.0 else (math.inf, "")
             if abs(v) > allowed:
-                # the same arc, more slowly: it is the one that was checked; turning enters no new floor: the robot is round
+                # the same arc, more slowly: it is the one that was checked; turning enters no new floor: the robot is
+                # round
                 share = allowed / abs(v)
                 v, w, code = (share * v, share * w, reason) if allowed >= 0.02 else (0.0, w, reason)
             share, missing = self._age_factor(now, driver, v, w)
@@ -144,11 +146,16 @@ class Gate:
 
         If that is nothing, it returns what is missing as a code; else "".
         """
-        self._other_publishers = {name: at for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_LIMIT}
+        self._other_publishers = {
+            name: at for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_LIMIT
+        }
         # a person with a joystick beside the robot may have come because all else is lost
         alone = driver != TELEOP
-        missing = {"other_cmd_vel_publisher": bool(self._other_publishers),
-                   "pose_jumped": alone and now < self._jump_hold_until, "no_map": alone and self.workspace is None}
+        missing = {
+            "other_cmd_vel_publisher": bool(self._other_publishers),
+            "pose_jumped": alone and now < self._jump_hold_until,
+            "no_map": alone and self.workspace is None,
+        }
         ages = {code: math.inf for code, holds in missing.items() if holds}
         needs = {"scan": self.profile.scanner.present, "state": alone, "pose": alone}
         ages.update({f"{what}_lost": self._age(now, what) for what, needed in needs.items() if needed})

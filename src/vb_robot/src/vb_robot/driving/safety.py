@@ -3,6 +3,7 @@
 The idea: floor is free only if a sensor or a map says so. A direction without a beam is not free, an echo nearer than
 the scanner can measure is an obstacle, and floor without a map is unknown.
 """
+
 from __future__ import annotations
 
 import math
@@ -37,7 +38,7 @@ def safe_speed(free: float, limits: Limits) -> float:
         return 0.0
     # v * reaction + v^2 / (2 brake) = free
     b = limits.brake
-    return b * (math.sqrt(limits.reaction ** 2 + 2.0 * free / b) - limits.reaction)
+    return b * (math.sqrt(limits.reaction**2 + 2.0 * free / b) - limits.reaction)
 
 
 def stop_distance(v: float, limits: Limits) -> float:
@@ -57,8 +58,15 @@ class Scan:
     """
 
     def __init__(
-        self, ranges: np.ndarray, angle_min: float, angle_increment: float, range_min: float, range_max: float,
-        mount: np.ndarray, radius: float, zero_is_nothing: bool = False,
+        self,
+        ranges: np.ndarray,
+        angle_min: float,
+        angle_increment: float,
+        range_min: float,
+        range_max: float,
+        mount: np.ndarray,
+        radius: float,
+        zero_is_nothing: bool = False,
     ) -> None:
         ranges = np.asarray(ranges, dtype=float)
         if zero_is_nothing:
@@ -92,12 +100,14 @@ class Scan:
         direction = math.copysign(1.0, v)
         bend = direction * w / abs(v)
         width = radius + clearance.sides
-        along, across = geometry.along_arc(self.points * [direction, 1.0], bend if abs(bend) <= 1.0 / MIN_ARC_RADIUS else 0.0)
+        along, across = geometry.along_arc(
+            self.points * [direction, 1.0], bend if abs(bend) <= 1.0 / MIN_ARC_RADIUS else 0.0
+        )
         hit = (np.abs(across) < width) & (along > 0.0)
         if not hit.any():
             return math.inf
         # the front is round: off the centre line an obstacle may be nearer
-        nose = np.sqrt(width ** 2 - across[hit] ** 2)
+        nose = np.sqrt(width**2 - across[hit] ** 2)
         return float(np.maximum(along[hit] - nose, 0.0).min() - clearance.ahead + clearance.sides)
 
     def sees_path(self, v: float, w: float, radius: float, needed: float) -> bool:

@@ -5,6 +5,7 @@ moves only when the spot is about to leave the inner zone of the image or the go
 is well inside again, so that small strokes do not make it restless. The spot stays in its place on the floor while the
 robot moves; how old it is, and whether the localisation has jumped, is the gate's business.
 """
+
 from __future__ import annotations
 
 import math
@@ -91,4 +92,6 @@ class SpotFollower:
         v, w = steer(bearing, DISTANCE_GAIN * (distance - GOOD_DISTANCE + 0.05))
         if self._driving == 1:
             return v, w
-        return DISTANCE_GAIN * (distance - BACK_TO_DISTANCE - 0.05) if self._driving == -1 else 0.0, w if self._turning else 0.0
+        return DISTANCE_GAIN * (
+            distance - BACK_TO_DISTANCE - 0.05
+        ) if self._driving == -1 else 0.0, w if self._turning else 0.0

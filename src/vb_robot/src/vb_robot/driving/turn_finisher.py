@@ -1,9 +1,10 @@
 """Keeps up a turn that navigation makes to and fro.
 
-DWA compares where short turns end. A robot that faces away from its path ends as far from it whichever way it turns, so it
-turns to and fro on the spot, for minutes. The idea: a turn that changed its direction several times on one spot is finished
-in one direction; once the path is no longer behind the robot, DWA knows which way is better.
+DWA compares where short turns end. A robot that faces away from its path ends as far from it whichever way it turns, so
+it turns to and fro on the spot, for minutes. The idea: a turn that changed its direction several times on one spot is
+finished in one direction; once the path is no longer behind the robot, DWA knows which way is better.
 """
+
 from __future__ import annotations
 
 import math

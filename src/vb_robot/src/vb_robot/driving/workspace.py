@@ -4,6 +4,7 @@ The idea: a scanner shows how far a wall is from the robot, but only the localis
 robot keeps off borders, and only off them, by its localisation uncertainty. Borders are inflated by that much once, in
 one map, `Workspace.keep_out`, which the gate, the path out of a border and navigation share, so that they agree.
 """
+
 from __future__ import annotations
 
 import enum
@@ -21,9 +22,9 @@ from vb_robot.driving.safety import HORIZON, arc
 from vb_robot.poses import Pose
 
 LETHAL_FROM = 99  # [%] from this occupancy on a cell is never entered
-# How far off the localisation may be. AMCL tells how far its particles are spread, and its pose, which is their mean, is off
-# by much less: at 96 of 100 updates by less than what robots keep with these values (docs/results/robots_navigation.md). For
-# the rest there is what navigation itself keeps.
+# How far off the localisation may be. AMCL tells how far its particles are spread, and its pose, which is their mean,
+# is off by much less: at 96 of 100 updates by less than what robots keep with these values
+# (docs/results/robots_navigation.md). For the rest there is what navigation itself keeps.
 STD_FACTOR = 0.75  # of the particles' standard deviation
 MIN_UNCERTAINTY = 0.05  # [m] also where no covariance is published
 MAX_UNCERTAINTY = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
@@ -93,7 +94,11 @@ class Workspace:
     """
 
     def __init__(
-        self, borders: GridMap, physical: Optional[GridMap], radius: float, known: Sequence[KnownBorder] = (),
+        self,
+        borders: GridMap,
+        physical: Optional[GridMap],
+        radius: float,
+        known: Sequence[KnownBorder] = (),
         uncertainty: float = 0.0,
     ) -> None:
         if physical is None or not physical.same_geometry(borders):
@@ -105,15 +110,19 @@ class Workspace:
         # the map's edge is neither a border nor an obstacle: the map ends there, the floor may go on
         self._to_restricted, self._to_lethal, self._to_physical = (
             clearance_grid(cells, borders.resolution, edge=False)
-            for cells in (self._restricted, self._lethal, physical.data >= LETHAL_FROM))
+            for cells in (self._restricted, self._lethal, physical.data >= LETHAL_FROM)
+        )
         self.keep_out = borders.with_data(
-            np.where((self._to_lethal < uncertainty) & (borders.data >= 0), np.int8(100), borders.data))
+            np.where((self._to_lethal < uncertainty) & (borders.data >= 0), np.int8(100), borders.data)
+        )
         self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_FROM, borders.resolution, edge=False)
 
     def contact_at(self, place) -> BorderContact:
         """Tells whether the round footprint at a place (2,) [m] touches the restricted area."""
         gap = self._at(self._to_restricted, place)
-        return BorderContact.INSIDE if gap <= 0.0 else BorderContact.TOUCHES if gap < self._radius else BorderContact.FREE
+        return (
+            BorderContact.INSIDE if gap <= 0.0 else BorderContact.TOUCHES if gap < self._radius else BorderContact.FREE
+        )
 
     def distance_to_keep_out(self, place) -> float:
         """Returns the distance [m] from a place (2,) [m] to what borders forbid to enter; 0 within it."""
@@ -136,9 +145,14 @@ class Workspace:
         cell, centre = self._nearest(place)
         if cell is None or not self.known:
             return ""
-        return min(self.known, key=lambda border: (
-            not border.may_restrict(centre), not border.polygon,
-            float(np.linalg.norm(border.points - centre, axis=1).min()))).name
+        return min(
+            self.known,
+            key=lambda border: (
+                not border.may_restrict(centre),
+                not border.polygon,
+                float(np.linalg.norm(border.points - centre, axis=1).min()),
+            ),
+        ).name
 
     def free_distance(self, pose: Pose, v: float, w: float, margin: float, leaving: bool) -> float:
         """Returns how far [m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
@@ -150,8 +164,11 @@ class Workspace:
             leaving: borders do not count.
         """
         steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
-        clearance = sample(self.borders, self._to_physical if leaving else self._to_blocked,
-                           arc(pose, steps * math.copysign(1.0, v), w / v))
+        clearance = sample(
+            self.borders,
+            self._to_physical if leaving else self._to_blocked,
+            arc(pose, steps * math.copysign(1.0, v), w / v),
+        )
         needed = min(self._radius + margin, float(clearance[0]))
         bad = np.flatnonzero(clearance < needed - 1e-6)
         return float(max(0.0, steps[bad[0]] - 0.02)) if len(bad) else math.inf

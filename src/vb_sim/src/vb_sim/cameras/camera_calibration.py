@@ -1,4 +1,5 @@
 """The pose of a ceiling camera as its calibration found it, with the errors that a calibration leaves."""
+
 from __future__ import annotations
 
 import math

@@ -1,4 +1,5 @@
 """What the nodes of simulated cameras have in common: they hear where everything is, take images when due, and report."""
+
 from __future__ import annotations
 
 import threading

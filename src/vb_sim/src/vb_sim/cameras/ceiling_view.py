@@ -4,6 +4,7 @@ Everything static is drawn once, with several draws of sensor noise. A frame tak
 these images and changes only the rectangles where something moves; the next frame undoes that. So
 a frame costs little, whatever its size.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -115,7 +116,9 @@ class CeilingView:
         buffer.paint(image)
         image = cv2.GaussianBlur(image, (0, 0), 0.6)
         half = (slice(_HALF // 2, None, _HALF), slice(_HALF // 2, None, _HALF))
-        self._inverse_half = np.ascontiguousarray(buffer.inverse[half][: self.model.height // _HALF, : self.model.width // _HALF])
+        self._inverse_half = np.ascontiguousarray(
+            buffer.inverse[half][: self.model.height // _HALF, : self.model.width // _HALF]
+        )
         self._floor_free = (buffer.ids == 0).view(np.uint8)
         radius2 = (grid.x * grid.x + grid.y * grid.y) * np.ones_like(columns)
         corner = max(1e-9, float(radius2.max()))
@@ -156,7 +159,9 @@ class CeilingView:
             for picture, unlit in zip(self._pictures, self._unlit):
                 picture[full] = unlit
             return
-        added = cv2.multiply(self._albedo[rows, columns], light.on_floor(*self._light_maps), scale=light.strength / 255.0)
+        added = cv2.multiply(
+            self._albedo[rows, columns], light.on_floor(*self._light_maps), scale=light.strength / 255.0
+        )
         layer = pixels.encode_doubled(cv2.bitwise_and(added, added, mask=self._light_mask), self.encoding)
         for picture, unlit in zip(self._pictures, self._unlit):
             cv2.add(unlit, layer, dst=picture[full])
@@ -171,7 +176,9 @@ class CeilingView:
         self._light_maps = light.remap_maps(at[rows, columns]) if width else None
         free = self._floor_free[_HALF // 2 :: _HALF, _HALF // 2 :: _HALF]
         self._light_mask = np.ascontiguousarray(free[rows, columns])
-        self._unlit = [picture[2 * top : 2 * (top + height), 2 * left : 2 * (left + width)].copy() for picture in self._pictures]
+        self._unlit = [
+            picture[2 * top : 2 * (top + height), 2 * left : 2 * (left + width)].copy() for picture in self._pictures
+        ]
 
     # ------------------------------------------------------------- moving parts
     def restart(self, models: CameraModels) -> None:
@@ -223,13 +230,22 @@ class CeilingView:
         for name, pose in snapshot.robots.items():
             radius = self._radii.get(name, 0.18)
             key = bodies.robot_key(pose)
-            sprites.append(self._sprite(f"robot {name}", key, lambda: (bodies.robot_pieces(pose, radius), pose, radius)))
+            sprites.append(
+                self._sprite(f"robot {name}", key, lambda: (bodies.robot_pieces(pose, radius), pose, radius))
+            )
         person, laser = snapshot.person, snapshot.laser
         if person is not None:
-            sprites.append(self._sprite(
-                "person", bodies.person_key(person, laser),
-                lambda: (bodies.person_pieces(person, laser, self._hand_height, self._body), person, 0.26 * self._body.breadth),
-            ))
+            sprites.append(
+                self._sprite(
+                    "person",
+                    bodies.person_key(person, laser),
+                    lambda: (
+                        bodies.person_pieces(person, laser, self._hand_height, self._body),
+                        person,
+                        0.26 * self._body.breadth,
+                    ),
+                )
+            )
         for index, other in enumerate(snapshot.around.bystanders):
             sprites.append(self._sprite(f"bystander {index}", other.key(), lambda: (other.pieces(), other.pose, 0.26)))
         return [sprite for sprite in sprites if sprite is not None]
@@ -299,9 +315,7 @@ class CeilingView:
             cv2.copyTo(darker, solid, pattern)
         if pattern.ndim == 3:
             keep = cv2.merge([keep] * 3)
-        return _Sprite(
-            slice(2 * low[1], 2 * high[1]), slice(2 * low[0], 2 * high[0]), keep, pattern, solid, opacity
-        )
+        return _Sprite(slice(2 * low[1], 2 * high[1]), slice(2 * low[0], 2 * high[0]), keep, pattern, solid, opacity)
 
     def _shadow_outline(self, pose, radius: float) -> np.ndarray:
         """Draws the outline (N, 2) [px] of a shadow on the floor; the lamps hang all over the ceiling, so it is small."""

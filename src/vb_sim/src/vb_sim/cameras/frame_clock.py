@@ -1,4 +1,5 @@
 """Decides when a simulated camera takes its images."""
+
 from __future__ import annotations
 
 from collections import deque

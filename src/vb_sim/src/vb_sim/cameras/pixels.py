@@ -1,4 +1,5 @@
 """Converts rgb to the simulated cameras' pixel formats."""
+
 from __future__ import annotations
 
 import cv2

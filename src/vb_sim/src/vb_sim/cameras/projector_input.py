@@ -1,4 +1,5 @@
 """Receives the floor projector's images, for the camera nodes."""
+
 from __future__ import annotations
 
 from typing import Any, List, Optional

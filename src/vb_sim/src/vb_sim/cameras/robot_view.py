@@ -1,4 +1,5 @@
 """Renders what a robot's colour and depth camera see."""
+
 from __future__ import annotations
 
 import math
@@ -66,7 +67,10 @@ class RobotView:
         # the colour pixel nearest to the middle of each depth pixel
         self._sampled = tuple(
             np.floor((np.arange(coarse) + 0.5) * fine / coarse).astype(int)
-            for coarse, fine in ((self.depth_model.height, self.color_model.height), (self.depth_model.width, self.color_model.width))
+            for coarse, fine in (
+                (self.depth_model.height, self.color_model.height),
+                (self.depth_model.width, self.color_model.width),
+            )
         )
         self._drawn_key: Optional[Tuple] = None
         self._color_key: Optional[Tuple] = None
@@ -104,7 +108,9 @@ class RobotView:
 
     def _scene_key(self, snapshot: Snapshot) -> Tuple:
         """The same as long as nothing has moved but the spot; to be called after `camera_pose`."""
-        others = tuple((name, bodies.robot_key(pose)) for name, pose in snapshot.robots.items() if name not in self._names)
+        others = tuple(
+            (name, bodies.robot_key(pose)) for name, pose in snapshot.robots.items() if name not in self._names
+        )
         bystanders = tuple(other.key() for other in snapshot.around.bystanders)
         return (self._pose, others, bodies.person_key(snapshot.person, snapshot.laser), bystanders)
 
@@ -148,16 +154,20 @@ class RobotView:
     def _to_floor(self, pose: np.ndarray) -> np.ndarray:
         """Computes the matrix (3, 3) from homogeneous (column, row) [px] to map coordinates [m] on the floor."""
         rotation, origin = pose[:3, :3], pose[:3, 3]
-        return np.array([
-            origin[0] * rotation[2] - origin[2] * rotation[0],
-            origin[1] * rotation[2] - origin[2] * rotation[1],
-            rotation[2],
-        ]) @ np.linalg.inv(self.color_model.matrix)
+        return np.array(
+            [
+                origin[0] * rotation[2] - origin[2] * rotation[0],
+                origin[1] * rotation[2] - origin[2] * rotation[1],
+                rotation[2],
+            ]
+        ) @ np.linalg.inv(self.color_model.matrix)
 
     def _down(self, pose: np.ndarray) -> np.ndarray:
         """Computes (H,) how steeply each row looks down, per unit of depth; 0 and less at and above the horizon."""
         camera, rotation = self.color_model, pose[:3, :3]
-        return -(rotation[2, 1] * (np.arange(camera.height) - camera.matrix[1, 2]) / camera.matrix[1, 1] + rotation[2, 2])
+        return -(
+            rotation[2, 1] * (np.arange(camera.height) - camera.matrix[1, 2]) / camera.matrix[1, 1] + rotation[2, 2]
+        )
 
     def _add_light(self, image: np.ndarray, pose: np.ndarray, light: FloorLight) -> None:
         size = (image.shape[1], image.shape[0])
@@ -180,7 +190,9 @@ class RobotView:
             depth = np.where(down > 1e-3, origin[2] / down, np.inf)
         # a pixel covers depth/f across and 1/down times that along the view: their mean, geometrically
         footprint = depth / camera.focal_px / np.sqrt(np.clip(down, 1e-3, 1.0))
-        levels = np.clip(np.floor(np.log2(np.maximum(footprint / self._floors[0].resolution, 1.0))), 0, len(self._floors) - 1)
+        levels = np.clip(
+            np.floor(np.log2(np.maximum(footprint / self._floors[0].resolution, 1.0))), 0, len(self._floors) - 1
+        )
         levels[~np.isfinite(depth)] = -1
         changes = np.concatenate([[0], np.nonzero(np.diff(levels))[0] + 1, [height]])
         for first, last in zip(changes[:-1], changes[1:]):
@@ -191,9 +203,13 @@ class RobotView:
             texture = self._floors[level]
             shifted = to_floor @ np.array([[1, 0, 0], [0, 1, first], [0, 0, 1.0]])
             cv2.warpPerspective(
-                texture.rgb, texture.matrix() @ shifted, (width, int(last - first)), dst=image[first:last],
+                texture.rgb,
+                texture.matrix() @ shifted,
+                (width, int(last - first)),
+                dst=image[first:last],
                 # the textures are as fine as the pixels: the nearest texel does, for a third of the time
-                flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
+                flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
+                borderMode=cv2.BORDER_REPLICATE,
             )
         return image
 
@@ -240,7 +256,10 @@ class RobotView:
         if spot is None:
             return 0.0
         column, row = int(round(spot.center[0])), int(round(spot.center[1]))
-        if not (0 <= column < self.color_model.width and 0 <= row < self.color_model.height) or self._buffer.ids[row, column]:
+        if (
+            not (0 <= column < self.color_model.width and 0 <= row < self.color_model.height)
+            or self._buffer.ids[row, column]
+        ):
             return 0.0
         return float((self._buffer.ids[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2] == 0).mean())
 
@@ -255,7 +274,12 @@ class RobotView:
             return
         around = self._buffer.ids[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
         albedo = self._clean[row, column].astype(np.float32) / np.float32(255.0 * self._optics.exposure_gain)
-        weights = float((around == 0).mean()) * snapshot.around.exposure * albedo * self._optics.response(snapshot.laser_color)
+        weights = (
+            float((around == 0).mean())
+            * snapshot.around.exposure
+            * albedo
+            * self._optics.response(snapshot.laser_color)
+        )
         part = image[spot.row : spot.row + spot.light.shape[0], spot.column : spot.column + spot.light.shape[1]]
         light = spot.light[..., None] * weights.astype(np.float32)
         if self._noisy:
@@ -277,9 +301,14 @@ class RobotView:
         if self._noisy:
             tile = int(self._rng.integers(_TILES))
             holes = holes | self._depth_holes[tile]
-            sigma = np.float32(figures.depth_sigma) + np.float32(figures.depth_sigma_quadratic) * (depth - np.float32(0.4)) ** 2
+            sigma = (
+                np.float32(figures.depth_sigma)
+                + np.float32(figures.depth_sigma_quadratic) * (depth - np.float32(0.4)) ** 2
+            )
             # the same tile turned round is another one
-            noise = self._depth_noise[tile, :: 1 - 2 * int(self._rng.integers(2)), :: 1 - 2 * int(self._rng.integers(2))]
+            noise = self._depth_noise[
+                tile, :: 1 - 2 * int(self._rng.integers(2)), :: 1 - 2 * int(self._rng.integers(2))
+            ]
             depth = depth + sigma * noise
         millimetres = np.clip(depth * np.float32(1000.0) + np.float32(0.5), 0, 65535).astype(np.uint16)
         millimetres[holes] = 0

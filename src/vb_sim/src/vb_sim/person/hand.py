@@ -1,9 +1,10 @@
 """The hand with the laser pointer: its tremor, and the stroke that it draws.
 
-A person moves as one real person did (config/strokes.json, made by bench/strokes.py): each side is drawn with that person's
-deviation from the straight line and with that person's speed along it, so that stops at corners, peak speeds, uneven
-sides, overshot corners and gaps are people's own. What is assumed is that they scale with the side's length.
+A person moves as one real person did (config/strokes.json, made by bench/strokes.py): each side is drawn with that
+person's deviation from the straight line and with that person's speed along it, so that stops at corners, peak speeds,
+uneven sides, overshot corners and gaps are people's own. What is assumed is that they scale with the side's length.
 """
+
 from __future__ import annotations
 
 import json
@@ -80,8 +81,11 @@ def load_styles() -> Tuple[Style, ...]:
     return tuple(
         Style(
             tuple(Side(np.array(side["along"]), np.array(side["lateral"]), side["tempo"]) for side in person["sides"]),
-            tuple(person["overshoot"]), person["gap"] if person["gap"] is not None else gaps[index % len(gaps)])
-        for index, person in enumerate(people))
+            tuple(person["overshoot"]),
+            person["gap"] if person["gap"] is not None else gaps[index % len(gaps)],
+        )
+        for index, person in enumerate(people)
+    )
 
 
 class Stroke:
@@ -94,8 +98,15 @@ class Stroke:
         is_floor: says for places (N, 2) [m] whether they are floor; ends are drawn only as far as the floor goes.
     """
 
-    def __init__(self, border: np.ndarray, closed: bool, model: ParticipantModel, rng: np.random.Generator,
-                 is_floor: Optional[IsFloor] = None, style: Optional[Style] = None) -> None:
+    def __init__(
+        self,
+        border: np.ndarray,
+        closed: bool,
+        model: ParticipantModel,
+        rng: np.random.Generator,
+        is_floor: Optional[IsFloor] = None,
+        style: Optional[Style] = None,
+    ) -> None:
         style = style or load_styles()[0]
         scale = model.stroke_scale
         border = np.asarray(border, dtype=float)
@@ -156,7 +167,9 @@ class Stroke:
         return float(self._pace[min(max(int(arc / self._bin), 0), len(self._pace) - 1)])
 
 
-def perceive_border(border: np.ndarray, closed: bool, offset: Tuple[float, float], turn: float, margin: float) -> np.ndarray:
+def perceive_border(
+    border: np.ndarray, closed: bool, offset: Tuple[float, float], turn: float, margin: float
+) -> np.ndarray:
     """Returns the chain that a person has in mind, who sees marks on the floor and no map.
 
     Args:

@@ -1,4 +1,5 @@
 """The person's legs: walking between the furniture, and where to stand for pointing."""
+
 from __future__ import annotations
 
 import math
@@ -51,7 +52,9 @@ class Legs:
         """Whether some path is left."""
         return len(self._way) > 0
 
-    def find_place_near(self, place: np.ndarray, nearest: float, farthest: float, rng: np.random.Generator) -> np.ndarray:
+    def find_place_near(
+        self, place: np.ndarray, nearest: float, farthest: float, rng: np.random.Generator
+    ) -> np.ndarray:
         """Draws a random place (2,) [m] from which one can walk to `place`, between `nearest` and `farthest` [m] away."""
         for _ in range(200):
             angle, distance = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(nearest, farthest)
@@ -131,7 +134,10 @@ class Legs:
             return False
         if robot is None:
             return True
-        return bool(np.linalg.norm(place - robot) >= ROBOT_DISTANCE + 0.1 and distance_to_chain(place, np.array([robot, spot])) >= 0.45)
+        return bool(
+            np.linalg.norm(place - robot) >= ROBOT_DISTANCE + 0.1
+            and distance_to_chain(place, np.array([robot, spot])) >= 0.45
+        )
 
     def _runs_into(self, after: np.ndarray, robot: np.ndarray) -> bool:
         near = float(np.linalg.norm(after - robot))
@@ -161,6 +167,9 @@ class Legs:
             rows, columns = np.indices(self._grid.shape)
             column, row = self._grid.world_to_grid(robot)[0]
             # a disc that makes, with the person's own radius, the distance that is kept
-            disc = np.hypot(rows - row, columns - column) * self._grid.resolution < ROBOT_DISTANCE - self._model.body_radius
+            disc = (
+                np.hypot(rows - row, columns - column) * self._grid.resolution
+                < ROBOT_DISTANCE - self._model.body_radius
+            )
             self._round_robot = (np.array(robot), Planner(Costmap(self._grid, self._params, disc)))
         return self._round_robot[1]

@@ -4,6 +4,7 @@ A person is a script (a generator) that is resumed once per step. It knows only 
 could know: where they and the robot are, the feedback that the spot is being seen, the answers to the commands,
 and whether the display shows a seed point.
 """
+
 from __future__ import annotations
 
 import math
@@ -126,7 +127,9 @@ class Person:
         start_near: (2,) [m] the person comes from somewhere near this place.
     """
 
-    def __init__(self, world: World, scenario: Scenario, model: ParticipantModel, seed: int, start_near: np.ndarray) -> None:
+    def __init__(
+        self, world: World, scenario: Scenario, model: ParticipantModel, seed: int, start_near: np.ndarray
+    ) -> None:
         # another scenario is another day: the same seed must not tremble alike in all of them
         self.rng = np.random.default_rng([seed, *scenario.key.encode()])
         self._seed = seed
@@ -274,7 +277,10 @@ class Person:
             DrawingSlip: if the state is another one now, so that the person starts over.
         """
         others = [word for word in WORDS if word != command]
-        wrong, other = self._slips_of_the_tongue.random() < self.model.wrong_word, self._slips_of_the_tongue.integers(len(others))
+        wrong, other = (
+            self._slips_of_the_tongue.random() < self.model.wrong_word,
+            self._slips_of_the_tongue.integers(len(others)),
+        )
         if not wrong or command == "cancel":
             return
         before = self.percept.state
@@ -443,6 +449,9 @@ class ParticipantScript:
                 return
             # the node that should answer is being restarted; perhaps the border was saved all the same
             yield from self.person.wait(1.5)
-            if self.person.last_answer.code in ("no_response", "save_unanswered") and self.person.percept.state == DEFAULT:
+            if (
+                self.person.last_answer.code in ("no_response", "save_unanswered")
+                and self.person.percept.state == DEFAULT
+            ):
                 self.person.last_answer = CommandReply(True, "ok", "the display says that nothing is under way")
                 return

@@ -1,4 +1,5 @@
 """A person who draws with the network robot system: ceiling cameras, and a robot that comes on its own."""
+
 from __future__ import annotations
 
 from typing import Generator, Optional
@@ -79,7 +80,11 @@ class NetworkRobotSystemScript(ParticipantScript):
     def _seen_start(self) -> Generator[None, None, Stroke]:
         """A stroke that begins where a camera sees the spot, if there is such an end."""
         person = self.person
-        ways = [person.scenario.border] if person.scenario.closed else [person.scenario.border, person.scenario.border[::-1]]
+        ways = (
+            [person.scenario.border]
+            if person.scenario.closed
+            else [person.scenario.border, person.scenario.border[::-1]]
+        )
         for order in [*ways, ways[0]]:
             stroke = person.new_stroke(order)
             person.spot = stroke.at(stroke.start)

@@ -1,4 +1,5 @@
 """A person who has nothing but the robot: guides it with the spot, draws before its camera, presses its buttons."""
+
 from __future__ import annotations
 
 import math
@@ -58,7 +59,10 @@ class RobotOnlyScript(ParticipantScript):
             yield from person.maybe_make_slip(stroke, arc, person.model.robot_drawing_speed)
             if unseen < FEEDBACK_GAP:
                 seen_at = arc
-                arc = min(arc + self._pace() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0) * person.dt, stroke.length)
+                arc = min(
+                    arc + self._pace() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0) * person.dt,
+                    stroke.length,
+                )
                 person.spot = stroke.at(arc)
             elif unseen > person.model.patience / 2.0 and missed < person.model.retries + 2:
                 missed += 1

@@ -1,4 +1,5 @@
 """Chooses the drawing order that suits a robot that follows the spot."""
+
 from __future__ import annotations
 
 from typing import List

@@ -1,4 +1,5 @@
 """Computes an occupancy grid's costs as move_base's costmap_2d does: obstacles and inflation."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
 """Follows a path with a differential drive: pure pursuit, turning on the spot where the path demands it."""
+
 from __future__ import annotations
 
 import math
@@ -110,7 +111,9 @@ class Follower:
         remaining = float(self._arc[-1] - self._arc[nearest])
         distance = max(math.hypot(target[0] - pose[0], target[1] - pose[1]), 1e-3)
         curvature = 2.0 * math.sin(error) / distance
-        speed = min(p.max_speed, self._speed + p.acceleration * dt, math.sqrt(2.0 * p.deceleration * max(remaining, 0.01)))
+        speed = min(
+            p.max_speed, self._speed + p.acceleration * dt, math.sqrt(2.0 * p.deceleration * max(remaining, 0.01))
+        )
         if abs(curvature) > 1e-6:
             speed = min(speed, p.max_turn_rate / abs(curvature))
         gap = self._gap(obstacles, curvature)

@@ -1,4 +1,5 @@
 """Drives to a goal as move_base does, without ROS: plan, follow, plan again, give up."""
+
 from __future__ import annotations
 
 import threading
@@ -37,8 +38,9 @@ def params_for_robot(
     radius, limits = profile.radius, profile.limits
     return (
         costmap.replace(robot_radius=radius, inflation_radius=radius + 0.17),
-        follower.replace(robot_radius=radius, max_speed=limits.max_speed,
-                         max_turn_rate=min(limits.max_turn, follower.max_turn_rate)),
+        follower.replace(
+            robot_radius=radius, max_speed=limits.max_speed, max_turn_rate=min(limits.max_turn, follower.max_turn_rate)
+        ),
     )
 
 

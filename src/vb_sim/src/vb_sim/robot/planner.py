@@ -1,4 +1,5 @@
 """Finds shortest paths on a costmap."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -103,7 +104,9 @@ class Planner:
             near = self._nearest(start, self._params.escape_distance)
             if near is not None and self._clear_of_obstacles(start, near[1]):
                 return near
-        raise CodedError("start_blocked", f"the start ({start[0]:.2f}, {start[1]:.2f}) is inside an obstacle or a border")
+        raise CodedError(
+            "start_blocked", f"the start ({start[0]:.2f}, {start[1]:.2f}) is inside an obstacle or a border"
+        )
 
     def _goal_node(self, goal: np.ndarray, tolerance: float, costs: np.ndarray) -> Tuple[int, np.ndarray]:
         cell = self._cell(goal, "goal")
@@ -114,10 +117,14 @@ class Planner:
         if near is not None:
             return near
         if node < 0:
-            raise CodedError("goal_blocked", f"the goal ({goal[0]:.2f}, {goal[1]:.2f}) is in or too near an obstacle or a border")
+            raise CodedError(
+                "goal_blocked", f"the goal ({goal[0]:.2f}, {goal[1]:.2f}) is in or too near an obstacle or a border"
+            )
         raise CodedError("no_path", f"no way leads to ({goal[0]:.2f}, {goal[1]:.2f})")
 
-    def _nearest(self, point: np.ndarray, limit: float, among: Optional[np.ndarray] = None) -> Optional[Tuple[int, np.ndarray]]:
+    def _nearest(
+        self, point: np.ndarray, limit: float, among: Optional[np.ndarray] = None
+    ) -> Optional[Tuple[int, np.ndarray]]:
         """The nearest traversable node within `limit` [m] and its place."""
         centre = self.costmap.grid.world_to_grid(point)[0][::-1]
         distances = np.linalg.norm(self._cells - centre, axis=1) * self.costmap.grid.resolution
@@ -162,7 +169,9 @@ class Planner:
             others += [j, i]
             weights += [w, w]
         count = len(self._cells)
-        return csr_matrix((np.concatenate(weights), (np.concatenate(ends), np.concatenate(others))), shape=(count, count))
+        return csr_matrix(
+            (np.concatenate(weights), (np.concatenate(ends), np.concatenate(others))), shape=(count, count)
+        )
 
     # ------------------------------------------------------------ shape of the path
     def _shortened(self, nodes: List[int], costs: np.ndarray) -> List[int]:
@@ -171,7 +180,9 @@ class Planner:
         at = 0
         while at < len(nodes) - 1:
             best, probe = at + 1, at + 2
-            while probe < len(nodes) and self._line_is_cheap(nodes[at], nodes[probe], costs[nodes[probe]] - costs[nodes[at]]):
+            while probe < len(nodes) and self._line_is_cheap(
+                nodes[at], nodes[probe], costs[nodes[probe]] - costs[nodes[at]]
+            ):
                 best, probe = probe, probe + max(1, (probe - at) // 4)
             if probe >= len(nodes) and best < len(nodes) - 1:
                 whole = costs[nodes[-1]] - costs[nodes[at]]

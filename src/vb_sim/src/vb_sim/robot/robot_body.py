@@ -1,4 +1,5 @@
 """One simulated robot: its true motion, its odometry, and the pose that localisation reports."""
+
 from __future__ import annotations
 
 import math
@@ -80,7 +81,9 @@ class RobotBody:
 
     def relocalise(self, pose: Pose) -> None:
         """Makes the estimate the given pose; the robot itself stays where it is."""
-        self._error = np.array([pose[0] - self.pose[0], pose[1] - self.pose[1], geometry.wrap_angle(pose[2] - self.pose[2])])
+        self._error = np.array(
+            [pose[0] - self.pose[0], pose[1] - self.pose[1], geometry.wrap_angle(pose[2] - self.pose[2])]
+        )
 
     # ------------------------------------------------------------ motion
     def step(self, dt: float, now: float) -> None:
@@ -136,7 +139,9 @@ class RobotBody:
     def _vary_error(self, dt: float) -> None:
         # Ornstein-Uhlenbeck process; it rests while the robot does, since AMCL updates only on motion
         share = dt / self._localisation.correlation_time
-        self._error = self._error * (1.0 - share) + self._sigmas() * math.sqrt(2.0 * share) * self._rng.standard_normal(3)
+        self._error = self._error * (1.0 - share) + self._sigmas() * math.sqrt(2.0 * share) * self._rng.standard_normal(
+            3
+        )
 
     def estimate(self) -> Pose:
         """Returns the pose that localisation reports, (x, y, yaw) [m, m, rad], map frame."""

@@ -1,4 +1,5 @@
 """Person and robot as stacks of rounded pieces; all measures of the person are assumed for 1.75 m and scaled."""
+
 from __future__ import annotations
 
 import math
@@ -64,8 +65,11 @@ class BodyParts:
         scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
         at = np.array([*middle, 0.0])
         return replace(
-            self, low=at + (self.low - at) * scale, high=at + (self.high - at) * scale,
-            low_radii=self.low_radii * build.breadth, high_radii=self.high_radii * build.breadth,
+            self,
+            low=at + (self.low - at) * scale,
+            high=at + (self.high - at) * scale,
+            low_radii=self.low_radii * build.breadth,
+            high_radii=self.high_radii * build.breadth,
         )
 
 
@@ -90,7 +94,14 @@ def _stack(rows: Sequence[Tuple]) -> BodyParts:
     """Pieces from rows (forward, left, z low, z high, radii low, radii high, colour[, forward high, left high])."""
     low = [(forward, left, z) for forward, left, z, *_ in rows]
     high = [(*(row[7:] or row[:2]), row[3]) for row in rows]
-    columns = (low, high, [row[4] for row in rows], [row[5] for row in rows], [0.0] * len(rows), [row[6] for row in rows])
+    columns = (
+        low,
+        high,
+        [row[4] for row in rows],
+        [row[5] for row in rows],
+        [0.0] * len(rows),
+        [row[6] for row in rows],
+    )
     return BodyParts(*(np.array(column, dtype=float) for column in columns))
 
 
@@ -99,33 +110,39 @@ def _tinted(color: Tuple[int, int, int], brightness: float) -> Tuple[int, ...]:
 
 
 # from both feet up to the hair; the right arm moves
-_PERSON = _stack([
-    *(
-        row for left in (0.10, -0.10) for row in (
-            (0.06, left, 0.0, 0.07, (0.14, 0.05), (0.11, 0.045), SHOES),
-            (0.0, left, 0.05, 0.45, (0.055, 0.055), (0.07, 0.07), TROUSERS),
-            (0.0, left, 0.45, 0.85, (0.07, 0.07), (0.09, 0.09), TROUSERS),
-        )
-    ),
-    (0.0, 0.0, 0.82, 1.0, (0.12, 0.18), (0.11, 0.17), TROUSERS),
-    (0.0, 0.0, 0.98, 1.2, (0.115, 0.17), (0.125, 0.19), SHIRT),
-    (0.0, 0.0, 1.2, 1.38, (0.125, 0.19), (0.115, 0.22), SHIRT),
-    (0.0, 0.0, 1.38, 1.46, (0.11, 0.22), (0.06, 0.12), _tinted(SHIRT, 1.12)),
-    # the left arm hangs
-    (0.0, 0.235, 1.1, 1.4, (0.05, 0.05), (0.055, 0.055), _tinted(SHIRT, 0.9)),
-    (0.03, 0.245, 0.82, 1.1, (0.045, 0.035), (0.045, 0.045), SKIN),
-    (0.0, 0.0, 1.44, 1.53, (0.055, 0.055), (0.055, 0.055), SKIN),
-    (0.015, 0.0, 1.53, 1.62, (0.075, 0.065), (0.098, 0.078), SKIN),
-    (0.0, 0.0, 1.60, 1.69, (0.10, 0.08), (0.095, 0.078), HAIR),
-    (-0.01, 0.0, 1.69, 1.75, (0.095, 0.078), (0.045, 0.04), HAIR),
-])
+_PERSON = _stack(
+    [
+        *(
+            row
+            for left in (0.10, -0.10)
+            for row in (
+                (0.06, left, 0.0, 0.07, (0.14, 0.05), (0.11, 0.045), SHOES),
+                (0.0, left, 0.05, 0.45, (0.055, 0.055), (0.07, 0.07), TROUSERS),
+                (0.0, left, 0.45, 0.85, (0.07, 0.07), (0.09, 0.09), TROUSERS),
+            )
+        ),
+        (0.0, 0.0, 0.82, 1.0, (0.12, 0.18), (0.11, 0.17), TROUSERS),
+        (0.0, 0.0, 0.98, 1.2, (0.115, 0.17), (0.125, 0.19), SHIRT),
+        (0.0, 0.0, 1.2, 1.38, (0.125, 0.19), (0.115, 0.22), SHIRT),
+        (0.0, 0.0, 1.38, 1.46, (0.11, 0.22), (0.06, 0.12), _tinted(SHIRT, 1.12)),
+        # the left arm hangs
+        (0.0, 0.235, 1.1, 1.4, (0.05, 0.05), (0.055, 0.055), _tinted(SHIRT, 0.9)),
+        (0.03, 0.245, 0.82, 1.1, (0.045, 0.035), (0.045, 0.045), SKIN),
+        (0.0, 0.0, 1.44, 1.53, (0.055, 0.055), (0.055, 0.055), SKIN),
+        (0.015, 0.0, 1.53, 1.62, (0.075, 0.065), (0.098, 0.078), SKIN),
+        (0.0, 0.0, 1.60, 1.69, (0.10, 0.08), (0.095, 0.078), HAIR),
+        (-0.01, 0.0, 1.69, 1.75, (0.095, 0.078), (0.045, 0.04), HAIR),
+    ]
+)
 # of the upper arm, the lower arm, and the pointer in the hand
 _ARM_LOW_RADII = np.array([(0.055, 0.055), (0.045, 0.045), (0.014, 0.014)])
 _ARM_HIGH_RADII = np.array([(0.046, 0.046), (0.035, 0.035), (0.01, 0.01)])
 _ARM_COLORS = np.array([_tinted(SHIRT, 1.05), SKIN, (30, 30, 32)], dtype=float)
 
 
-def hand_position(person: Tuple[float, float, float], target: Optional[Tuple[float, float]], height: float) -> np.ndarray:
+def hand_position(
+    person: Tuple[float, float, float], target: Optional[Tuple[float, float]], height: float
+) -> np.ndarray:
     """Returns where the right hand holds the pointer, (3,) [m], at a height [m]."""
     x, y, yaw = person
     shoulder_x, shoulder_y = x + 0.20 * math.sin(yaw), y - 0.20 * math.cos(yaw)
@@ -139,7 +156,10 @@ def hand_position(person: Tuple[float, float, float], target: Optional[Tuple[flo
 
 
 def person_pieces(
-    person: Tuple[float, float, float], target: Optional[Tuple[float, float]], hand_height: float, build: Build = AVERAGE
+    person: Tuple[float, float, float],
+    target: Optional[Tuple[float, float]],
+    hand_height: float,
+    build: Build = AVERAGE,
 ) -> BodyParts:
     """Builds a standing person with the right arm raised towards a point on the floor, or hanging.
 
@@ -159,8 +179,12 @@ def person_pieces(
         joints.append(hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09)
     count = len(joints) - 1
     arm = BodyParts(
-        np.array(joints[:-1]), np.array(joints[1:]), _ARM_LOW_RADII[:count], _ARM_HIGH_RADII[:count],
-        np.full(count, yaw), _ARM_COLORS[:count],
+        np.array(joints[:-1]),
+        np.array(joints[1:]),
+        _ARM_LOW_RADII[:count],
+        _ARM_HIGH_RADII[:count],
+        np.full(count, yaw),
+        _ARM_COLORS[:count],
     )
     pieces = join_pieces([_PERSON.move_to(x, y, yaw), arm])
     return pieces if build == AVERAGE else pieces.scale_to((x, y), build)
@@ -184,16 +208,22 @@ def robot_key(pose: Tuple[float, float, float]) -> Tuple:
 
 # a TurtleBot 2: a round base, plates on poles, a camera at the front, a green button
 _ROBOT_RADIUS = 0.18
-_ROBOT = _stack([
-    (0.0, 0.0, 0.01, 0.10, (0.18, 0.18), (0.18, 0.18), (40, 40, 43)),
-    (0.0, 0.0, 0.10, 0.115, (0.1728, 0.1728), (0.1728, 0.1728), (70, 70, 72)),
-    *((x, y, 0.11, 0.40, (0.008, 0.008), (0.008, 0.008), (150, 150, 152)) for x in (0.099, -0.108) for y in (0.108, -0.108)),
-    *((0.0, 0.0, z, z + 0.008, (0.153, 0.153), (0.153, 0.153), (58, 56, 54)) for z in (0.19, 0.28)),
-    (0.0, 0.0, 0.40, 0.41, (0.1584, 0.1584), (0.1584, 0.1584), (92, 88, 82)),
-    (0.0, 0.0, 0.412, 0.414, (0.108, 0.108), (0.108, 0.108), (104, 100, 94)),
-    (0.099, 0.0, 0.41, 0.45, (0.025, 0.09), (0.025, 0.09), (26, 26, 28)),
-    (-0.063, 0.0, 0.414, 0.417, (0.035, 0.035), (0.03, 0.03), (120, 168, 96)),
-])
+_ROBOT = _stack(
+    [
+        (0.0, 0.0, 0.01, 0.10, (0.18, 0.18), (0.18, 0.18), (40, 40, 43)),
+        (0.0, 0.0, 0.10, 0.115, (0.1728, 0.1728), (0.1728, 0.1728), (70, 70, 72)),
+        *(
+            (x, y, 0.11, 0.40, (0.008, 0.008), (0.008, 0.008), (150, 150, 152))
+            for x in (0.099, -0.108)
+            for y in (0.108, -0.108)
+        ),
+        *((0.0, 0.0, z, z + 0.008, (0.153, 0.153), (0.153, 0.153), (58, 56, 54)) for z in (0.19, 0.28)),
+        (0.0, 0.0, 0.40, 0.41, (0.1584, 0.1584), (0.1584, 0.1584), (92, 88, 82)),
+        (0.0, 0.0, 0.412, 0.414, (0.108, 0.108), (0.108, 0.108), (104, 100, 94)),
+        (0.099, 0.0, 0.41, 0.45, (0.025, 0.09), (0.025, 0.09), (26, 26, 28)),
+        (-0.063, 0.0, 0.414, 0.417, (0.035, 0.035), (0.03, 0.03), (120, 168, 96)),
+    ]
+)
 
 
 def robot_pieces(pose: Tuple[float, float, float], radius: float) -> BodyParts:

@@ -2,6 +2,7 @@
 
 The defaults here are the same as in that file, which gives their sources.
 """
+
 from __future__ import annotations
 
 import zlib

@@ -1,4 +1,5 @@
 """What changes in a room besides robots, participant and laser: light, sun, reflections, other people."""
+
 from __future__ import annotations
 
 import math
@@ -88,7 +89,11 @@ def relight(picture: np.ndarray, around: SceneConditions, camera: CameraModel, T
     """Applies lamps, exposure and sun to an image without laser, (H, W) or (H, W, 3) uint8, in place."""
     if around.sun:
         outline = geometry.resample_chain(np.array([*around.sun, around.sun[0]], dtype=float), 0.05)
-        _brighten(picture, _project(np.column_stack([outline, np.zeros(len(outline))]), camera, T_map_optical), around.sun_gain)
+        _brighten(
+            picture,
+            _project(np.column_stack([outline, np.zeros(len(outline))]), camera, T_map_optical),
+            around.sun_gain,
+        )
     gain = around.light * around.exposure
     if gain != 1.0:
         cv2.convertScaleAbs(picture, picture, alpha=gain)
@@ -111,7 +116,9 @@ def _brighten(picture: np.ndarray, outline: np.ndarray, gain: float) -> None:
     part[...] = np.minimum(part * (mask if part.ndim == 2 else mask[..., None]) + 0.5, 255.0)
 
 
-def glint_area(glint: Glint, camera: CameraModel, T_map_optical: np.ndarray) -> Optional[Tuple[Rectangle, np.ndarray, float]]:
+def glint_area(
+    glint: Glint, camera: CameraModel, T_map_optical: np.ndarray
+) -> Optional[Tuple[Rectangle, np.ndarray, float]]:
     """Finds where a camera sees a glint: rows and columns, its middle (2,) [px], its sigma [px]; None if it does not."""
     T = geometry.invert(T_map_optical)
     in_camera = T[:3, :3] @ np.array(glint.position) + T[:3, 3]
@@ -126,14 +133,18 @@ def glint_area(glint: Glint, camera: CameraModel, T_map_optical: np.ndarray) -> 
     return (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))), middle, sigma
 
 
-def add_glint(picture: np.ndarray, glint: Glint, area: Tuple[Rectangle, np.ndarray, float], encoding: str, exposure: float) -> None:
+def add_glint(
+    picture: np.ndarray, glint: Glint, area: Tuple[Rectangle, np.ndarray, float], encoding: str, exposure: float
+) -> None:
     """Adds a glint to an image (H, W) or (H, W, 3) uint8, in place."""
     (rows, columns), middle, sigma = area
     u = np.arange(columns.start, columns.stop) - middle[0]
     v = np.arange(rows.start, rows.stop) - middle[1]
     light = glint.brightness * exposure * np.exp(-0.5 * (u[None, :] ** 2 + v[:, None] ** 2) / sigma**2)
     part = picture[rows, columns]
-    part[...] = np.minimum(part + pixels.apply_color_filters(light, np.ones(3), encoding, columns.start, rows.start) + 0.5, 255.0)
+    part[...] = np.minimum(
+        part + pixels.apply_color_filters(light, np.ones(3), encoding, columns.start, rows.start) + 0.5, 255.0
+    )
 
 
 def _project(points: np.ndarray, camera: CameraModel, T_map_optical: np.ndarray) -> np.ndarray:

@@ -1,4 +1,5 @@
 """The occupancy grid that SLAM would have made of a world, and the ground truth of its scenarios."""
+
 from __future__ import annotations
 
 import math
@@ -29,7 +30,9 @@ def _physical_map(room: Room, walls: Tuple[Wall, ...], furniture: Tuple[Furnitur
     width, height = room.size
     t = min(room.wall_thickness, room.margin)
     data = grid.data
-    data[outline_mask(grid, np.array([[-t, -t], [width + t, -t], [width + t, height + t], [-t, height + t]]))] = OCCUPIED
+    data[outline_mask(grid, np.array([[-t, -t], [width + t, -t], [width + t, height + t], [-t, height + t]]))] = (
+        OCCUPIED
+    )
     data[outline_mask(grid, np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=float))] = FREE
     for wall in walls:
         data[outline_mask(grid, wall_outline(wall))] = OCCUPIED
@@ -73,5 +76,3 @@ def outline_mask(grid: GridMap, outline: np.ndarray) -> np.ndarray:
         if 0 <= row < grid.shape[0] and 0 <= column < grid.shape[1]:
             mask[row, column] = 1
     return mask.astype(bool)
-
-

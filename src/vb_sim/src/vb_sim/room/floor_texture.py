@@ -1,4 +1,5 @@
 """Draws the floor as an image from above, with everything flat on it."""
+
 from __future__ import annotations
 
 import math
@@ -30,7 +31,9 @@ class FloorTexture:
     def matrix(self) -> np.ndarray:
         """Returns the matrix (3, 3) from homogeneous map coordinates [m] to (column, row) [px]; centres are whole numbers."""
         scale = 1.0 / self.resolution
-        return np.array([[scale, 0, -self.origin[0] * scale - 0.5], [0, scale, -self.origin[1] * scale - 0.5], [0, 0, 1.0]])
+        return np.array(
+            [[scale, 0, -self.origin[0] * scale - 0.5], [0, scale, -self.origin[1] * scale - 0.5], [0, 0, 1.0]]
+        )
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Projects points (N, 2) [m] to pixels (N, 2) (column, row) [px]."""
@@ -170,9 +173,13 @@ def _contact_shadows(picture: np.ndarray, texture: FloorTexture, world: World) -
     width, height = world.room.size
     room = texture.pixels(np.array([[0, 0], [width, height]])) / step
     outside = np.ones(small, np.float32)
-    cv2.rectangle(outside, tuple(np.round(room[0]).astype(int).tolist()), tuple(np.round(room[1]).astype(int).tolist()), 0.0, -1)
+    cv2.rectangle(
+        outside, tuple(np.round(room[0]).astype(int).tolist()), tuple(np.round(room[1]).astype(int).tolist()), 0.0, -1
+    )
     occluder = np.maximum(occluder, 0.7 * outside)
     cell = texture.resolution * step
-    shade = 0.55 * cv2.GaussianBlur(occluder, (0, 0), 0.07 / cell) + 0.45 * cv2.GaussianBlur(occluder, (0, 0), 0.22 / cell)
+    shade = 0.55 * cv2.GaussianBlur(occluder, (0, 0), 0.07 / cell) + 0.45 * cv2.GaussianBlur(
+        occluder, (0, 0), 0.22 / cell
+    )
     grown = cv2.resize(shade, (small[1] * step, small[0] * step), interpolation=cv2.INTER_LINEAR)
     picture *= (1.0 - 0.5 * grown[: picture.shape[0], : picture.shape[1]])[..., None]

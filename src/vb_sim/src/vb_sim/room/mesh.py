@@ -2,6 +2,7 @@
 
 Colours are rgb. A depth buffer holds inverse depths along the optical axis [1/m]; 0 is nothing.
 """
+
 from __future__ import annotations
 
 import math
@@ -145,7 +146,9 @@ class RayGrid:
         # exact on every eighth pixel; in between the lens bends nothing that linear interpolation does not follow
         step = 8
         columns, rows = (int(np.ceil(size / step)) + 2 for size in (camera.width, camera.height))
-        u, v = np.meshgrid((np.arange(columns) - 1) * step + (step - 1) / 2, (np.arange(rows) - 1) * step + (step - 1) / 2)
+        u, v = np.meshgrid(
+            (np.arange(columns) - 1) * step + (step - 1) / 2, (np.arange(rows) - 1) * step + (step - 1) / 2
+        )
         rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
         grids = []
         for axis in range(2):
@@ -154,8 +157,15 @@ class RayGrid:
             grids.append(np.ascontiguousarray(fine[step : step + camera.height, step : step + camera.width]))
         return grids[0], grids[1]
 
-    def combine(self, a: float, b: float, c: float, rows: slice = slice(None), columns: slice = slice(None),
-                out: Optional[np.ndarray] = None) -> np.ndarray:
+    def combine(
+        self,
+        a: float,
+        b: float,
+        c: float,
+        rows: slice = slice(None),
+        columns: slice = slice(None),
+        out: Optional[np.ndarray] = None,
+    ) -> np.ndarray:
         """Computes (h, w) float32: a x + b y + c over a part of the image."""
         x, y = (self.x[rows, columns], self.y[rows, columns]) if self.distorted else (self.x[:, columns], self.y[rows])
         return np.add(np.float32(a) * x, np.float32(b) * y + np.float32(c), out=out)
@@ -246,7 +256,9 @@ class DepthBuffer:
         matrix = self.grid.camera.matrix
         return face[:, :2] / face[:, 2:] * (matrix[0, 0], matrix[1, 1]) + (matrix[0, 2], matrix[1, 2])
 
-    def _fill(self, outline: np.ndarray, plane: Tuple[float, float, float], color: Sequence[float], normal: np.ndarray) -> None:
+    def _fill(
+        self, outline: np.ndarray, plane: Tuple[float, float, float], color: Sequence[float], normal: np.ndarray
+    ) -> None:
         height, width = self.ids.shape
         (least_x, least_y), (most_x, most_y) = outline.min(axis=0), outline.max(axis=0)
         left, top = max(math.floor(least_x), 0), max(math.floor(least_y), 0)

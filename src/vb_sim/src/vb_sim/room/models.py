@@ -1,4 +1,5 @@
 """Reads config/models.yaml: one section per model of a sensor, a robot or a person."""
+
 from __future__ import annotations
 
 from pathlib import Path

@@ -2,6 +2,7 @@
 
 The source of each default is beside the value in config/models.yaml.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass

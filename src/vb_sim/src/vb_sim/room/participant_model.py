@@ -1,4 +1,5 @@
 """Parameters of the simulated person. The sources of the defaults are in config/models.yaml."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -4,6 +4,7 @@ Light adds up and is reflected by what it falls on: at each place the floor gets
 projector's light, as a multiple of the light that is there anyway. Things and people in the beam get none of
 it, and the floor behind them no shadow; the light's photon noise is ignored.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
 """Computes distances in the physical map: how far a beam goes, how near the next obstacle is."""
+
 from __future__ import annotations
 
 import math
@@ -68,7 +69,9 @@ class DistanceField:
         ranges = np.zeros(len(angles))
         beams = np.arange(len(angles))
         for _ in range(TRACING_STEPS):
-            cells = (start_y + ranges * direction_y).astype(np.int32) * self._columns + (start_x + ranges * direction_x).astype(np.int32)
+            cells = (start_y + ranges * direction_y).astype(np.int32) * self._columns + (
+                start_x + ranges * direction_x
+            ).astype(np.int32)
             steps = self._steps[cells]
             going = steps > 0.0  # a step of 0 marks an obstacle
             if not going.all():
@@ -105,7 +108,9 @@ class DistanceField:
         return result
 
 
-def cast_disc(origin: Tuple[float, float], angles: np.ndarray, centre: Tuple[float, float], radius: float) -> np.ndarray:
+def cast_disc(
+    origin: Tuple[float, float], angles: np.ndarray, centre: Tuple[float, float], radius: float
+) -> np.ndarray:
     """Ranges (N,) [m] at which beams meet a disc, for instance a person's legs; inf where they miss."""
     to_centre = np.asarray(centre, dtype=float) - np.asarray(origin, dtype=float)
     along = np.cos(angles) * to_centre[0] + np.sin(angles) * to_centre[1]

@@ -5,6 +5,7 @@ it, motion smears it over the exposure, a part is scattered into a halo. The sen
 a white core, since the light that leaks through the other colours' filters saturates too, with a
 coloured halo. Its size follows from power, exposure and distance; none is set by hand.
 """
+
 from __future__ import annotations
 
 import math
@@ -54,10 +55,15 @@ def render_spot(
     reach = optics.exposure_ms * 1e-3 / 2.0
     step = 1e-3
     x, y = point
-    probes = np.array([
-        (x, y, 0), (x + step, y, 0), (x, y + step, 0),
-        (x - velocity[0] * reach, y - velocity[1] * reach, 0), (x + velocity[0] * reach, y + velocity[1] * reach, 0),
-    ])
+    probes = np.array(
+        [
+            (x, y, 0),
+            (x + step, y, 0),
+            (x, y + step, 0),
+            (x - velocity[0] * reach, y - velocity[1] * reach, 0),
+            (x + velocity[0] * reach, y + velocity[1] * reach, 0),
+        ]
+    )
     T = invert(T_map_optical)
     in_camera = probes @ T[:3, :3].T + T[:3, 3]
     if (in_camera[:, 2] < 0.05).any():

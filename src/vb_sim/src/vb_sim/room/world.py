@@ -4,6 +4,7 @@ Everything is checked when it is read: an unknown key, a wrong type or a value o
 `ParameterError` that names the place in the file, for instance "cameras[1]/height".
 Angles are degrees in the file and radians from here on.
 """
+
 from __future__ import annotations
 
 import math
@@ -91,7 +92,9 @@ class Furniture(Parameters):
         contacts = []
         for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
             dx, dy = sx * half[0], sy * half[1]
-            contacts.append(_rectangle(self.x + c * dx - s * dy, self.y + s * dx + c * dy, (self.leg, self.leg), self.yaw))
+            contacts.append(
+                _rectangle(self.x + c * dx - s * dy, self.y + s * dx + c * dy, (self.leg, self.leg), self.yaw)
+            )
         return contacts
 
 
@@ -325,7 +328,9 @@ def _document(file: Path, depth: int = 0) -> Any:
     if not isinstance(document, Mapping) or "like" not in document:
         return document
     if depth > 8 or not isinstance(document["like"], str):
-        raise ParameterError("like", f"'{file}': expected the name of another world file that does not refer back to this one")
+        raise ParameterError(
+            "like", f"'{file}': expected the name of another world file that does not refer back to this one"
+        )
     base = _document(file.parent / document["like"], depth + 1)
     if not isinstance(base, Mapping):
         return base
@@ -341,7 +346,12 @@ def world_from_mapping(document: Any, default_name: str = "world") -> World:
     if not isinstance(document, Mapping):
         raise ParameterError("world", "expected keys and values at the top of the file")
     lists: Dict[str, Type[Parameters]] = {
-        "walls": Wall, "furniture": Furniture, "patches": FloorPatch, "lights": Light, "cameras": CeilingCamera, "robots": Robot,
+        "walls": Wall,
+        "furniture": Furniture,
+        "patches": FloorPatch,
+        "lights": Light,
+        "cameras": CeilingCamera,
+        "robots": Robot,
     }
     known = ["name", "room", "floor", *lists, "projector", "scenarios"]
     for key in document:

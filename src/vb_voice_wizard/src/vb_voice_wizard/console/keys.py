@@ -2,14 +2,13 @@
 
 The idea: one key is one command. Borders are changed on the page, where they can be seen.
 """
+
 from __future__ import annotations
 
 import re
 from typing import Dict
 
-from vb_voice_wizard.interaction import (
-    CANCEL, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, REDO, RESUME, SAVE, STOP, UNDO,
-)
+from vb_voice_wizard.interaction import CANCEL, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, REDO, RESUME, SAVE, STOP, UNDO
 
 # in the order of the screen's two lines; the largest key stops
 DRAWING_KEYS: Dict[str, str] = {"b": DEFINE_BORDER, "d": DEFINE_SEED, "g": GUIDE_ROBOT, "s": SAVE, "c": CANCEL}

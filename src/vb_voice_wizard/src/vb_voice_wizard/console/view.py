@@ -1,4 +1,5 @@
 """What the wizard console shows, drawn with rich. Needs the messages, no node."""
+
 from __future__ import annotations
 
 import collections
@@ -59,7 +60,11 @@ class ConsoleContent:
 
     def sentence(self, said: Any) -> str:
         """Returns what a message with code, values and English sentence says, in the operator's language."""
-        return sentences.say(said.code, mapping_from_values(said.values), self.language, said.message) if said.code else said.message
+        return (
+            sentences.say(said.code, mapping_from_values(said.values), self.language, said.message)
+            if said.code
+            else said.message
+        )
 
     def say(self, clock: str, text: str, style: str) -> None:
         """Adds a message with the time of day, unless it repeats the last one."""
@@ -104,7 +109,9 @@ def _head(view: ConsoleContent) -> Text:
         text.append(f" {view.words('console_stopped')} ", style="bold white on red not reverse")
         if state.stopped_by:
             text.append(f" {view.words('console_stopped_by', who=state.stopped_by)} ", style="bold red not reverse")
-    text.append(f" {view.words('state_' + state.name).upper()} ", style=f"bold reverse {_STYLES.get(state.name, 'white')}")
+    text.append(
+        f" {view.words('state_' + state.name).upper()} ", style=f"bold reverse {_STYLES.get(state.name, 'white')}"
+    )
     if state.interaction_id:
         text.append(f"  {_clock(state.guide_s + state.border_s + state.seed_s)}", style="bold not reverse")
     if view.away:
@@ -136,14 +143,16 @@ def _interaction(view: ConsoleContent) -> Panel:
     silent = any(not rate for _, rate in view.detectors)
     rows: Dict[str, Text] = {
         "console_time": Text(say("console_times", guide=guide, border=border, seed=seed)),
-        "console_spots": Text(say(
-            "console_spot_counts", border=drawn.border_spots, seed=drawn.seed_spots, ignored=drawn.ignored_spots
-        )),
+        "console_spots": Text(
+            say("console_spot_counts", border=drawn.border_spots, seed=drawn.seed_spots, ignored=drawn.ignored_spots)
+        ),
         "console_chain": Text(chain),
         "console_seen_by": Text(seeing, style="bold green" if drawn.seeing else ""),
         "console_cameras": Text(detectors or say("console_none"), style=BAD if silent else ""),
         "console_robot": Text(view.robot or say("console_unknown")),
-        "console_voice": Text(say("console_level", level=f"{view.level_db:.0f}") if view.level_db else say("console_none")),
+        "console_voice": Text(
+            say("console_level", level=f"{view.level_db:.0f}") if view.level_db else say("console_none")
+        ),
     }
     table = Table.grid(padding=(0, 2), expand=True)
     # a long value must not take the labels' room
@@ -166,11 +175,14 @@ def _borders(view: ConsoleContent, room: int) -> Panel:
         line.add_column(no_wrap=True, overflow="ellipsis", ratio=1)
         line.add_column(no_wrap=True, justify="right")
         style = "" if row.enabled else "dim"
-        line.add_row(Text(sentences.border_name(row.name, view.language) or row.id, style=style), Text(details, style=style))
+        line.add_row(
+            Text(sentences.border_name(row.name, view.language) or row.id, style=style), Text(details, style=style)
+        )
         lines.append(line)
     return Panel(
         Group(*(lines or [Text(view.words("console_none"), style="dim")])),
-        title=view.words("console_borders", count=len(view.borders)), padding=(0, 1),
+        title=view.words("console_borders", count=len(view.borders)),
+        padding=(0, 1),
     )
 
 

@@ -1,4 +1,5 @@
 """Handles repeated commands: each id is carried out once, and gets the same answer each time. No ROS."""
+
 from __future__ import annotations
 
 import collections

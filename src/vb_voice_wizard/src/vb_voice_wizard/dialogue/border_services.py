@@ -1,4 +1,5 @@
 """Calls the services of border_fusion and map_integrator for the interaction manager, each within a known time."""
+
 from __future__ import annotations
 
 from typing import Any, Callable, Dict, List, Type
@@ -11,7 +12,13 @@ from vb_core.ros import messages, services
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import (
-    AddBorder, AddBorderRequest, GetDrawnBorder, GetDrawnBorderRequest, ListBorders, ListBordersRequest, PreviewBorderRequest,
+    AddBorder,
+    AddBorderRequest,
+    GetDrawnBorder,
+    GetDrawnBorderRequest,
+    ListBorders,
+    ListBordersRequest,
+    PreviewBorderRequest,
 )
 
 from vb_voice_wizard.interaction import UNDO

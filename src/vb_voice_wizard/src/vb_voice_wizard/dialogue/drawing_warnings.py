@@ -1,8 +1,9 @@
 """What makes a drawing doubtful, beside the border's own check; no ROS.
 
-The idea: while a camera has an error, what it sees is missing from the line or at a wrong place, and the line keeps that
-when the camera is well again. So an error of a camera makes the drawing doubtful until the interaction ends.
+The idea: while a camera has an error, what it sees is missing from the line or at a wrong place, and the line keeps
+that when the camera is well again. So an error of a camera makes the drawing doubtful until the interaction ends.
 """
+
 from __future__ import annotations
 
 from typing import Sequence, Set, Tuple
@@ -26,7 +27,8 @@ class DrawingWarnings:
     def update(self, notices: Sequence[Notice]) -> None:
         """Takes all notices that hold now."""
         self._standing = tuple(
-            notice for notice in notices
+            notice
+            for notice in notices
             if notice.code == LEFT_OUT or (notice.camera and notice.severity is Severity.ERROR)
         )
         self._failed |= self._cameras()

@@ -1,4 +1,5 @@
 """What the interaction manager keeps in files: the current interaction, and the record of those that ended."""
+
 from __future__ import annotations
 
 import dataclasses

@@ -1,4 +1,5 @@
 """Decides when the preview of saving has to be computed again; no ROS."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field

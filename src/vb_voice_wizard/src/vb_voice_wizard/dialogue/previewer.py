@@ -1,4 +1,5 @@
 """Shows what saving would do before anyone says "save"; part of the interaction manager."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -27,8 +28,8 @@ class Previewer:
 
     Args:
         services: those to call.
-        told: returns all that people are told now; a warning in it is an issue of the preview, like those of the border's
-            check.
+        told: returns all that people are told now; a warning in it is an issue of the preview, like those of the
+            border's check.
     """
 
     def __init__(self, services: BorderServices, told: Callable[[], List[Notice]]) -> None:
@@ -149,5 +150,9 @@ class Previewer:
 
 
 def _issue(warning: Notice) -> BorderIssue:
-    return BorderIssue(severity=BorderIssue.WARNING, code=warning.code, message=warning.sentence(),
-                       values=values_from_mapping(warning.values))
+    return BorderIssue(
+        severity=BorderIssue.WARNING,
+        code=warning.code,
+        message=warning.sentence(),
+        values=values_from_mapping(warning.values),
+    )

@@ -1,4 +1,5 @@
 """A microphone through ALSA's arecord, and sound of other rates as 16 kHz mono, int16."""
+
 from __future__ import annotations
 
 import collections
@@ -89,7 +90,9 @@ class Microphone:
                 self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
                 said: Deque[bytes] = collections.deque(maxlen=20)
                 # a program whose messages are not read blocks once the pipe is full, and the system is deaf
-                drain = threading.Thread(target=said.extend, args=(iter(self._process.stderr.readline, b""),), daemon=True)
+                drain = threading.Thread(
+                    target=said.extend, args=(iter(self._process.stderr.readline, b""),), daemon=True
+                )
                 drain.start()
         except OSError as error:
             return f"cannot start {self._command[0]}: {error.strerror}; is alsa-utils installed?"
@@ -109,4 +112,18 @@ class Microphone:
 
 def arecord(device: str) -> list:
     """The command line that records from an ALSA device as the model wants it."""
-    return ["arecord", "-q", "-D", device, "-t", "raw", "-f", "S16_LE", "-r", str(SAMPLE_RATE), "-c", "1", "--buffer-time=200000"]
+    return [
+        "arecord",
+        "-q",
+        "-D",
+        device,
+        "-t",
+        "raw",
+        "-f",
+        "S16_LE",
+        "-r",
+        str(SAMPLE_RATE),
+        "-c",
+        "1",
+        "--buffer-time=200000",
+    ]

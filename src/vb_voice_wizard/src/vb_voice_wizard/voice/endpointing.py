@@ -4,6 +4,7 @@ The idea: a network that was trained on thousands of hours of speech (Silero VAD
 model comes with it) says for every 32 ms how probable speech is; all that remains here is to cut utterances out.
 Music and intermittent noises, which exceed a noise floor as speech does, do not deceive it.
 """
+
 from __future__ import annotations
 
 from collections import deque

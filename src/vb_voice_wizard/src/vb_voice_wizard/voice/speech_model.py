@@ -1,12 +1,14 @@
 """How much better a text explains an utterance than silence would: a likelihood ratio, by a network that knows people's speech.
 
-The idea: a network that its authors trained on very many hours of people's speech hears better than what one laboratory can
-train on synthetic voices. This is Moonshine (tiny, English; MIT licence); scripts/setup takes its files out of the package
-moonshine-voice. It writes text, one token (a word or a part of one) after the other, but knows nothing of what people may say
-here: for *guide robot* it writes "guide robots". Therefore it is not asked to write, but how probable it finds exactly this
-text. Some texts are rare in any speech, so part of what the network finds without hearing anything is taken off.
+The idea: a network that its authors trained on very many hours of people's speech hears better than what one
+laboratory can train on synthetic voices. This is Moonshine (tiny, English; MIT licence); scripts/setup takes its files
+out of the package moonshine-voice. It writes text, one token (a word or a part of one) after the other, but knows
+nothing of what people may say
+here: for *guide robot* it writes "guide robots". Therefore it is not asked to write, but how probable it finds exactly
+this text. Some texts are rare in any speech, so part of what the network finds without hearing anything is taken off.
 Nothing is trained here, and any English phrase can be a command.
 """
+
 from __future__ import annotations
 
 import sys
@@ -42,11 +44,15 @@ class SpeechModel:
         self._encoder = _session(folder / "encoder_model.ort")
         self._decoder = _session(folder / "decoder_model_merged.ort")
         # what earlier tokens left behind: nothing, as all are given at once
-        self._past = {one.name: (one.shape[1], one.shape[3]) for one in self._decoder.get_inputs() if one.name.startswith("past")}
+        self._past = {
+            one.name: (one.shape[1], one.shape[3]) for one in self._decoder.get_inputs() if one.name.startswith("past")
+        }
         tokens = _read_tokens(folder / "tokenizer.bin")
         rows = [_tokenise(text, tokens) for text in texts]
         self._length = np.array([len(row) for row in rows])
-        self._given = np.array([[_START, *row] + [_ENDS[0]] * (max(map(len, rows)) - len(row)) for row in rows], np.int64)
+        self._given = np.array(
+            [[_START, *row] + [_ENDS[0]] * (max(map(len, rows)) - len(row)) for row in rows], np.int64
+        )
         self._rarity = _RARITY * self._written(np.zeros(16000, np.int16))
 
     def evidence(self, pcm: np.ndarray) -> np.ndarray:
@@ -61,12 +67,16 @@ class SpeechModel:
         """(M, L) tokens to (M, L, tokens there are): logarithms of the probabilities of what follows each of them."""
         samples = np.asarray(pcm, dtype=np.float32)[None]
         samples = samples * (_PEAK / max(1.0, float(np.abs(samples).max())))
-        heard = self._encoder.run(None, {"input_values": samples, "attention_mask": np.ones(samples.shape, np.int64)})[0]
+        heard = self._encoder.run(None, {"input_values": samples, "attention_mask": np.ones(samples.shape, np.int64)})[
+            0
+        ]
         rows = len(tokens)
         given = {name: np.zeros((rows, heads, 0, size), np.float32) for name, (heads, size) in self._past.items()}
         given.update(
-            input_ids=tokens, encoder_hidden_states=np.repeat(heard, rows, axis=0),
-            encoder_attention_mask=np.ones((rows, heard.shape[1]), np.int64), use_cache_branch=np.array([False]),
+            input_ids=tokens,
+            encoder_hidden_states=np.repeat(heard, rows, axis=0),
+            encoder_attention_mask=np.ones((rows, heard.shape[1]), np.int64),
+            use_cache_branch=np.array([False]),
         )
         found = self._decoder.run(["logits"], given)[0].astype(np.float64)
         found -= found.max(axis=2, keepdims=True)
@@ -107,7 +117,9 @@ def _read_tokens(path: Path) -> Dict[bytes, int]:
         length, at = data[at], at + 1
         if length >= 128:
             length, at = length - 128 + 128 * data[at], at + 1
-        found[data[at : at + length]] = number  # a single letter is there twice: first as a mere byte, which is never written
+        found[data[at : at + length]] = (
+            number  # a single letter is there twice: first as a mere byte, which is never written
+        )
         at, number = at + length, number + 1
     return found
 
