@@ -204,6 +204,7 @@ class PageTest(unittest.TestCase):
     def test_2_corners_times_and_a_wall(self):
         self.draw_carpet("Rug")
         # a tap on the map opens the menu, and presses nothing that comes up under the finger
+        self.browser.wait("window.virtualBorders.map.borders.length", what="the border on the map")
         middle = self.browser.run(
             "const line = window.virtualBorders.map.borders[0].line; return [0, 1].map("
             "(axis) => line.reduce((sum, point) => sum + point[axis], 0) / line.length)"
