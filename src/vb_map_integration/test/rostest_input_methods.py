@@ -148,7 +148,14 @@ class InputMethodsTest(unittest.TestCase):
         self.assertEqual(len(self.stored(1)[0].points), 3)
 
     def test_a_click_in_another_frame_is_transformed(self):
-        for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 0.0), (0.7, 0.3)):
+        def first_click_counts():
+            answered = self.status.count
+            self.click(0.0, 0.0, "shelf")
+            wait_until(lambda: self.status.count > answered, "the answer")
+            return "1 point(s)" in self.status.message.data
+
+        wait_until(first_click_counts, "the shelf's frame to be known to the tool")
+        for x, y in ((1.0, 0.0), (1.0, 1.0), (0.0, 0.0), (0.7, 0.3)):
             self.click(x, y, "shelf")
         points = [(round(point.x, 6), round(point.y, 6)) for point in self.stored(1)[0].points]
         self.assertEqual(points, [(1.0, 0.5), (1.0, 1.5), (0.0, 1.5)])
