@@ -29,13 +29,16 @@ class WholeScenario(unittest.TestCase):
         rospy.init_node("whole_scenario")
         world = load_world(rospy.get_param("~world"))
         scenario = world.scenario(rospy.get_param("~scenario"))
-        observer, seen = Observer(), []
+        observer, seen, entered = Observer(), [], {}
 
         def keep(spot: LaserSpot) -> None:
             if observer.state is not None and observer.state.state == InteractionState.BORDER:
                 seen.append((spot.position.x, spot.position.y))
 
         subscriber = rospy.Subscriber(names.SPOTS, LaserSpot, keep)
+        rospy.Subscriber(
+            names.STATE, InteractionState, lambda state: entered.update({state.entered.to_sec(): state.name})
+        )
         self.assertTrue(wait_until(lambda: observer.outcome is not None, 200.0), f"never done; state: {observer.state}")
         self.assertEqual(observer.outcome["outcome"], "saved", observer.outcome)
         self.assertTrue(wait_until(lambda: observer.state.last_outcome == "saved" and observer.borders, 120.0))
@@ -58,10 +61,17 @@ class WholeScenario(unittest.TestCase):
         kept = ~region
         self.assertTrue((observer.posterior.data[kept] == observer.prior.data[kept]).all())
 
-        # the interaction was timed by state: never guided, as with a network robot system
-        self.assertEqual(observer.state.guide_s, 0.0)
-        self.assertGreater(observer.state.border_s, 0.0)
-        self.assertGreater(observer.state.seed_s, 0.0)
+        # the interaction was timed by state, as the moments tell at which the states were entered
+        times = dict.fromkeys(("default", "guide", "border", "seed"), 0.0)
+        stamps = sorted(entered)
+        for begin, end in zip(stamps, stamps[1:]):
+            if entered[begin] == "default":
+                times = dict.fromkeys(times, 0.0)
+            times[entered[begin]] += end - begin
+        state = observer.state
+        found = (state.guide_s, state.border_s, state.seed_s)
+        np.testing.assert_allclose(found, (times["guide"], times["border"], times["seed"]), atol=0.01)
+        self.assertGreater(min(state.border_s, state.seed_s), 0.0)
 
         # navigation respects it: the room cannot be reached, its outside can
         pose = lambda p: (p[0], p[1], math.radians(p[2]))  # noqa: E731
