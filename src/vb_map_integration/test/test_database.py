@@ -76,13 +76,14 @@ def test_undo_and_redo_survive_a_restart(tmp_path):
     first.expire(6.0)  # is no command: undo goes past it
     first.close()
     second = integrator(tmp_path)
+    assert second.steps == ["undo", "redo"]
     assert second.redo().ids == ("b1",) and [border.id for border in second.borders] == ["b2"]
     second.undo()
     second.close()
     third = integrator(tmp_path)
     third.undo()
     third.undo()
-    assert third.borders == ()
+    assert third.borders == () and third.steps == ["redo"]
     third.close()
     fourth = integrator(tmp_path)
     for expected in (["b1"], ["b1", "b2"], ["b2"]):
@@ -90,7 +91,7 @@ def test_undo_and_redo_survive_a_restart(tmp_path):
         assert [border.id for border in fourth.borders] == expected
     with pytest.raises(CodedError) as caught:
         fourth.redo()
-    assert caught.value.code == "nothing_to_redo"
+    assert caught.value.code == "nothing_to_redo" and fourth.steps == ["undo"]
     fourth.close()
 
 

@@ -114,6 +114,17 @@ def test_sensible_commands_are_accepted_and_lead_on(way):
     assert (SAVE in sensible) == (DEFINE_BORDER in way and DEFINE_SEED in way)
 
 
+@pytest.mark.parametrize("history", [[], [UNDO], [REDO], [UNDO, REDO]])
+def test_undo_and_redo_are_suggested_while_there_is_something_to_undo_or_redo(history):
+    interaction = machine()
+    interaction.history = history
+    suggested = interaction.suggested_commands()
+    assert [command for command in suggested if command in (UNDO, REDO)] == history
+    assert STOP in suggested[:4]  # a display shows the first four
+    interaction.command(DEFINE_BORDER, "test", 1.0)
+    assert not {UNDO, REDO} & set(interaction.suggested_commands())  # they are refused while somebody draws
+
+
 @pytest.mark.parametrize("command", ["", "  ", "open the door", "saved", "define", "\u00fc"])
 @pytest.mark.parametrize("way", [(), (DEFINE_BORDER,)])
 def test_unknown_commands_are_answered(way, command):

@@ -8,7 +8,7 @@ import math
 import time
 
 from selenium import webdriver
-from selenium.common.exceptions import StaleElementReferenceException
+from selenium.common.exceptions import ElementClickInterceptedException, StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
 
 PHONE, WALL = (360, 740), (1920, 1080)
@@ -89,8 +89,8 @@ class Browser:
             (e) => !e.disabled && e.getClientRects().length && (!arguments[1] || e.textContent.trim() === arguments[1]))"""
         while True:
             element = self.wait(script, selector, text, what=f"{selector} {text or ''}")
-            # what came from the nodes meanwhile may have replaced it
-            with contextlib.suppress(StaleElementReferenceException):
+            # what came from the nodes meanwhile may have replaced it; what has just come up cannot be pressed at once
+            with contextlib.suppress(StaleElementReferenceException, ElementClickInterceptedException):
                 self.run("arguments[0].scrollIntoView({block: 'center'})", element)
                 element.click()
                 return

@@ -15,7 +15,7 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
 from vb_core.errors import CodedError, ParameterError  # noqa: E402
-from vb_web import access, requests  # noqa: E402
+from vb_web import access, requests, server  # noqa: E402
 from vb_web.access import AccessCodes, Role  # noqa: E402
 from vb_web.images import ImageCache, EncodedImage  # noqa: E402
 from vb_web.server import PageServer, ServerParams  # noqa: E402
@@ -29,12 +29,12 @@ class FakeBackend:
     """Notes what is asked of it."""
 
     def __init__(self):
-        self.done = []
+        self.done, self.slow = [], "preview"
         self.gate = threading.Event()
         self.gate.set()
 
     def act(self, request, source):
-        if request.action == "preview":
+        if request.action == "preview" or self.slow in request.values.values():
             self.gate.wait(10.0)
         if request.action == "remove":
             raise CodedError("page_no_border")
@@ -339,6 +339,24 @@ def test_stop_does_not_wait_for_what_takes_long(local):
         return answer
 
     assert local.link(work)["ok"]
+
+
+def test_a_resume_does_not_overtake_the_stop_before_it(local, monkeypatch):
+    monkeypatch.setattr(server, "_PATIENCE_S", None)
+    local.backend.gate.clear()
+    local.backend.slow = "stop"
+
+    async def work(connection):
+        for command in ("stop", "resume"):
+            await connection.write_message(json.dumps({"do": "command", "id": command, "command": command}))
+        # what others ask for is done meanwhile
+        await answer_to(connection, do="rename", id="n", border="b1", revision=1, name="Rug")
+        local.backend.gate.set()
+        while len(local.backend.done) < 3:
+            await connection.read_message()
+        return [values.get("command") for _, values in local.backend.done]
+
+    assert local.link(work) == [None, "stop", "resume"]
 
 
 def test_one_browser_cannot_ask_without_end(local):

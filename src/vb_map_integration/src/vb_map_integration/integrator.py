@@ -593,6 +593,11 @@ class MapIntegrator:
         """Redoes what was undone last; raises CodedError "nothing_to_redo"."""
         return self._make_change(self._database.prepare_redo(self._recognition.place), "redo", "changed again", now)
 
+    @property
+    def steps(self) -> List[str]:
+        """Lists "undo" and "redo", each if there is something to undo or redo."""
+        return self._database.steps(self._recognition.place)
+
     def expire(self, now: float) -> Optional[ChangeResult]:
         """Toggles borders that expire, begins and ends scheduled times; None if nothing changed."""
         stored = self._database.borders(self._recognition.place)

@@ -217,6 +217,7 @@ class MapIntegratorNode:
         array.revision = self._integrator.revision
         array.map_id, array.map_name = self._integrator.map_id, self._integrator.map_name
         array.needs_confirmation = self._integrator.needs_confirmation
+        array.commands = self._integrator.steps
         array.code, array.message = "ok", ""
         about_all = [notice for notice in self._integrator.notices if not notice.border_id]
         if about_all:

@@ -163,6 +163,7 @@ class Interaction:
         self.last_outcome = ""
         self.last_border_id = ""
         self.unanswered_save = False  # whether a border was sent and never answered
+        self.history: List[str] = []  # UNDO and REDO, each if the borders have something to undo or redo
         self._confirming = ""
         self._asked = 0.0
         self._pending_source = ""
@@ -334,9 +335,8 @@ class Interaction:
         if self.pending:
             return last
         if self.state == State.DEFAULT:
-            undo = [UNDO] if self.last_outcome == SAVED and self.last_answer.success else []
-            steps = [DEFINE_BORDER, *guide, *undo]
-            return last + steps if self.stopped else steps + last
+            steps = [DEFINE_BORDER, *guide, *self.history[:1]]
+            return [*(last + steps if self.stopped else steps + last), *self.history[1:]]
         missing = self.missing()
         steps = [SAVE] if not missing else []
         drawing = [DEFINE_BORDER, DEFINE_SEED]

@@ -60,7 +60,8 @@ class InteractionManager:
         /virtual_borders/stop (std_msgs/Bool): true stops every robot, false lets them drive; from any node.
         /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and
             seed so far, for the preview; whether drawing goes on.
-        /virtual_borders/borders (vb_msgs/VirtualBorderArray): to check whether the preview is still right.
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray): to check whether the preview is still right;
+            whether there is something to undo or redo.
         /virtual_borders/notices (vb_msgs/NoticeArray): faulty cameras. While cameras see the laser at different places, or
             one has another lens, each preview has that as an issue.
 
@@ -117,7 +118,7 @@ class InteractionManager:
         node.Worker(self._beat, lambda _woken: self._on_beat())
         rospy.Subscriber(names.STOP, Bool, self._on_stop, queue_size=10)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
-        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._preview.on_borders, queue_size=1)
+        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         self._service = rospy.Service(names.COMMAND, Command, self._on_command)
 
     def close(self) -> None:
@@ -135,6 +136,12 @@ class InteractionManager:
                     message.border_spots, message.seed_spots, message.ignored_spots, rospy.get_time()
                 )
         self._preview.on_progress(message)
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        with self._lock:
+            self._interaction.history = list(message.commands)
+            self._publish()
+        self._preview.on_borders(message)
 
     def _on_stop(self, message: Bool) -> None:
         sender = message._connection_header.get("callerid", "")

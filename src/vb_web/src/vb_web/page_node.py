@@ -15,7 +15,7 @@ import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float32
-from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, InteractionState, LaserSpot
+from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import StudyEvent, VirtualBorder, VirtualBorderArray
 
 from vb_core import names
@@ -39,7 +39,7 @@ from vb_web.view import View, border_changes, coarse_age, number
 _POSES_S = 0.1  # between two looks at the robots' poses
 _HEALTH_S = 0.5
 _LEVEL_S = 0.25  # the microphone's level is shown no more often
-_SILENT_S = 4.0  # a detector says something every second
+_SILENT_S = 4.0  # a detector says something every second, a robot's driver more often
 _MAX_DIAGNOSTICS = 30
 _EVENTS = 100  # of the history that the page shows
 _INVITATION = "page_invitation"
@@ -107,7 +107,7 @@ class PageNode:
 
     Subscribed topics:
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid); /virtual_borders/ borders, state, progress, preview, spots,
-        notices, detectors (vb_msgs); /diagnostics (diagnostic_msgs/DiagnosticArray); tf for the robots' poses.
+        notices, detectors, drivers (vb_msgs); /diagnostics (diagnostic_msgs/DiagnosticArray); tf for the robots' poses.
         While a browser shows them: <detector>/debug_image, /<camera>/image_raw, /<camera>/camera_info (sensor_msgs).
     Published topics:
         /virtual_borders/stop (std_msgs/Bool): true for stop, false for resume; robots hear it without any other node.
@@ -136,6 +136,7 @@ class PageNode:
         self._notices_due = node.WakeTimer(_HEALTH_S)  # a silent node's notices expire without a message
         self._told = NoticeListener(self._notices_due.set)
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
+        self._drivers: Dict[str, Any] = {}  # robot: (heard [s], entry)
         self._diagnostics: Dict[str, Any] = {}  # name: (heard [s], entry)
         self._transforms = TransformLookup()
         self._camera_images = CameraImages(
@@ -206,6 +207,7 @@ class PageNode:
                 (names.PREVIEW, BorderPreviewArray, self._on_preview, large),
                 (names.SPOTS, LaserSpot, self._on_spot, {"queue_size": 20, **small}),
                 (names.DETECTORS, DetectorStatus, self._on_detector, {"queue_size": 20}),
+                (names.DRIVERS, DriverState, self._on_driver, {"queue_size": 20}),
                 (names.VOICE_LEVEL, Float32, self._on_level, {"queue_size": 1}),
                 ("/diagnostics", DiagnosticArray, self._on_diagnostics, {"queue_size": 20}),
             )
@@ -315,6 +317,10 @@ class PageNode:
         with self._lock:
             self._detectors[message.camera] = (time.monotonic(), publisher, ros_view.detector_entry(message))
 
+    def _on_driver(self, message: DriverState) -> None:
+        with self._lock:
+            self._drivers[message.robot] = (time.monotonic(), ros_view.driver_entry(message))
+
     def _detector_nodes(self) -> Dict[str, str]:
         with self._lock:
             return {camera: publisher for camera, (_, publisher, _) in self._detectors.items()}
@@ -355,8 +361,12 @@ class PageNode:
         now = time.monotonic()
         with self._lock:
             cameras = [{**entry, "there": now - heard < _SILENT_S} for heard, _, entry in self._detectors.values()]
+            drivers = {
+                name: {**entry, "there": now - heard < _SILENT_S} for name, (heard, entry) in self._drivers.items()
+            }
             fresh = [entry for heard, entry in self._diagnostics.values() if now - heard < _SILENT_S]
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
+        self._view.put("drivers", drivers)
         # no words for what is well
         worst = sorted(
             (entry for entry in fresh if entry["level"] > 0), key=lambda entry: (-entry["level"], entry["name"])
@@ -370,6 +380,7 @@ class PageNode:
                 "silent": coarse_age(now - self._state_at),
             },
         )
+        self._view.put("beat", int(now) // 2)  # so that a browser hears that it is still connected
         if now - self._level_at > _SILENT_S:
             self._view.put("level", None)
 

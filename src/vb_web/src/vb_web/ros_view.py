@@ -10,9 +10,10 @@ from typing import Any, Dict, Iterable, List, Optional
 
 import numpy as np
 from geometry_msgs.msg import Point
-from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, BorderIssue, InteractionState, LaserSpot
-from vb_msgs.msg import VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState
+from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
 
+from vb_core import sentences
 from vb_core.notices import Notice
 from vb_core.ros.messages import mapping_from_values, points_from_array
 from vb_web import images
@@ -52,7 +53,7 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
         "commands": list(message.commands),
         "stopped": bool(message.stopped),
         "stopped_by": message.stopped_by,
-        "ends": max(0, int(ends)),
+        "ends_in_s": max(0, int(ends)),
         "confirm": bool(message.confirm_save),
         "outcome": message.last_outcome,
         "last": {
@@ -133,6 +134,7 @@ def borders_section(message: VirtualBorderArray) -> Dict[str, Any]:
         "revision": int(message.revision),
         "map_name": message.map_name,
         "unconfirmed": bool(message.needs_confirmation),
+        "commands": list(message.commands),
         "list": [border_section(border) for border in message.borders],
         **coded_sentence(message),
     }
@@ -152,6 +154,13 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
         "ms": number(message.latency_ms, 0),
         "spots": int(message.spots),
     }
+
+
+def driver_entry(message: DriverState) -> Dict[str, Any]:
+    """Converts who drives a robot, and the sentence that says why it stands or drives."""
+    code = f"robot_{message.code}" + ("_held" if message.code == "inside_border" else "")
+    values = {"who": sentences.robot(message.robot), "others": "$page_other_program"}
+    return {"driver": message.driver, "code": code, "values": values, "message": message.message}
 
 
 def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:

@@ -47,6 +47,7 @@ _MAX_BROWSERS = 60
 _MAX_CONNECTIONS = 250  # below the usual limit of open files, with room for ROS
 _MAX_BODY = 2048  # [B] the only body is a code
 _MAX_UNDERWAY = 4  # requests of one browser
+_PATIENCE_S = 5.0  # a command waits so long for the one before it
 _MAX_FAULTS = 20  # messages that are no request; then the browser is disconnected
 
 
@@ -469,6 +470,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         self._sending = False
         self._faults = 0
         self._underway = 0
+        self._command: Optional[asyncio.Future] = None
         self._asks = Limiter(rate=10.0, burst=40.0)
         self.page.browsers.add(self)
         hello = {
@@ -526,12 +528,18 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         if self._underway >= _MAX_UNDERWAY and not urgent:
             self._tell({"re": request.id, **_refusal(CodedError("page_too_fast"))})
             return
-        # the next message is read meanwhile: stop does not wait for a preview
-        asyncio.ensure_future(self._answer(request))
+        # the next message is read meanwhile: stop does not wait, other commands only for this browser's last one
+        is_command = request.action == "command"
+        before = self._command if is_command and not urgent else None
+        answering = asyncio.ensure_future(self._answer(request, before))
+        if is_command:
+            self._command = answering
 
-    async def _answer(self, request: requests.Request) -> None:
+    async def _answer(self, request: requests.Request, before: Optional[asyncio.Future]) -> None:
         self._underway += 1
         try:
+            if before is not None:
+                await asyncio.wait([before], timeout=_PATIENCE_S)
             answer = await self.page.carry_out(request, self.browser)
         except Exception:
             self._tell({"re": request.id, **_refusal(CodedError("internal_error"))})

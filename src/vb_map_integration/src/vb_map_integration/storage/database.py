@@ -545,6 +545,11 @@ class Database:
             (f"DELETE FROM changes WHERE number <= (SELECT max(number) FROM changes) - {MAX_CHANGES}", ()),
         ]
 
+    def steps(self, place: int) -> List[str]:
+        """Lists "undo" and "redo", each if there is something to undo or redo."""
+        found = self._main.execute("SELECT DISTINCT undone FROM changes WHERE place = ? ORDER BY undone", (place,))
+        return [("undo", "redo")[undone] for (undone,) in found]
+
     def _newest(self, place: int, kind: str) -> Tuple[int, Change]:
         """The change that undo reverts, or redo repeats: its number, and what it did."""
         undone, order = (0, "DESC") if kind == "undo" else (1, "ASC")

@@ -2,12 +2,13 @@
 // the link was lost, so that it is carried out once.
 "use strict";
 
-const RESEND_MS = 8000, ANSWER_MS = 30000;
+const RESEND_MS = 8000, ANSWER_MS = 30000, SILENT_MS = 8000;  // the server says something every two seconds
 
 export class Link {
   constructor(onView, onHello, onDown, onSession) {
-    Object.assign(this, { onView, onHello, onDown, onSession, waiting: new Map(), socket: null, pause: 300 });
+    Object.assign(this, { onView, onHello, onDown, onSession, waiting: new Map(), underWay: new Map(), socket: null, pause: 300, heard: 0 });
     this.connect();
+    setInterval(() => { if (this.socket && Date.now() - this.heard > SILENT_MS) this.lost(this.socket); }, 1000);
     window.addEventListener("online", () => this.connect());
   }
 
@@ -30,6 +31,7 @@ export class Link {
     url.protocol = url.protocol.replace("http", "ws");
     url.hash = "";
     const socket = this.socket = new WebSocket(url);
+    this.heard = Date.now();
     socket.onopen = () => {
       this.pause = 300;
       const now = Date.now();
@@ -39,12 +41,21 @@ export class Link {
       }
     };
     socket.onmessage = (event) => {
+      this.heard = Date.now();
       const message = JSON.parse(event.data);
       if (message.hello) this.onHello(message.hello);
       else if (message.view) this.onView(message.view);
       else if ("re" in message) this.settle(message.re, message);
     };
-    socket.onclose = () => { if (this.socket === socket) { this.socket = null; this.down(); } };
+    socket.onclose = () => this.lost(socket);
+  }
+
+  // A phone that slept, or has another network, may be told of the end of its connection minutes later, or never.
+  lost(socket) {
+    if (this.socket !== socket) return;
+    this.socket = null;
+    socket.close();
+    this.down();
   }
 
   down() {
@@ -62,8 +73,16 @@ export class Link {
     one.resolve(answer);
   }
 
-  // Resolves with the answer, never rejects.
+  // Resolves with the answer, never rejects. What is asked for again while it is under way, as by a double tap, is asked for
+  // once; only stop always goes out.
   ask(action, fields = {}) {
+    const what = JSON.stringify([action, fields]);
+    if (fields.command === "stop") return this.send(action, fields);
+    if (!this.underWay.has(what)) this.underWay.set(what, this.send(action, fields).finally(() => this.underWay.delete(what)));
+    return this.underWay.get(what);
+  }
+
+  send(action, fields) {
     const id = Array.from(crypto.getRandomValues(new Uint8Array(12)), (byte) => byte.toString(16).padStart(2, "0")).join("");
     const text = JSON.stringify({ do: action, id, ...fields });
     return new Promise((resolve) => {

@@ -16,6 +16,7 @@ export function make(name, attributes = {}, parent = null) {
 export const pairs = (flat) => Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i] / 100, flat[2 * i + 1] / 100]);
 export const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 const path = (points, closed) => points.length ? "M" + points.map((p) => `${p[0]} ${p[1]}`).join("L") + (closed ? "Z" : "") : "";
+const short = (text) => text.length > 26 ? `${text.slice(0, 25)}…` : text;
 const dots = (points) => points.map((p) => `M${p[0]} ${p[1]}h.001`).join("");
 
 function toSegment(p, a, b) {
@@ -70,7 +71,10 @@ export class MapView {
     this.layers = {};
     for (const name of ["borders", "progress", "draft"]) this.layers[name] = { lines: [], placed: [] };
     this.listen();
-    new ResizeObserver(() => { if (!this.touched) this.fit(); else this.update(); }).observe(this.element);
+    new ResizeObserver(() => {
+      if (this.gesture === "stroke") { this.gesture = null; this.on.stroke([], false); }  // a phone that is turned: the finger is elsewhere now
+      if (!this.touched) this.fit(); else this.update();
+    }).observe(this.element);
   }
 
   // ------------------------------------------------------------- view
@@ -147,10 +151,16 @@ export class MapView {
       const [e, f] = [w / 2 + (origin[0] - x) * scale - s * k * high, h / 2 - (origin[1] - y) * scale - c * k * high];
       image.style.transform = `matrix(${c * k},${-s * k},${s * k},${c * k},${e},${f})`;
     }
+    const names = [];  // the boxes of those that are shown: one that would lie on another waits until there is room
     for (const element of [...this.placedGroup.children, ...this.handleGroup.children]) {
       if (!element.at) continue;
       let [u, v] = this.toScreen(element.at);
-      if (element.half) [u, v] = [Math.max(element.half, Math.min(w - element.half, u)), Math.max(14, Math.min(h - 26, v))];
+      if (element.half) {
+        [u, v] = [Math.max(element.half, Math.min(w - element.half, u)), Math.max(14, Math.min(h - 26, v))];
+        const free = !names.some((one) => Math.abs(one.u - u) < one.half + element.half && Math.abs(one.v - v) < 30);
+        element.style.visibility = free ? "" : "hidden";
+        if (free) names.push({ u, v, half: element.half });
+      }
       element.setAttribute("transform", `translate(${u.toFixed(1)} ${v.toFixed(1)})` + (element.yaw === undefined ? "" : ` rotate(${(-element.yaw * 180 / Math.PI).toFixed(1)})`) + (element.metres ? ` scale(${Math.max(9, element.metres * scale).toFixed(2)})` : ""));
     }
   }
@@ -203,8 +213,7 @@ export class MapView {
       const at = border.kind === "polygon" ? middle(border.line) : [(ends[0][0] + ends[1][0]) / 2, (ends[0][1] + ends[1][1]) / 2];
       const name = this.words.border(border.name), y = border.kind === "polygon" ? .3 : -.6;
       const group = this.place("borders", "name", at, [
-        ["text", { y: `${y}em` }, name.length > 22 ? name.slice(0, 21) + "…" : name],
-        ["text", { class: "note", y: `${y + 1.4}em` }, border.note]]);
+        ["text", { y: `${y}em` }, short(name)], ["text", { class: "note", y: `${y + 1.4}em` }, short(border.note)]]);
       // a name stays inside the frame
       group.half = Math.max(...[...group.children].map((text) => text.getComputedTextLength())) / 2 + 4;
     }
@@ -350,6 +359,7 @@ export class MapView {
     this.gesture = null;
     // a corner stays where the finger was last, also when the browser takes the gesture away
     if (gesture === "corner" && this.moved) this.on.drag(this.corner, this.onMap(this.toWorld(regular ? this.at(event) : last)), true);
+    if (gesture === "stroke" && !regular) this.on.stroke([], false);
     if (gesture === "pinch" || !regular) return;
     const here = this.at(event);
     const point = this.toWorld(here), onMap = this.onMap(point), beside = (one) => distance(one, this.onMap(one)) * this.view.scale > HANDLE_PX;

@@ -16,8 +16,8 @@ const NAME_LENGTH = 60;
 const words = new Words();
 const view = {};
 const hello = { role: "nobody" };
-let online = false, mode = "look", draft = null, taps = [], chosenCorner = null, check = null, checking = 0, floorOn = false, floorSeers = "", watched = "", toastTimer = 0;
-const spent = {};  // of undo and redo: the borders' revision at which there was nothing to do
+const watched = new Map();  // camera: its picture, while somebody looks at it
+let online = false, mode = "look", draft = null, taps = [], chosenCorner = null, check = null, checking = 0, floorOn = false, floorSeers = "", toastTimer = 0;
 
 // ----------------------------------------------------------------- small things
 function element(tag, attributes = {}, ...children) {
@@ -72,14 +72,12 @@ async function ask(action, fields, done = null, values = {}) {
 }
 
 async function change(command) {
-  // whoever taps twice wants two steps, and is not told that the first is still under way
-  $("undo").disabled = $("redo").disabled = true;
-  const answer = await ask("command", { command });
-  if (answer.code === `nothing_to_${command}`) spent[command] = view.borders && view.borders.revision;
+  $("undo").disabled = $("redo").disabled = true;  // until it is known what there is to undo and redo now
+  await ask("command", { command });
   drawChanges();
 }
 
-function drawChanges() { for (const command of ["undo", "redo"]) $(command).disabled = Boolean(view.borders) && spent[command] === view.borders.revision; }
+function drawChanges() { for (const command of ["undo", "redo"]) $(command).disabled = !view.borders || !view.borders.commands.includes(command); }
 
 // ----------------------------------------------------------------- modes
 const map = new MapView(words, {
@@ -97,7 +95,7 @@ const map = new MapView(words, {
   stroke(points, ended) {
     if (mode === "wall" && ended) return begin([points[0], points[points.length - 1]], "wall");
     if (mode !== "draw") return;
-    if (!ended) return showRough(points, points.length > 1);
+    if (!ended) return points.length > 1 ? showRough(points) : showRough(taps, "taps");
     const size = Math.max(...points.map((p) => distance(p, points[0])));
     if (size * map.view.scale < 20) return showRough(taps, "taps");
     const closed = distance(points[0], points[points.length - 1]) < .35 * size;
@@ -128,6 +126,7 @@ const middleSeed = () => draft.kind === "polygon" && inside(draft.seed, draft.po
 
 function setMode(next) {
   mode = document.body.dataset.mode = next;
+  keepBack();
   if (next !== "look") toast("");  // of what was done before
   map.drawing = next === "draw" || next === "wall";
   map.picking = next === "side";
@@ -336,6 +335,7 @@ function show(title, ...children) {
   dialog.replaceChildren(element("h2", { id: "dialog-title", tabindex: -1 }, title), ...children.filter(Boolean));
   // not modal: stop has to be in reach all the time
   if (!dialog.open) dialog.show();
+  keepBack();
   document.querySelector("main").inert = true;
   // else a phone's keyboard comes up at once
   $("dialog-title").focus();
@@ -397,6 +397,12 @@ async function command(name) {
   return ask("command", { command: name });
 }
 
+// What one does now, and below it what one says for it, where that is another word.
+function commandLabel(name) {
+  const label = name === "save" && view.state && view.state.confirm ? say("page_save_again") : commandName(name), spoken = name.replace("_", " ");
+  return label.toLowerCase() === spoken || !name.includes("_") ? [label] : [element("span", {}, label, element("small", { lang: "en" }, `“${spoken}”`))];
+}
+
 function confirmSave() {
   const preview = view.preview;
   const go = button(preview.ok ? "page_save" : "page_try_save", async () => {
@@ -423,7 +429,7 @@ function drawState() {
   if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
   fill($("commands"), COMMANDS.map((one) => element("button", {
     type: "button", "data-key": one, "data-command": one, disabled: !given.has(one), class: !given.has(one) ? "" : one === "save" || (one === "define_seed" && !given.has("save")) || (one === "define_border" && state.name !== "default") ? "primary" : "", onclick: () => command(one),
-  }, one === "save" && state && state.confirm ? say("page_save_again") : commandName(one))));
+  }, ...commandLabel(one))));
   const preview = there && state && state.name !== "default" && view.preview && view.preview.available ? view.preview : null;
   fill($("preview"), preview ? [preview.ok ? figures(preview.area) : element("p", { class: "issue error" }, words.tell(preview)), ...issues(preview.ok ? preview.issues : [])] : []);
   if (mode === "look") map.picture("region", preview && preview.region ? preview.region : "");
@@ -441,7 +447,7 @@ function drawBanners() {
     if (view.health && view.health.manager && view.health.silent) put("bad", say("page_state_old", { time: clock(view.health.silent) }));
     if (view.health && !view.health.integrator) put("bad", say("page_integrator_gone"));
     if (view.borders && view.borders.unconfirmed) put("", words.tell(view.borders), ...[["page_same_place", true], ["page_other_place", false]].map(([code, same]) => button(code, () => ask("confirm_map", { same }, "page_noted"))));
-    if (state && state.ends && state.name !== "default") put("", say("page_ends", { time: clock(state.ends) }));
+    if (state && state.ends_in_s && state.name !== "default") put("", say("page_ends", { time: clock(state.ends_in_s) }));
   }
   fill($("banners"), list);  // what is read out already is not read out again
 }
@@ -451,7 +457,7 @@ const sourceName = (source) => { const [kind] = String(source || "").split(" ");
 
 // The notices that no banner says.
 function standing() {
-  const state = view.state || {}, inBanner = { stopped: state.stopped, interaction_ends_soon: state.ends };
+  const state = view.state || {}, inBanner = { stopped: state.stopped, interaction_ends_soon: state.ends_in_s };
   return (view.notices || []).filter((notice) => !inBanner[notice.code]);
 }
 
@@ -466,26 +472,35 @@ const noticed = new Set();
 function drawHealth() {
   // what comes as a notice is shown as one, and goes with it: the diagnostics repeat it seconds later
   for (const notice of view.notices || []) noticed.add(notice.code);
-  const cameras = view.cameras || [], ill = (view.diagnostics || []).filter((one) => !noticed.has(one.code));
-  const bad = cameras.filter((one) => !one.there).length + ill.length;
-  $("health-sum").textContent = bad ? say("page_problems", { count: bad }) : cameras.length ? say("page_all_well") : "";
+  const cameras = view.cameras || [], drivers = view.drivers || {}, ill = (view.diagnostics || []).filter((one) => !noticed.has(one.code));
+  const bad = [...cameras, ...Object.values(drivers)].filter((one) => !one.there).length + ill.length;
+  $("health-sum").textContent = bad ? say("page_problems", { count: bad }) : cameras.length || Object.keys(drivers).length ? say("page_all_well") : "";
   $("health-sum").className = bad ? "ill" : "good";
+  const see = (one) => say(watched.has(one.name) ? "page_close" : "page_see");
   fill($("cameras"), cameras.map((one) => element("li", {},
     element("span", {}, say("page_camera", { camera: one.name }), element("small", { class: "muted" }, one.there ? say("page_camera_rate", { hz: words.number(one.hz, 0), ms: words.number(one.ms, 0) }) : say("page_camera_gone"))),
-    operator() ? element("button", { type: "button", "data-key": `see ${one.name}`, "aria-pressed": String(watched === one.name), "aria-label": say("page_see_camera", { camera: one.name }), onclick: () => watch(watched === one.name ? "" : one.name) }, say(watched === one.name ? "page_close" : "page_see")) : null)));
+    operator() ? element("button", { type: "button", "data-key": `see ${one.name}`, "aria-expanded": String(watched.has(one.name)), "aria-label": `${see(one)}: ${say("page_camera", { camera: one.name })}`, onclick: () => watch(one.name) }, see(one)) : null)));
+  // the same element again: a picture that is replaced flickers
+  [...$("cameras").children].forEach((line, i) => { const image = watched.get(cameras[i].name); if (image && image.parentNode !== line) line.append(image); });
+  fill($("drivers"), [...new Set([...Object.keys(view.robots || {}), ...Object.keys(drivers)])].sort().map((name) => {
+    const one = drivers[name], who = { who: name || "$the_robot" }, driver = one && one.there ? `page_driver_${one.driver}` : "";
+    return element("li", {}, element("span", {}, driver ? words.tell(one) : say(one ? "page_driver_gone" : "page_no_driver", who), words.has(driver) ? element("small", { class: "muted" }, say(driver)) : null));
+  }));
   fill($("diagnostics"), ill.map((one) => element("li", {}, element("span", { class: "ill" }, one.code ? words.tell(one) : `${one.name}: ${one.message}`))));
 }
 
+// Opens a camera's picture below its line, or closes it.
 function watch(camera) {
-  watched = camera;
+  const image = watched.get(camera) || element("img", { alt: say("page_camera_image", { camera }) });
+  if (watched.delete(camera)) image.remove();
+  else {
+    watched.set(camera, image);
+    const next = () => { if (document.hidden) setTimeout(next, 400); else if (watched.get(camera) === image) image.src = `camera/${encodeURIComponent(camera)}.jpg?${Date.now()}`; };
+    image.onload = () => setTimeout(next, 400);
+    image.onerror = () => { if (watched.get(camera) === image) { watch(camera); toast(say("page_no_image"), true); } };
+    next();
+  }
   drawHealth();
-  if (!camera) return $("camera-view").replaceChildren();
-  const image = element("img", { alt: say("page_camera_image", { camera }) });
-  $("camera-view").replaceChildren(image);
-  const next = () => { if (watched === camera && image.isConnected && $("health").open && !document.hidden) image.src = `camera/${encodeURIComponent(camera)}.jpg?${Date.now()}`; else if (watched === camera) watch(""); };
-  image.onload = () => setTimeout(next, 400);
-  image.onerror = () => { if (watched === camera) { watch(""); toast(say("page_no_image"), true); } };
-  next();
 }
 
 function drawEvents() {
@@ -529,7 +544,7 @@ const DRAW = {
   borders() { drawHint(); drawBorders(); drawBanners(); drawChanges(); }, state() { drawState(); drawBanners(); drawNotices(); }, health() { drawState(); drawBanners(); },
   progress(section) { map.setProgress(section); }, preview: drawState, robots(section) { map.setRobots(section); }, spots(section) { map.setSpots(section); },
   level(section) { $("level").hidden = section === null; $("level").querySelector("meter").value = section === null ? -60 : section; },
-  notices() { drawNotices(); drawHealth(); }, cameras() { drawHealth(); refreshFloor(); }, diagnostics: drawHealth, events: drawEvents, study: drawStudy,
+  notices() { drawNotices(); drawHealth(); }, cameras() { drawHealth(); refreshFloor(); }, diagnostics: drawHealth, drivers: drawHealth, events: drawEvents, study: drawStudy,
 };
 
 // ----------------------------------------------------------------- beginning
@@ -571,7 +586,7 @@ const link = new Link(
     $("login").hidden = true;
     if (words.language !== language()) await words.load(language());
     drawAll();
-    map.fit();
+    if (mode === "review") examine();
   },
   () => { online = false; drawState(); drawBanners(); map.live = false; },
   (session) => {
@@ -597,10 +612,11 @@ $("zoom-fit").addEventListener("click", () => map.fit());
 $("floor-button").addEventListener("click", () => setFloor(!floorOn));
 $("study-form").addEventListener("submit", (event) => { event.preventDefault(); const { participant, condition } = event.target.elements; ask("study", { participant: participant.value, condition: condition.value }, "page_noted"); });
 $("mark-form").addEventListener("submit", async (event) => { event.preventDefault(); const text = event.target.elements.text; if ((await ask("mark", { text: text.value || say("page_mark") }, "page_noted")).ok) text.value = ""; });
-$("health").addEventListener("toggle", () => { if (!$("health").open) watch(""); });
-document.addEventListener("keydown", (event) => {
-  if (event.key !== "Escape") return;
-  if ($("dialog").open) $("dialog").close();
-  else if (mode !== "look") setMode("look");
-});
+$("health").addEventListener("toggle", () => { if (!$("health").open) [...watched.keys()].forEach(watch); });
+// What lies on top goes by Escape and by a phone's Back, which leaves the page only when there is nothing.
+const onTop = () => $("dialog").open || mode !== "look";
+function goBack() { if ($("dialog").open) $("dialog").close(); else if (mode !== "look") setMode("look"); }
+function keepBack() { if (onTop() && !history.state) history.pushState("on top", ""); }
+window.addEventListener("popstate", () => { if (!history.state) { goBack(); keepBack(); } });
+document.addEventListener("keydown", (event) => { if (event.key === "Escape") goBack(); });
 $("dialog").addEventListener("close", () => { document.querySelector("main").inert = false; });
