@@ -230,8 +230,11 @@ class InputMethodsTest(unittest.TestCase):
         wait_until(lambda: f"{key}/0" not in self.handles.places and key in self.handles.places, "no handles")
         self.handles.menu(key, editor.DELETE)
         self.stored(0)
+        new = [editor.NEW_POLYGON, editor.NEW_CURVE]
+        wait_until(lambda: self.handles.menus.get("tool") == [*new, editor.UNDO], "undo, and no redo")
         self.handles.menu("tool", editor.UNDO)
         self.stored(1)
+        wait_until(lambda: editor.REDO in self.handles.menus["tool"], "redo")
 
     # ------------------------------------------------------------- files
     def run_command(self, name, *arguments):

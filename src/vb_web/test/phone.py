@@ -8,7 +8,7 @@ import math
 import time
 
 from selenium import webdriver
-from selenium.common.exceptions import ElementClickInterceptedException, StaleElementReferenceException
+from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
 
 PHONE, WALL = (360, 740), (1920, 1080)
@@ -88,12 +88,22 @@ class Browser:
         script = """[...document.querySelectorAll(arguments[0])].find(
             (e) => !e.disabled && e.getClientRects().length && (!arguments[1] || e.textContent.trim() === arguments[1]))"""
         while True:
+            self.wait_arrived()
             element = self.wait(script, selector, text, what=f"{selector} {text or ''}")
-            # what came from the nodes meanwhile may have replaced it; what has just come up cannot be pressed at once
-            with contextlib.suppress(StaleElementReferenceException, ElementClickInterceptedException):
+            # what came from the nodes meanwhile may have replaced it
+            with contextlib.suppress(StaleElementReferenceException):
                 self.run("arguments[0].scrollIntoView({block: 'center'})", element)
                 element.click()
                 return
+
+    def wait_arrived(self):
+        """Waits until what has just come up can be pressed."""
+        self.wait("['dialog', 'review'].every((id) => !document.getElementById(id).getAnimations().length)")
+
+    def field(self, selector):
+        """Returns a field that one can write in."""
+        self.wait_arrived()
+        return self.driver.find_element("css selector", selector)
 
     def text(self, selector):
         return self.run("const e = document.querySelector(arguments[0]); return e ? e.innerText : ''", selector)
@@ -124,6 +134,20 @@ class Browser:
             places += [(x0 + (x1 - x0) * step / steps, y0 + (y1 - y0) * step / steps) for step in range(1, steps + 1)]
         for number, (x, y) in enumerate(places):
             self._touch("touchMove" if number else "touchStart", [{"x": x, "y": y}])
+        self.lift()
+
+    def fingers(self, steps, lift=True):
+        """Puts fingers on points of the floor [m], a list of them for each step."""
+        places = [[dict(zip("xy", self.on_screen(point)), id=i) for i, point in enumerate(step)] for step in steps]
+        count = 0
+        for step in places:
+            self._touch("touchStart" if len(step) > count else "touchMove", step)
+            count = len(step)
+        if lift:
+            self.lift()
+
+    def lift(self):
+        """Takes all fingers away."""
         self._touch("touchEnd", [])
 
     def _touch(self, kind, fingers):

@@ -125,7 +125,7 @@ class PageTest(unittest.TestCase):
         self.browser.stroke(round_the(CARPET))
         self.browser.wait_text("#review", "m²")
         if name:
-            self.browser.driver.find_element("css selector", "#review input[data-key=name]").send_keys(name)
+            self.browser.field("#review input[data-key=name]").send_keys(name)
         self.browser.click("#review button", "Save")
         self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
         return self.wait_borders(before + 1)[-1]
@@ -185,7 +185,7 @@ class PageTest(unittest.TestCase):
         )
         # rename, switch off
         self.browser.click("#borders .name")
-        field = self.browser.driver.find_element("css selector", "#dialog input")
+        field = self.browser.field("#dialog input")
         field.clear()
         field.send_keys("Rug")
         self.browser.click("#dialog button", "Rename")
@@ -265,7 +265,7 @@ class PageTest(unittest.TestCase):
         self.browser.click("#dialog button", "Save")  # nobody's times are made up
         self.browser.wait_text("#toast", "both times")
         for field, text in (("from", "8"), ("to", "1230")):
-            self.browser.driver.find_element("css selector", f"#dialog input[data-key={field}]").send_keys(text)
+            self.browser.field(f"#dialog input[data-key={field}]").send_keys(text)
         self.browser.click("#dialog button", "Save")
         until(lambda: self.borders()[0].schedule == "mon-fri 08:00-12:30", "the schedule")
         self.browser.wait_text("#toast", "in force Mon")
@@ -283,6 +283,39 @@ class PageTest(unittest.TestCase):
         self.assertEqual(wall.kind, VirtualBorder.VIRTUAL_WALL)
         self.browser.wait_text("#borders", "Wall ")  # nobody named it
         self.remove_all()
+        self.assertEqual(self.browser.faults(), [])
+
+    def test_2a_a_second_tap_a_second_finger_a_turned_phone_and_back(self):
+        corners = "return document.querySelectorAll('#placed .knob').length"
+        self.browser.click("#draw")
+        self.browser.tap([3.0, 1.0])
+        self.browser.fingers([[[3.5, 2.0]], [[3.5, 2.0], [4.0, 2.0]], [[3.4, 2.0], [4.1, 2.0]]])
+        self.assertEqual(self.browser.run(corners), 1)  # whoever looks closer has not begun anew
+        # a phone that is turned under the finger: the line until then is no border
+        self.browser.fingers([[[3.0, 1.0]], [[3.5, 1.0]], [[4.0, 1.0]]], lift=False)
+        self.browser.resize((740, 360))
+        self.browser.wait("document.querySelectorAll('#placed .knob').length == 1", what="the corner from before")
+        self.browser.lift()
+        self.browser.resize(PHONE)
+        self.assertEqual(self.browser.run("return document.body.dataset.mode"), "draw")
+        # a phone's Back closes what lies on top, and stays on the page
+        self.browser.driver.back()
+        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of the drawing")
+        self.browser.click("#settings-button")
+        self.browser.driver.back()
+        self.browser.wait("!document.getElementById('dialog').open", what="the dialog to close")
+        self.browser.click("#zoom-fit")
+        # two taps on Save are one border: taking one back leaves none
+        self.browser.click("#draw")
+        self.browser.stroke(round_the(CARPET))
+        self.browser.wait_text("#review", "m²")
+        self.browser.run(
+            "const save = [...document.querySelectorAll('#review button')].pop(); save.click(); save.click()"
+        )
+        self.wait_borders(1)
+        self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
+        self.browser.click("#undo")
+        self.wait_borders(0)
         self.assertEqual(self.browser.faults(), [])
 
     # ------------------------------------------------------------- interaction
@@ -374,6 +407,28 @@ class PageTest(unittest.TestCase):
         finally:
             os.kill(process, signal.SIGCONT)
         self.browser.wait("!document.getElementById('banners').textContent", what="a manager that answers again")
+
+    def test_3c_a_connection_that_is_lost_without_a_word_costs_no_drawing(self):
+        self.browser.click("#draw")
+        self.browser.stroke(round_the(CARPET))
+        self.browser.wait_text("#review", "m²")
+        self.browser.run("window.virtualBorders.map.zoom(1.5)")
+        view = self.browser.run("return window.virtualBorders.map.view")
+        self.page.send_signal(signal.SIGSTOP)
+        try:
+            self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
+            self.browser.click("#review button", "Save")
+            self.browser.wait_text("#review", "connection is lost")
+        finally:
+            self.page.send_signal(signal.SIGCONT)
+        self.browser.wait("document.body.dataset.state == 'default'", what="the connection")
+        self.browser.wait_text("#review", "m²")
+        self.assertEqual(self.browser.run("return window.virtualBorders.map.view"), view)
+        self.assertEqual(self.browser.text("#toast"), "")
+        self.browser.click("#review button", "Save")
+        self.wait_borders(1)
+        self.browser.click("#zoom-fit")
+        self.remove_all()
 
     def test_4_stop_reaches_robots_without_the_manager_and_it_comes_back_by_itself(self):
         self.heard.pop(names.STOP, None)
@@ -500,7 +555,7 @@ class PageTest(unittest.TestCase):
         self.browser.wait("document.querySelector('.spot')", what="the spot")
         evil = "<img src=x onerror=window.evil=1>"
         self.browser.run("document.getElementById('study').open = true")
-        self.browser.driver.find_element("css selector", "#mark-form input").send_keys(evil)
+        self.browser.field("#mark-form input").send_keys(evil)
         self.browser.click("#mark-form button")
         until(lambda: names.STUDY_EVENTS in self.heard and self.heard[names.STUDY_EVENTS].text == evil, "the note")
         self.browser.wait(
@@ -531,7 +586,7 @@ class PageTest(unittest.TestCase):
         self.assertEqual(
             self.browser.run("return document.querySelectorAll('#borders li').length"), 1
         )  # as it was before
-        field = self.browser.driver.find_element("css selector", "#login input")
+        field = self.browser.field("#login input")
         field.send_keys("wrong-code\n")
         self.browser.wait_text("#login-answer", "not a valid code")
         shown = until(

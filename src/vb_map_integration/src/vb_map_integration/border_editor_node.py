@@ -44,7 +44,7 @@ TITLES = {
     UNDO: "Undo",
     REDO: "Redo",
 }
-_DRAFT_MENU, _STORED_MENU, _TOOL_MENU = (SAVE, CANCEL), (EDIT, TOGGLE, DELETE), (NEW_POLYGON, NEW_CURVE, UNDO, REDO)
+_DRAFT_MENU, _STORED_MENU, _TOOL_MENU = (SAVE, CANCEL), (EDIT, TOGGLE, DELETE), (NEW_POLYGON, NEW_CURVE)
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,7 @@ class BorderEditorNode:
         self._revision = 0
         self._seen: Dict[str, int] = {}
         self._tool = np.zeros(2)
+        self._steps: List[int] = []  # UNDO and REDO, each if there is something to undo or redo
         # service calls wait for their answers: not in a callback
         self._work: "node.Queue[Callable[[], None]]" = node.Queue()
         node.Worker(self._work, lambda work: work())
@@ -118,6 +119,10 @@ class BorderEditorNode:
                     self._seen[key] = message.revision
             self._revision = message.revision
             self._stored = stored
+            steps = [{"undo": UNDO, "redo": REDO}[command] for command in message.commands]
+            if steps != self._steps:
+                self._steps = steps
+                self._put_tool()
             for key in stored:
                 self._put(key)
             self._server.applyChanges()
@@ -269,7 +274,7 @@ class BorderEditorNode:
 
     def _put_tool(self) -> None:
         ball = draft_markers.ball_marker(draft_markers.SEED, 0.25)
-        self._handle(TOOL, self._tool, ball, _TOOL_MENU, description="new border")
+        self._handle(TOOL, self._tool, ball, (*_TOOL_MENU, *self._steps), description="new border")
 
     def _handle(
         self,

@@ -361,9 +361,7 @@ class PageNode:
         now = time.monotonic()
         with self._lock:
             cameras = [{**entry, "there": now - heard < _SILENT_S} for heard, _, entry in self._detectors.values()]
-            drivers = {
-                name: {**entry, "there": now - heard < _SILENT_S} for name, (heard, entry) in self._drivers.items()
-            }
+            drivers = {robot: {**entry, "there": now - at < _SILENT_S} for robot, (at, entry) in self._drivers.items()}
             fresh = [entry for heard, entry in self._diagnostics.values() if now - heard < _SILENT_S]
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
         self._view.put("drivers", drivers)

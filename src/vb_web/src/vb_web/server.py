@@ -529,10 +529,9 @@ class _LinkHandler(_Guarded, WebSocketHandler):
             self._tell({"re": request.id, **_refusal(CodedError("page_too_fast"))})
             return
         # the next message is read meanwhile: stop does not wait, other commands only for this browser's last one
-        is_command = request.action == "command"
-        before = self._command if is_command and not urgent else None
+        before = self._command if request.action == "command" and not urgent else None
         answering = asyncio.ensure_future(self._answer(request, before))
-        if is_command:
+        if request.action == "command":
             self._command = answering
 
     async def _answer(self, request: requests.Request, before: Optional[asyncio.Future]) -> None:

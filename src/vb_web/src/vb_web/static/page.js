@@ -50,7 +50,7 @@ function fill(parent, children) {
 
 // An answer that stands on the page, for instance as a notice, is not said twice.
 function dropStanding() {
-  const standing = [...(view.notices || []).map((notice) => notice.code), DOES[document.body.dataset.state]];
+  const standing = [...(view.notices || []).map((notice) => notice.code), DOES[document.body.dataset.state], online ? "" : "page_offline"];
   if ($("laser-refused").textContent) standing.push(view.state.last.code);
   if (standing.includes($("toast").dataset.code)) $("toast").textContent = "";
 }
@@ -66,23 +66,15 @@ function toast(text, bad = false, code = "", more = null) {
 
 async function ask(action, fields, done = null, values = {}) {
   const answer = await link.ask(action, fields);
-  if (answer.ok && done) toast(say(done, values), false, "", CHANGES.includes(action) ? button("page_undo", () => change("undo")) : null);
+  if (answer.ok && done) toast(say(done, values), false, "", CHANGES.includes(action) ? button("page_undo", () => ask("command", { command: "undo" })) : null);
   else if (!answer.ok || action === "command") toast(words.tell(answer), !answer.ok, answer.code);
   return answer;
 }
 
-async function change(command) {
-  $("undo").disabled = $("redo").disabled = true;  // until it is known what there is to undo and redo now
-  await ask("command", { command });
-  drawChanges();
-}
-
-function drawChanges() { for (const command of ["undo", "redo"]) $(command).disabled = !view.borders || !view.borders.commands.includes(command); }
-
 // ----------------------------------------------------------------- modes
 const map = new MapView(words, {
   tap(point, picked) {
-    if (mode === "look") choose(picked);
+    if (mode === "look") borderDialog(picked);
     else if (mode === "side") { draft.seed = point; setMode("review"); }
     else if (taps.length && distance(taps[taps.length - 1], point) * map.view.scale < 12) return;  // the same tap again
     else if (mode === "wall") { taps.push(point); taps.length === 2 ? begin([...taps], "wall") : showRough(taps, "taps"); }
@@ -258,10 +250,6 @@ function drawReview() {
 }
 
 // ----------------------------------------------------------------- borders
-function choose(id) {
-  if (id) borderDialog(id);
-}
-
 // Why a border is not in force; "" if it is.
 function idle(border) {
   const code = !border.enabled ? "page_reason_disabled" : border.reason && !border.in_force ? `page_reason_${border.reason}` : "";
@@ -286,7 +274,7 @@ function drawBorders() {
       type: "button", class: "switch operator", role: "switch", "aria-checked": String(border.enabled), "aria-label": say("page_switch", { border: border.name }), "data-key": `switch ${border.id}`,
       onclick: () => toggleBorder(border),
     });
-    const open = element("button", { type: "button", class: "name", "data-key": `border ${border.id}`, onclick: () => choose(border.id) },
+    const open = element("button", { type: "button", class: "name", "data-key": `border ${border.id}`, onclick: () => borderDialog(border.id) },
       element("span", {}, words.border(border.name) || say("page_no_name"), element("small", {}, why(border))));
     return element("li", {}, open, toggle);
   }));
@@ -541,7 +529,7 @@ const DRAW = {
     $("floor-button").hidden = !section.floor;
     if (section.floor && operator() && !floorOn && !view.floorTried) { view.floorTried = true; setFloor(true); }
   },
-  borders() { drawHint(); drawBorders(); drawBanners(); drawChanges(); }, state() { drawState(); drawBanners(); drawNotices(); }, health() { drawState(); drawBanners(); },
+  borders({ commands }) { drawHint(); drawBorders(); drawBanners(); for (const one of ["undo", "redo"]) $(one).disabled = !commands.includes(one); }, state() { drawState(); drawBanners(); drawNotices(); }, health() { drawState(); drawBanners(); },
   progress(section) { map.setProgress(section); }, preview: drawState, robots(section) { map.setRobots(section); }, spots(section) { map.setSpots(section); },
   level(section) { $("level").hidden = section === null; $("level").querySelector("meter").value = section === null ? -60 : section; },
   notices() { drawNotices(); drawHealth(); }, cameras() { drawHealth(); refreshFloor(); }, diagnostics: drawHealth, drivers: drawHealth, events: drawEvents, study: drawStudy,
@@ -605,7 +593,7 @@ $("stop").addEventListener("click", () => ask("command", { command: "stop" }));
 $("settings-button").addEventListener("click", settings);
 $("draw").addEventListener("click", () => setMode("draw"));
 $("wall").addEventListener("click", () => setMode("wall"));
-for (const command of ["undo", "redo"]) $(command).addEventListener("click", () => change(command));
+for (const command of ["undo", "redo"]) $(command).addEventListener("click", () => ask("command", { command }));
 $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());
@@ -614,9 +602,8 @@ $("study-form").addEventListener("submit", (event) => { event.preventDefault(); 
 $("mark-form").addEventListener("submit", async (event) => { event.preventDefault(); const text = event.target.elements.text; if ((await ask("mark", { text: text.value || say("page_mark") }, "page_noted")).ok) text.value = ""; });
 $("health").addEventListener("toggle", () => { if (!$("health").open) [...watched.keys()].forEach(watch); });
 // What lies on top goes by Escape and by a phone's Back, which leaves the page only when there is nothing.
-const onTop = () => $("dialog").open || mode !== "look";
 function goBack() { if ($("dialog").open) $("dialog").close(); else if (mode !== "look") setMode("look"); }
-function keepBack() { if (onTop() && !history.state) history.pushState("on top", ""); }
+function keepBack() { if (!history.state && ($("dialog").open || mode !== "look")) history.pushState("on top", ""); }
 window.addEventListener("popstate", () => { if (!history.state) { goBack(); keepBack(); } });
 document.addEventListener("keydown", (event) => { if (event.key === "Escape") goBack(); });
 $("dialog").addEventListener("close", () => { document.querySelector("main").inert = false; });
