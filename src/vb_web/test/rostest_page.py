@@ -105,7 +105,7 @@ class PageTest(unittest.TestCase):
         cls.page.wait(20)
 
     def setUp(self):
-        if self.browser.run("return document.body.dataset.mode") != "look":
+        if self.browser.run("return document.body.dataset.mode != 'look' || document.getElementById('dialog').open"):
             self.browser.driver.refresh()  # what failed before leaves nothing behind
         self.browser.wait_ready()
         # a banner that goes moves the map

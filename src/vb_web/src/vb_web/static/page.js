@@ -50,7 +50,7 @@ function fill(parent, children) {
 
 // An answer that stands on the page, for instance as a notice, is not said twice.
 function dropStanding() {
-  const standing = [...(view.notices || []).map((notice) => notice.code), DOES[document.body.dataset.state], online ? "" : "page_offline"];
+  const standing = [...(view.notices || []).map((notice) => notice.code), DOES[document.body.dataset.state], !online && "page_offline"];
   if ($("laser-refused").textContent) standing.push(view.state.last.code);
   if (standing.includes($("toast").dataset.code)) $("toast").textContent = "";
 }
