@@ -519,7 +519,7 @@ def carpet():
                 if kind == "phone":
                     page.run("window.scrollTo(0, 0)")
                     take()
-                page.driver.find_element("css selector", "#review input[data-key=name]").send_keys(name)
+                page.field("#review input[data-key=name]").send_keys(name)
                 page.click("#review .primary")
                 page.wait_text("#borders", name)
                 seconds = time.monotonic() - began
