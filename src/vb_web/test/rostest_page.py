@@ -290,7 +290,7 @@ class PageTest(unittest.TestCase):
         self.browser.click("#draw")
         self.browser.tap([3.0, 1.0])
         self.browser.fingers([[[3.5, 2.0]], [[3.5, 2.0], [4.0, 2.0]], [[3.4, 2.0], [4.1, 2.0]]])
-        self.assertEqual(self.browser.run(corners), 1)  # a closer look does not begin the line anew
+        self.assertEqual(self.browser.run(corners), 1)  # a closer look keeps what was begun
         # a phone that is turned under the finger: the line until then is no border
         self.browser.fingers([[[3.0, 1.0]], [[3.5, 1.0]], [[4.0, 1.0]]], lift=False)
         self.browser.resize((740, 360))
