@@ -158,8 +158,7 @@ export class MapView {
       if (element.half) {
         [u, v] = [Math.max(element.half, Math.min(w - element.half, u)), Math.max(14, Math.min(h - 26, v))];
         const free = !names.some((one) => Math.abs(one.u - u) < one.half + element.half && Math.abs(one.v - v) < 30);
-        element.style.visibility = free ? "" : "hidden";
-        if (free) names.push({ u, v, half: element.half });
+        element.style.visibility = free ? "" : "hidden"; if (free) names.push({ u, v, half: element.half });
       }
       element.setAttribute("transform", `translate(${u.toFixed(1)} ${v.toFixed(1)})` + (element.yaw === undefined ? "" : ` rotate(${(-element.yaw * 180 / Math.PI).toFixed(1)})`) + (element.metres ? ` scale(${Math.max(9, element.metres * scale).toFixed(2)})` : ""));
     }
