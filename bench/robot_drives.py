@@ -58,7 +58,7 @@ from vb_map_integration.border import VirtualBorder as Border
 from vb_map_integration.integration import integrate
 from vb_msgs.msg import DriverState, LabState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
-from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, sample
+from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap, sample
 from vb_robot.driving.workspace import PoseUncertainty
 from vb_robot.navigation_parameters import PATH_MARGIN
 from vb_sim.room.floor_plan import physical_map
@@ -117,7 +117,7 @@ def places(scenario: str, seed: int):
     restricted = posterior.data > np.maximum(grid.data, 0)
     rng = np.random.default_rng([seed, SCENARIOS.index(scenario)])
     terrain = ClearanceMap(posterior, RADIUS, travel_margin=PATH_MARGIN + 0.03)
-    cells = posterior.cell_to_world(np.argwhere(terrain.clearance >= RADIUS + STAND_MARGIN))
+    cells = posterior.cell_to_world(np.argwhere(terrain.clearance >= RADIUS + STOP_MARGIN))
     yaws = rng.integers(-180, 180, 1000)
     chain = [(*cells[rng.integers(len(cells))], 0)]
     if scenario == "corner":  # what is not restricted may have other parts, as behind furniture

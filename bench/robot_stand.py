@@ -28,7 +28,7 @@ from vb_sim.robot.planner import PlannerParams
 from vb_sim.robot.robot_body import Pose
 
 NAVIGATION_HZ, SCAN_HZ = 10.0, 10.0
-STATE_EACH = 0.1  # [s] the interaction manager repeats the state that often
+STATE_PERIOD = 0.1  # [s] the interaction manager repeats the state that often
 
 
 class Every:
@@ -183,7 +183,7 @@ class DrivenRobot:
         if "driver" in self.lost:
             return
         state, interaction_id, entered = self._state
-        if not self.lost & {"state", "network"} and not 0.0 <= now - self._said_at < STATE_EACH - 1e-9:
+        if not self.lost & {"state", "network"} and not 0.0 <= now - self._said_at < STATE_PERIOD - 1e-9:
             self._said_at = now
             self.driver.set_state(state, interaction_id, entered, now)
         if "pose" not in self.lost:

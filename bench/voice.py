@@ -4,7 +4,7 @@
 
     bench/voice.py                         every command by every voice, every sentence once, in each kind of noise
     bench/voice.py --group ordinary        the same with ordinary voices
-    bench/voice.py --group development     the same with what everything was chosen with; says what EVEN would be
+    bench/voice.py --group development     the same on development data; prints the best EVEN_LOG_ODDS
     bench/voice.py --share 0.3             a random part of it, the same each time
     bench/voice.py --seconds 200           stops then; the next call goes on
 
@@ -38,7 +38,7 @@ from voice_speech import MUSIC, NOISES, RATE, TOP
 
 from vb_evaluation.statistics import proportion
 from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, SileroVoiceActivityDetector
-from vb_voice_wizard.recognizer import EVEN, CommandRecognizer, RecognizerParams
+from vb_voice_wizard.recognizer import EVEN_LOG_ODDS, CommandRecognizer, RecognizerParams
 
 # done when heard once: it stops robots, or does nothing before somebody points with the laser too; the rest is said
 # twice
@@ -88,9 +88,9 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
 
 
 def evidence(chance: float) -> float:
-    """What a confidence follows from, whatever EVEN is."""
+    """What a confidence follows from, whatever EVEN_LOG_ODDS is."""
     chance = min(max(chance, 1e-12), 1.0 - 1e-12)
-    return EVEN + float(np.log(chance / (1.0 - chance)))
+    return EVEN_LOG_ODDS + float(np.log(chance / (1.0 - chance)))
 
 
 def taken(result: dict, accepted: float) -> dict:
@@ -111,7 +111,10 @@ def strongest(results: List[dict]) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def choose(results: List[dict]) -> str:
-    """What EVEN would be, at which as many commands are missed as near misses are taken; writes the curve that it is one point of."""
+    """Chooses EVEN_LOG_ODDS: with it as many commands are missed as near misses are taken.
+
+    Writes the curve that it is one point of.
+    """
     results = [one for one in results if one["noise"] != "babble"]
     halves = [[one for one in results if zlib.crc32(one["voice"].encode()) % 2 == half] for half in (0, 1)]
     with open(str(TOP / "docs" / "results" / "voice_curve.csv"), "w", newline="") as file:
@@ -124,7 +127,7 @@ def choose(results: List[dict]) -> str:
     right, near = strongest(results)
     even = min(np.arange(-8.0, 4.0, 0.05), key=lambda at: abs(np.mean(right < at) - np.mean(near >= at)))
     return (
-        f"EVEN {even:.2f}: {np.mean(right < even):.3f} of {len(right)} commands missed, "
+        f"EVEN_LOG_ODDS {even:.2f}: {np.mean(right < even):.3f} of {len(right)} commands missed, "
         f"{np.mean(near >= even):.3f} of {len(near)} near misses taken"
     )
 

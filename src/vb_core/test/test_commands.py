@@ -48,9 +48,12 @@ def no_answer(cause):
 
 
 def test_every_command_has_an_id_of_its_own_and_an_end(answers):
-    first, second = commands.make_request("save", "test", 5.0), commands.make_request("save", "test", 5.0, unclear=True)
+    first, second = (
+        commands.make_request("save", "test", 5.0),
+        commands.make_request("save", "test", 5.0, uncertain=True),
+    )
     assert first.id and second.id and first.id != second.id
-    assert first.expires == rospy.Time(105) and (first.unclear, second.unclear) == (False, True)
+    assert first.expires == rospy.Time(105) and (first.uncertain, second.uncertain) == (False, True)
 
 
 def test_before_simulated_time_has_begun_nothing_expires(answers, monkeypatch):

@@ -23,15 +23,15 @@ def test_every_language_has_every_code_with_the_same_values(language):
 
 
 def test_a_sentence_names_its_values():
-    assert sentences.say("no_service", {"who": "border_fusion"}) == "border_fusion is not running."
-    assert sentences.say("no_service", {"who": "border_fusion"}, "de") == "border_fusion läuft nicht."
+    assert sentences.translate("no_service", {"who": "border_fusion"}) == "border_fusion is not running."
+    assert sentences.translate("no_service", {"who": "border_fusion"}, "de") == "border_fusion läuft nicht."
 
 
 def test_a_sentence_is_never_lost():
-    assert sentences.say("no_service", {}) == "(who) is not running."
-    assert sentences.say("of_a_newer_version", {}, "de", "Please update.") == "Please update."
-    assert sentences.say("of_a_newer_version") == "of a newer version"
-    assert sentences.say("no_response", {"who": "x"}, "fr") == "x is not responding."
+    assert sentences.translate("no_service", {}) == "(who) is not running."
+    assert sentences.translate("of_a_newer_version", {}, "de", "Please update.") == "Please update."
+    assert sentences.translate("of_a_newer_version") == "of a newer version"
+    assert sentences.translate("no_response", {"who": "x"}, "fr") == "x is not responding."
 
 
 def test_an_error_carries_its_values():
@@ -42,25 +42,27 @@ def test_an_error_carries_its_values():
 
 
 def test_a_value_may_be_a_word_of_the_readers_language():
-    assert sentences.say("no_service", {"who": "$map_integrator"}) == "The map integrator is not running."
-    assert sentences.say("no_service", {"who": "$map_integrator"}, "de") == "Die Kartenverwaltung läuft nicht."
-    assert sentences.say("no_service", {"who": "$"}) == "$ is not running."
+    assert sentences.translate("no_service", {"who": "$map_integrator"}) == "The map integrator is not running."
+    assert sentences.translate("no_service", {"who": "$map_integrator"}, "de") == "Die Kartenverwaltung läuft nicht."
+    assert sentences.translate("no_service", {"who": "$"}) == "$ is not running."
 
 
 def test_a_border_that_nobody_named_is_numbered_in_the_readers_language():
     assert sentences.border_name("border 3") == "Border 3" and sentences.border_name("border 3", "de") == "Grenze 3"
     assert sentences.border_name("Rug", "de") == "Rug" and sentences.border_name("", "de") == ""
     assert (
-        sentences.say("border_back", {"borders": "border 3, wall 4, Rug"}, "de")
+        sentences.translate("border_back", {"borders": "border 3, wall 4, Rug"}, "de")
         == "Wieder in der Karte: Grenze 3, Wand 4, Rug."
     )
-    assert sentences.say("robot_touches_border", {"who": "ada", "border": "'border 3'"}, "de").endswith(" 'Grenze 3'.")
+    assert sentences.translate("robot_touches_border", {"who": "ada", "border": "'border 3'"}, "de").endswith(
+        " 'Grenze 3'."
+    )
 
 
 def test_words_of_the_language_stand_within_a_sentence_and_at_its_beginning():
     values = {"who": "$the_robot", "border": "Rug", "reason": "$robot_no_way_out"}
-    assert sentences.say("robot_inside_border", values) == "The robot is inside Rug."
-    assert sentences.say("robot_touches_border", values) == "The edge of the robot touches Rug."
-    assert sentences.say("robot_inside_border", values, "de").startswith("Der Roboter ")
-    assert "Kein Weg führt" in sentences.say("robot_cannot_leave", values, "de")
-    assert sentences.say("robot_inside_border", {"who": "ada", "border": "Rug"}) == "ada is inside Rug."
+    assert sentences.translate("robot_inside_border", values) == "The robot is inside Rug."
+    assert sentences.translate("robot_touches_border", values) == "The edge of the robot touches Rug."
+    assert sentences.translate("robot_inside_border", values, "de").startswith("Der Roboter ")
+    assert "Kein Weg führt" in sentences.translate("robot_cannot_leave", values, "de")
+    assert sentences.translate("robot_inside_border", {"who": "ada", "border": "Rug"}) == "ada is inside Rug."

@@ -132,7 +132,7 @@ def make_study(folder, participants=15, sweeps=True, maps=True, seed=1, people=F
         ]
         write(folder / "curves.csv", ["sweep", "value", *RUN_COLUMNS], curves)
         write_worlds(folder, random)
-        write(folder / "ungated.csv", RUN_COLUMNS, [dict(row, spots=int(row["spots"]) + 3) for row in rows[::10]])
+        write(folder / "all_images.csv", RUN_COLUMNS, [dict(row, spots=int(row["spots"]) + 3) for row in rows[::10]])
     return folder
 
 

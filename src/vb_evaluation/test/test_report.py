@@ -92,7 +92,7 @@ def test_better_than_the_paper_is_no_agreement(full, ours, published, reading):
 
 def test_every_section_of_a_simulation_has_its_caveat(full):
     _, page = full
-    for name in ("summary", "error", "accuracy", "completeness", "paper", "worlds", "curves", "ungated", "order"):
+    for name in ("summary", "error", "accuracy", "completeness", "paper", "worlds", "curves", "all_images", "order"):
         part = page[page.index(f'<section id="{name}">') :].split("</section>")[0]
         assert 'class="caveat"' in part, name
     assert "nobody measured it" in page and "People of a simulation know what they do." in page

@@ -111,12 +111,12 @@ def test_the_runs_of_a_study():
     jobs = plan.main_jobs(STUDY, 8)
     assert len(jobs) == len({job.task for job in jobs}) == 48 and plan.main_jobs(STUDY, 2) == jobs[:12]
     everyone = plan.main_jobs(STUDY, 200)
-    ungated = plan.ungated_jobs(STUDY, everyone)
-    assert all(job.thorough for job in ungated) and len({job.task.participant for job in ungated}) > 60
+    all_images = plan.all_images_jobs(STUDY, everyone)
+    assert all(job.thorough for job in all_images) and len({job.task.participant for job in all_images}) > 60
     for scenario in STUDY.design.scenarios:
         for method in STUDY.design.methods:
             # of ten participants one, whichever: neither a scenario nor a method is left to chance
-            assert sum((job.task.scenario, job.task.method) == (scenario, method) for job in ungated) == 20
+            assert sum((job.task.scenario, job.task.method) == (scenario, method) for job in all_images) == 20
 
 
 def test_columns_begin_with_the_contracts():
@@ -246,7 +246,7 @@ def test_each_size_is_part_of_the_next():
         {(job.file, *map(str, job.columns(1).values())) for job in of_size} for of_size in jobs.values()
     )
     assert quick < default < full
-    assert {row[0] for row in default} == {"runs.csv", "ungated.csv", "worlds.csv"}
+    assert {row[0] for row in default} == {"runs.csv", "all_images.csv", "worlds.csv"}
     # a row's world is the same in each size
     worlds = [
         {job.conditions["draw"]: job.changes for job in jobs[size] if job.file == "worlds.csv"}

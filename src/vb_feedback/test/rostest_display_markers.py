@@ -256,7 +256,7 @@ class DisplayMarkersTest(unittest.TestCase):
                 universal_newlines=True,
             )
             self.assertEqual(run.returncode, 0, run.stdout)
-            self.assertIn(sentences.say("no_screen"), run.stdout)
+            self.assertIn(sentences.translate("no_screen"), run.stdout)
             view = yaml.safe_load((Path(folder) / "config").read_text())["Visualization Manager"]["Views"]["Current"]
             self.assertIn("__name:=display", (Path(folder) / "arguments").read_text())
         layout = fit_view(Box.around(self.grid.corners()), 16 / 9)

@@ -56,7 +56,7 @@ class FeedbackTest(unittest.TestCase):
         self.say(5, name="default", last_outcome="saved")
         wait_until(lambda: self.sounds and self.sounds[-1] == "success", "success")
         tones = [sound for sound in self.sounds if sound != "tick"]
-        self.assertEqual(tones, ["border", "refusal", "refusal", "success"])
+        self.assertEqual(tones, ["border", "error", "error", "success"])
         wait_until(lambda: len(self.lights) == 3, "the light of the default state again")
         self.assertEqual(self.lights[2], self.lights[0])
         # latched: who comes later sees the light too

@@ -63,13 +63,13 @@ class SoundPlayerTest(unittest.TestCase):
         cls.folder.cleanup()
 
     def test_1_sounds_are_played_whole_and_in_order(self):
-        names = ["border", "tick", "refusal"]
+        names = ["border", "tick", "error"]
         for name in names:
             self.sounds.publish(name=name)
         # the tick may have to give way, and which of the two played first is not a matter of luck
         wanted = (
-            synthesize("border").tobytes() + synthesize("refusal").tobytes(),
-            synthesize("border").tobytes() + synthesize("tick").tobytes() + synthesize("refusal").tobytes(),
+            synthesize("border").tobytes() + synthesize("error").tobytes(),
+            synthesize("border").tobytes() + synthesize("tick").tobytes() + synthesize("error").tobytes(),
         )
 
         wait_until(lambda: self.written("pcm") in wanted, "the samples of both sounds")
@@ -126,7 +126,7 @@ class SoundPlayerTest(unittest.TestCase):
                 lambda: subscribers[1].get_num_connections() and self.sounds.get_num_connections() == 3, "the beeper"
             )
             self.sounds.publish(name="tick")
-            self.sounds.publish(name="refusal")
+            self.sounds.publish(name="error")
             wait_until(lambda: [beep.value for beep in beeps] == [4], "the error's beep")
         finally:
             node.terminate()

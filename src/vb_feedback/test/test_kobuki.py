@@ -7,4 +7,4 @@ from vb_feedback.sound.tone_synthesis import SOUNDS
 
 def test_each_state_has_a_light_of_its_own_and_answers_differ():
     assert set(LEDS) == set(STATE) and len(set(LEDS.values())) == len(STATE)
-    assert set(BEEPS) < set(SOUNDS) and BEEPS["success"] != BEEPS["refusal"]
+    assert set(BEEPS) < set(SOUNDS) and BEEPS["success"] != BEEPS["error"]

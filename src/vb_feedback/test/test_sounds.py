@@ -41,7 +41,7 @@ def test_sounds_are_told_apart():
     # states end at least a minor third apart, which people without absolute pitch hear; a refusal is below all
     ends = sorted(SOUNDS[name][-1].frequency for name in ("border", "seed", "guide", "default"))
     assert all(high / low > 1.18 for low, high in zip(ends, ends[1:]))
-    assert max(note.frequency for note in SOUNDS["refusal"]) * 2 < min(ends)
+    assert max(note.frequency for note in SOUNDS["error"]) * 2 < min(ends)
 
 
 @pytest.mark.parametrize("name", SOUNDS)

@@ -163,7 +163,7 @@ class InputMethodsTest(unittest.TestCase):
     def test_refused_clicks_change_nothing(self):
         count = self.maps.count
         self.click(float("nan"), 0.0)
-        self.said(sentences.say("bad_points", {}))
+        self.said(sentences.translate("bad_points", {}))
         self.click(0.0, 0.0, "nowhere")
         self.said("no transform")
         for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 0.0), (50.0, 50.0)):

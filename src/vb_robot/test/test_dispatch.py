@@ -6,7 +6,14 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
-from vb_robot.dispatching.dispatch import FAILED_MEMORY, WAITS, DispatchInputs, Fleet, GoalStatus, RobotStatus
+from vb_robot.dispatching.dispatch import (
+    FAILED_MEMORY,
+    PROGRESS_TIMEOUTS,
+    DispatchInputs,
+    Fleet,
+    GoalStatus,
+    RobotStatus,
+)
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
 from vb_robot.dispatching.viewpoint import Viewpoint
@@ -389,8 +396,8 @@ def test_place_where_the_camera_reports_nothing_has_failed_and_the_next_is_taken
     bench = blind_bench()
     goals = stand(bench, 60)
     assert [viewpoint.pose[0] for _, viewpoint in goals] == [2, 3], "not the one 0.2 m beside, and not for ever"
-    assert goals[0][0] == pytest.approx(WAITS["seen"], abs=0.5), "the person does not wait long"
-    assert goals[1][0] - goals[0][0] == pytest.approx(WAITS["seen"], abs=0.5)
+    assert goals[0][0] == pytest.approx(PROGRESS_TIMEOUTS["seen"], abs=0.5), "the person does not wait long"
+    assert goals[1][0] - goals[0][0] == pytest.approx(PROGRESS_TIMEOUTS["seen"], abs=0.5)
 
 
 def test_robot_that_sees_the_spot_stays_and_may_try_again_when_it_is_lost_again():
@@ -477,7 +484,7 @@ def test_another_takes_over_when_one_fails(fault):
         ada.goal = GoalStatus.SENT
     elif fault == "preempted":
         ada.goal = GoalStatus.PREEMPTED
-    limit = {"never accepts": WAITS["sent"], "stuck": WAITS["active"]}.get(fault, 0.0)
+    limit = {"never accepts": PROGRESS_TIMEOUTS["sent"], "stuck": PROGRESS_TIMEOUTS["active"]}.get(fault, 0.0)
     steps = 0
     while not bob.sent and steps < 400:
         bench.step()

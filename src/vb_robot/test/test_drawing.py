@@ -27,7 +27,7 @@ TERRAIN, UNSEEN = room()
 
 def look(spot, direction=None, seen_by_stationary=True, unseen=UNSEEN, seeding=False):
     drawing = DrawingState(np.array(spot), NO_CHAIN, direction, seen_by_stationary=seen_by_stationary, seeding=seeding)
-    return drawing.aimed(TERRAIN, unseen)
+    return drawing.with_target(TERRAIN, unseen)
 
 
 def focus(*args, **kwargs):
@@ -73,6 +73,6 @@ def test_all_of_the_stretch_that_nobody_sees_is_known_up_to_the_wall():
 def test_spot_that_only_the_robot_sees_or_nobody_stays_in_view_with_what_is_ahead():
     alone = look((7.0, 2.5), RIGHT, seen_by_stationary=False)
     assert alone.look_at == pytest.approx((7.0 + MIN_LOOKAHEAD, 2.5))
-    assert (np.abs(alone.must_see - (7.0, 2.5)).max(axis=1) < 1e-6).any(), "people hold still where it was lost"
+    assert (np.abs(alone.required_points - (7.0, 2.5)).max(axis=1) < 1e-6).any(), "people hold still where it was lost"
     assert look((7.0, 2.5), None, seen_by_stationary=False).look_at == pytest.approx((7.0, 2.5))
     assert look((7.9, 2.5), RIGHT, seen_by_stationary=False).look_at[0] <= 7.95, "not into the wall"

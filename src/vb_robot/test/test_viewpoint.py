@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_robot.dispatching.drawing import DrawingState
-from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, clearance_grid
+from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap, clearance_grid
 from vb_robot.floor_view import FloorView
 from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, ViewpointPlanner
 from vb_robot.poses import to_base, to_map
@@ -127,7 +127,7 @@ def check_invariants(terrain, found, drawing, robot):
         # clearance by an oracle of its own: every blocked cell's centre
         blocked = terrain.grid.cell_to_world(np.argwhere(terrain.blocked))
         gap = np.linalg.norm(blocked - place, axis=1).min()
-        assert gap >= terrain.radius + STAND_MARGIN
+        assert gap >= terrain.radius + STOP_MARGIN
         distance = math.dist(place[0], drawing.spot)
         at_home = math.dist(place[0], robot[:2]) < 1e-6  # where it stands it may be a little far: it only has to turn
         assert MIN_DISTANCE * (0.8 if at_home else 1.0) - 1e-6 <= distance

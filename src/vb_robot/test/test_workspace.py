@@ -9,7 +9,7 @@ from vb_core.grid_map import GridMap
 from vb_robot.driving.workspace import (
     MAX_UNCERTAINTY,
     MIN_UNCERTAINTY,
-    UPDATES,
+    UNCERTAINTY_UPDATES,
     BorderContact,
     KnownBorder,
     PoseUncertainty,
@@ -119,7 +119,7 @@ def test_the_uncertainty_follows_the_localisations_own_spread_at_once_up_and_slo
     turned = np.array([[0.5, 0.5], [-0.5, 0.5]]) * math.sqrt(2.0)
     assert uncertainty.add(turned @ np.diag([0.12, 0.005]) ** 2 @ turned.T), "the worst direction, in steps"
     assert uncertainty.metres == pytest.approx(0.075)
-    changed = [uncertainty.add(np.diag([0.01, 0.01]) ** 2) for _ in range(UPDATES)]
-    assert changed == [False] * (UPDATES - 1) + [True] and uncertainty.metres == MIN_UNCERTAINTY
+    changed = [uncertainty.add(np.diag([0.01, 0.01]) ** 2) for _ in range(UNCERTAINTY_UPDATES)]
+    assert changed == [False] * (UNCERTAINTY_UPDATES - 1) + [True] and uncertainty.metres == MIN_UNCERTAINTY
     uncertainty.add(np.full((2, 2), math.nan))
     assert uncertainty.metres == MAX_UNCERTAINTY, "what makes no sense is no reason to come nearer"

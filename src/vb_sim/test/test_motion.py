@@ -250,7 +250,7 @@ def test_clearance_is_the_distance_to_the_wall():
 
 def test_a_person_is_seen_by_the_scanner():
     lab = Lab(small_world(), scan=ScanModel(range_sigma=0.0, person_radius=0.15))
-    lab.hear_participant(Participant(present=True, pose=(1.0, 2.5, 0.0), heard=0.0))
+    lab.set_participant(Participant(present=True, pose=(1.0, 2.5, 0.0), stamp=0.0))
     angles, ranges = lab.scan(0)
     assert ranges[np.argmin(np.abs(angles - math.pi / 2))] == pytest.approx(0.85, abs=1e-6)
     assert np.isinf(cast_disc((0.0, 0.0), np.array([math.pi]), (1.0, 0.0), 0.1)).all()
@@ -259,7 +259,7 @@ def test_a_person_is_seen_by_the_scanner():
 def test_the_laser_goes_out_with_a_silent_participant():
     lab = Lab(small_world())
     lab.step(DT, 100.0)
-    lab.hear_participant(Participant(laser_on=True, laser=(1.0, 1.0), present=True, heard=100.0))
+    lab.set_participant(Participant(laser_on=True, laser=(1.0, 1.0), present=True, stamp=100.0))
     lab.step(DT, 100.0 + PARTICIPANT_SILENCE - 0.1)
     assert lab.participant().laser_on
     lab.step(DT, 100.0 + PARTICIPANT_SILENCE + 0.1)
@@ -338,8 +338,8 @@ def test_scanners_that_do_not_look_all_round(robot, fov, nearest):
     x, y, yaw = lab.robots[robot].pose
     # a person right before it is nearer than it can measure, and that is said
     near = 0.1 + 0.5 * lab.scan_model.person_radius
-    lab.hear_participant(
-        Participant(present=True, pose=(x + near * math.cos(yaw), y + near * math.sin(yaw), 0.0), heard=0.0)
+    lab.set_participant(
+        Participant(present=True, pose=(x + near * math.cos(yaw), y + near * math.sin(yaw), 0.0), stamp=0.0)
     )
     assert -math.inf in lab.scan(robot)[1]
 
@@ -347,16 +347,16 @@ def test_scanners_that_do_not_look_all_round(robot, fov, nearest):
 def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
     lockstep, passed = Lockstep(("navigation", "driver"), patience=3600.0), threading.Event()
     lockstep.wait()  # nobody drives: an hour is not waited
-    lockstep.hear("driver")
+    lockstep.arrive("driver")
     lockstep.wait()
     for who in ("navigation", "driver"):
-        lockstep.hear(who)
+        lockstep.arrive(who)
     lockstep.wait()
-    lockstep.hear("driver")  # from here on both are expected
+    lockstep.arrive("driver")  # from here on both are expected
     thread = threading.Thread(target=lambda: (lockstep.wait(), passed.set()), daemon=True)
     thread.start()
     assert not passed.wait(0.05)
-    lockstep.hear("navigation")
+    lockstep.arrive("navigation")
     assert passed.wait(60.0)
     thread.join(60.0)
 
@@ -364,7 +364,7 @@ def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
 def test_lockstep_gives_up_on_one_that_is_silent():
     lockstep = Lockstep(("navigation", "driver"), patience=0.01)
     for who in ("navigation", "driver"):
-        lockstep.hear(who)
+        lockstep.arrive(who)
     lockstep.wait()
     lockstep.wait()  # over after its patience, or this test would never end
     lockstep.wait()

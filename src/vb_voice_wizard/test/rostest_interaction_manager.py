@@ -208,7 +208,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.stub.candidate = good
         self.stub.add = AddBorderResponse(success=False, code="no_separation", message="It separates nothing.")
         answer = self.command("save")
-        self.assertEqual((answer.code, answer.message), ("no_separation", sentences.say("no_separation")))
+        self.assertEqual((answer.code, answer.message), ("no_separation", sentences.translate("no_separation")))
         state = self.state.wait(lambda message: message.last_code == "no_separation", "the refusal in the state")
         self.assertEqual((state.name, state.interaction_id, state.last_success), ("seed", identity, False))
 
@@ -302,7 +302,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.command("define_border")
         self.command("define_seed")
         identity = self.in_state("seed").interaction_id
-        asked = self.command("save", unclear=True)
+        asked = self.command("save", uncertain=True)
         self.assertEqual((asked.success, asked.code), (False, "confirm_save"))
         self.state.wait(lambda message: message.confirm_save, "the question")
         self.command("define_seed")

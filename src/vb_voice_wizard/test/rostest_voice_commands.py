@@ -42,8 +42,8 @@ class VoiceCommandsTest(unittest.TestCase):
             "_sounds/success:=0.2",
             "_mute_after:=0.0",
             # what the test says follows at once: it must not fall into the answer to what it said before
-            "_sounds/understood:=0.0",
-            "_sounds/refusal:=0.0",
+            "_sounds/recognized:=0.0",
+            "_sounds/error:=0.0",
             "_service_answer:=60.0",
         )
         cls.heard = Newest(HEARD, SpeechCommand)
@@ -90,9 +90,9 @@ class VoiceCommandsTest(unittest.TestCase):
             self.audio.publish(broken)  # dropped
         self.give("define border")
         heard = self.heard.wait(lambda message: message.accepted, "the command")
-        wait_until(lambda: "understood" in self.played(), "the sound of a command that was understood")
+        wait_until(lambda: "recognized" in self.played(), "the sound of a command that was understood")
         self.assertEqual([(request.command, request.source) for request in self.requests], [("define_border", "voice")])
-        self.assertTrue(self.requests[0].unclear, "what is spoken may have been misunderstood")
+        self.assertTrue(self.requests[0].uncertain, "what is spoken may have been misunderstood")
         self.assertEqual((heard.command, heard.reason, heard.success, heard.code), ("define_border", "ok", True, "ok"))
         self.assertEqual(heard.message, "Draw the border.")
         self.assertGreater(heard.confidence, 0.0)

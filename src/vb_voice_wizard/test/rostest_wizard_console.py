@@ -110,7 +110,7 @@ class WizardConsoleTest(unittest.TestCase):
         wait_until(
             lambda: preview.publish(preview.impl.latch) or "It separates nothing." in terminal.text, "the refusal"
         )
-        terminal.shows("! " + sentences.say("robot_inside")[:30])
+        terminal.shows("! " + sentences.translate("robot_inside")[:30])
         for size in ((120, 40), (80, 24), (40, 12)):
             terminal.resize(*size)
             wait_until(lambda: size[0] in panel_widths(terminal), f"a screen of {size}")

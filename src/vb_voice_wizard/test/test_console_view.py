@@ -55,7 +55,7 @@ def drawing():
         issues=[BorderIssue(severity=BorderIssue.WARNING, message="The robot stands inside the new border.")],
     )
     view.borders = [border("Nursery", 8.0), border("Old carpet", enabled=False, occupancy=0.5)]
-    view.say("10:00:00", "wizard, define border: Draw the border.", GOOD)
+    view.add_message("10:00:00", "wizard, define border: Draw the border.", GOOD)
     return view
 
 
@@ -97,7 +97,7 @@ def test_any_size_can_be_drawn(width, height):
 
 def test_long_answers_are_read_to_their_end():
     view = drawing()
-    view.say("10:00:01", "word " * 30 + "end", BAD)
+    view.add_message("10:00:01", "word " * 30 + "end", BAD)
     view.preview = refused("It separates nothing: " + "so " * 40 + "redraw")
     text = screen(view)
     assert " end" in text and "redraw" in text and "\u2026" not in text
@@ -132,7 +132,7 @@ def test_what_does_not_respond_is_reported():
 def test_markup_in_names_is_only_text():
     view = drawing()
     view.borders = [border("[red]x[/red] [/")]
-    view.say("10:00:01", "[bold]y", BAD)
+    view.add_message("10:00:01", "[bold]y", BAD)
     text = screen(view, 120)
     assert "[red]x[/red] [/" in text and "[bold]y" in text
 
@@ -140,7 +140,7 @@ def test_markup_in_names_is_only_text():
 def test_messages_do_not_grow_for_ever_nor_repeat():
     view = ConsoleContent()
     for number in range(500):
-        view.say("10:00:00", f"message {number // 2}", GOOD)
+        view.add_message("10:00:00", f"message {number // 2}", GOOD)
     assert len(view.messages) == 50 and view.messages[-1][1] == "message 249"
     assert "message 249" in screen(view)
 
@@ -151,7 +151,7 @@ def test_a_long_value_leaves_the_labels_their_room(language):
     view.language = language
     sentence = "The points do not make a border yet: draw on, slowly, where a camera sees the spot. " * 2
     view.progress = BorderProgress(interaction_id="ab12", code="of_a_newer_version", message=sentence)
-    view.say("10:00:01", "word " * 60, BAD)
+    view.add_message("10:00:01", "word " * 60, BAD)
     text = screen(view, 90, 30)
     for label in ("time", "spots", "chain", "seen_by", "cameras", "robot", "voice"):
         assert view.words(f"console_{label}") + "  " in text

@@ -31,7 +31,7 @@ from vb_voice_wizard.interaction import (
     InteractionParams,
     State,
     normalise,
-    spoken,
+    spoken_form,
 )
 
 ENTERING = {DEFINE_BORDER: State.BORDER, DEFINE_SEED: State.SEED, GUIDE_ROBOT: State.GUIDE}
@@ -68,7 +68,7 @@ def test_every_state_and_command_pair_is_answered(way, command):
 
     answer = interaction.command(command, "test", 10.0)
 
-    assert answer.message.endswith(".") and answer.message == sentences.say(answer.code, answer.values)
+    assert answer.message.endswith(".") and answer.message == sentences.translate(answer.code, answer.values)
     assert answer.code in sentences.catalogue()
     if not interaction.saving:
         assert interaction.last_answer == answer and interaction.last_command == command
@@ -131,13 +131,13 @@ def test_unknown_commands_are_answered(way, command):
     interaction = after(*way)
     answer = interaction.command(command, "voice", 5.0)
     assert answer.code == "unknown_command" and not answer.success
-    assert all(spoken(known) in answer.message for known in COMMANDS)
+    assert all(spoken_form(known) in answer.message for known in COMMANDS)
     assert interaction.state == (State.BORDER if way else State.DEFAULT)
 
 
 def test_commands_as_people_write_them():
     for command in COMMANDS:
-        assert normalise(spoken(command).upper() + " ") == command
+        assert normalise(spoken_form(command).upper() + " ") == command
         assert normalise(command.replace("_", "-")) == command
 
 
@@ -273,7 +273,7 @@ def test_no_memory_is_refused():
 @pytest.mark.parametrize("way", list(situations()))
 def test_stop_holds_until_resume_whatever_else_is_said(way):
     interaction = after(*way)
-    assert interaction.command(STOP, "voice", 10.0, unclear=True).success
+    assert interaction.command(STOP, "voice", 10.0, uncertain=True).success
     for command in (c for c in COMMANDS if c != RESUME):
         interaction.command(command, "wizard", 11.0)
         if interaction.pending:
@@ -305,21 +305,21 @@ def drawn(**params) -> Interaction:
 
 
 @pytest.mark.parametrize(
-    "rule, unclear, doubtful, asked",
+    "rule, uncertain, doubtful, asked",
     [
         (NEVER, True, True, False),
-        ("unclear", False, False, False),
-        ("unclear", True, False, True),
-        ("unclear", False, True, True),
+        ("uncertain", False, False, False),
+        ("uncertain", True, False, True),
+        ("uncertain", False, True, True),
         (ALWAYS, False, False, True),
     ],
 )
-def test_save_is_asked_about_as_the_rule_says(rule, unclear, doubtful, asked):
+def test_save_is_asked_about_as_the_rule_says(rule, uncertain, doubtful, asked):
     interaction = drawn(confirm_save=rule)
-    answer = interaction.command(SAVE, "voice", 3.0, unclear, doubtful)
+    answer = interaction.command(SAVE, "voice", 3.0, uncertain, doubtful)
     assert (answer.code == "confirm_save") == asked == interaction.confirm_save == (not interaction.saving)
     if asked:
-        assert interaction.command(SAVE, "voice", 4.0, unclear, doubtful).success and interaction.saving
+        assert interaction.command(SAVE, "voice", 4.0, uncertain, doubtful).success and interaction.saving
 
 
 @pytest.mark.parametrize("between", [DEFINE_BORDER, GUIDE_ROBOT, STOP, "nonsense", ""])
@@ -336,10 +336,10 @@ def test_a_question_is_forgotten_by_another_command_or_after_a_while(between):
 def test_what_an_unclear_command_would_undo_is_asked_about(command, way):
     interaction = after(*way)
     before = interaction.state, interaction.stopped
-    asked = interaction.command(command, "voice", 10.0, unclear=True)
+    asked = interaction.command(command, "voice", 10.0, uncertain=True)
     assert asked.code == "confirm_command" and command in asked.message and not asked.success
     assert (interaction.state, interaction.stopped) == before and not interaction.pending
-    assert interaction.command(command, "voice", 11.0, unclear=True).success
+    assert interaction.command(command, "voice", 11.0, uncertain=True).success
     assert after(*way).command(command, "voice", 10.0).success
 
 
@@ -348,7 +348,7 @@ def test_what_an_unclear_command_would_undo_is_asked_about(command, way):
 def test_one_misunderstood_word_changes_no_map_and_loses_no_drawing_and_lets_no_robot_drive(way, command):
     interaction = after(*way)
     drawing, missing = interaction.interaction_id, interaction.missing()
-    interaction.command(command, "voice", 10.0, unclear=True)
+    interaction.command(command, "voice", 10.0, uncertain=True)
     assert not interaction.pending and (interaction.stopped or STOP not in way)
     assert drawing in ("", interaction.interaction_id) and set(interaction.missing()) <= set(missing)
 
@@ -366,7 +366,7 @@ def test_one_misunderstood_word_changes_no_map_and_loses_no_drawing_and_lets_no_
 )
 def test_what_has_no_effect_is_not_asked_about(command, way):
     asked, certain = (
-        after(*way).command(command, "voice", 10.0, unclear=True),
+        after(*way).command(command, "voice", 10.0, uncertain=True),
         after(*way).command(command, "voice", 10.0),
     )
     assert asked == certain and not asked.code.startswith("confirm")

@@ -68,19 +68,19 @@ def test_noise_beeps_and_nothing_are_no_commands(recognizer):
 def test_the_speech_model_tells_what_was_said_not_how_loud():
     texts = ["define seed", "define seeds", "save", "undo", "and do"]
     model, pcm = SpeechModel(texts), say("define seed", snr_db=25.0)
-    told = model.evidence(pcm)
+    told = model.log_likelihood_ratios(pcm)
     assert told.shape == (5,) and texts[int(told.argmax())] == "define seed"
-    np.testing.assert_allclose(model.evidence((pcm // 4).astype(np.int16)), told, atol=1.5)
+    np.testing.assert_allclose(model.log_likelihood_ratios((pcm // 4).astype(np.int16)), told, atol=1.5)
     # what else is asked does not matter
     assert SpeechModel(["save"]).evidence(pcm)[0] == pytest.approx(told[2], abs=1.0)
-    assert np.isfinite(model.evidence(np.zeros(RATE // 5, np.int16))).all()
+    assert np.isfinite(model.log_likelihood_ratios(np.zeros(RATE // 5, np.int16))).all()
 
 
 def test_rare_texts_are_not_at_a_disadvantage():
     """Silence makes "stop" far more probable than "define border"; that is no evidence for it."""
     model = SpeechModel(["stop", "define border"])
     silence = np.zeros(RATE, np.int16)
-    written, evidence = model._written(silence), model.evidence(silence)
+    written, evidence = model._written(silence), model.log_likelihood_ratios(silence)
     assert written[0] - written[1] > evidence[0] - evidence[1] > 0.0
 
 

@@ -468,7 +468,7 @@ class PageTest(unittest.TestCase):
             notices.set(
                 [
                     Notice("interaction_ends_soon", Severity.WARNING),
-                    Notice("robot_leaves_border", values={"who": sentences.robot(""), "border": "Rug"}),
+                    Notice("robot_leaves_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
                 ]
             )
             self.browser.wait_text("#notices", "discarded soon")

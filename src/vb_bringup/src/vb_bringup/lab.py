@@ -20,9 +20,9 @@ from vb_laser_detect.detection.exposure import TOO_BRIGHT
 # a stroke at 0.5 m/s leaves one spot per 10 cm then; slower cameras work, but lines get coarse
 SLOW_CAMERA_HZ = 5.0
 # clocks: a pointer moved at 0.5 m/s is 5 cm further on after 0.1 s
-CLOCK_APART_S = 0.1
+MAX_CLOCK_OFFSET_S = 0.1
 # lenses of one model differ by more, two calibrations of one lens by less
-OTHER_LENS = 0.01
+MAX_FOCAL_CHANGE = 0.01
 # room for a day of logs and recordings
 MIN_DISK_MB = 500
 # a robot that drives by its scan should see at least what is ahead
@@ -50,7 +50,7 @@ class CheckLine:
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:
         """Returns the sentence that people read."""
-        return sentences.say(self.code, self.values, language)
+        return sentences.translate(self.code, self.values, language)
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _camera_faults(camera: CameraObservation, by_frame: Mapping[str, Sequence[st
         yield fault(CheckState.ERROR, "lab_camera_many_publishers", nodes=", ".join(camera.publishers))
     if camera.rate < SLOW_CAMERA_HZ:
         yield fault(CheckState.WARNING, "lab_camera_slow", rate=f"{camera.rate:.1f}")
-    if abs(camera.age) > CLOCK_APART_S + 2.0 / camera.rate:
+    if abs(camera.age) > MAX_CLOCK_OFFSET_S + 2.0 / camera.rate:
         yield fault(CheckState.ERROR, "lab_camera_clock", age=f"{camera.age:.2f}")
     if camera.bright > TOO_BRIGHT:
         yield fault(CheckState.WARNING, "lab_camera_too_bright", percent=f"{100 * camera.bright:.0f}")
@@ -170,7 +170,7 @@ def _lens_faults(camera: CameraObservation, fault: Any) -> Iterable[CheckLine]:
             info_size=f"{info.width} x {info.height}",
         )
     elif camera.file_focal > 0.0 and all(
-        abs(focal / camera.file_focal - 1.0) > OTHER_LENS for focal in (info.focal, info.rectified)
+        abs(focal / camera.file_focal - 1.0) > MAX_FOCAL_CHANGE for focal in (info.focal, info.rectified)
     ):
         yield fault(
             CheckState.ERROR,
@@ -238,7 +238,7 @@ def check_robot(robot: RobotObservation) -> List[CheckLine]:
     lines: List[CheckLine] = []
 
     def found(state: CheckState, code: str, **values: Any) -> None:
-        lines.append(CheckLine(subject, state, code, {"robot": sentences.robot(robot.name), **values}))
+        lines.append(CheckLine(subject, state, code, {"robot": sentences.robot_value(robot.name), **values}))
 
     if robot.pose_age is None:
         found(CheckState.ERROR, "lab_robot_no_pose")
@@ -364,7 +364,7 @@ def check_disk(folder: str, free_mb: float, writable: bool = True) -> CheckLine:
 
 
 # people are told of these at once, by the node that the fault is in: a check that comes later adds nothing
-_TOLD_BY_OTHERS = frozenset(
+_REPORTED_BY_OTHERS = frozenset(
     {
         "lab_camera_no_detector",
         "lab_camera_no_publisher",
@@ -386,7 +386,7 @@ def notices_from_lines(lines: Iterable[CheckLine]) -> List[Notice]:
             values={key: str(value) for key, value in line.values.items()},
         )
         for line in lines
-        if line.state is CheckState.ERROR and not line.from_notice and line.code not in _TOLD_BY_OTHERS
+        if line.state is CheckState.ERROR and not line.from_notice and line.code not in _REPORTED_BY_OTHERS
     ]
 
 
@@ -395,20 +395,20 @@ def notices_from_lines(lines: Iterable[CheckLine]) -> List[Notice]:
 _EXPLAINED = frozenset({"camera_silent", "detector_missing", "camera_no_pose", "camera_no_lens", "borders_unconfirmed"})
 
 
-def lines_from_notices(told: Iterable[Notice], checked: Iterable[CheckLine]) -> List[CheckLine]:
+def lines_from_notices(notices: Iterable[Notice], checked: Iterable[CheckLine]) -> List[CheckLine]:
     """Makes lines of the warnings and errors that the lab's nodes tell people.
 
     What a check says more exactly is left out.
 
     Args:
-        told: the present notices of all nodes.
+        notices: the present notices of all nodes.
         checked: what the checks found.
     """
     checked = list(checked)
     faulty = {line.subject for line in checked if line.state is CheckState.ERROR}
     own = {(line.code, str(line.values.get("camera", ""))) for line in checked}
     lines = []
-    for notice in told:
+    for notice in notices:
         if notice.camera:
             subject = f"camera {notice.camera}"
         elif notice.robot:

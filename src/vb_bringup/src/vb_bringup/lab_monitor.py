@@ -19,7 +19,7 @@ SILENT_S = 3.0
 # on a slow computer detectors start one after the other
 STARTING_S = 15.0
 # the extraction takes cameras to agree within a hand's tremble; calibrated ones differ by one or two centimetres
-DISAGREE_M = 0.05
+MAX_DISAGREEMENT_M = 0.05
 # sightings of one camera that are compared, and [s] for how long: enough for a mean, soon replaced after a calibration
 _SIGHTINGS, _REMEMBERED_S = 200, 300.0
 # [s] a detector looks a fixed camera's pose up every two seconds: what it sees until then may still have the former one
@@ -126,5 +126,5 @@ class CameraComparison:
                 values={"first": pair.first, "second": pair.second, "cm": f"{100 * pair.median:.0f}"},
             )
             for pair in pairs
-            if pair.median > DISAGREE_M
+            if pair.median > MAX_DISAGREEMENT_M
         ]

@@ -27,11 +27,11 @@ from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 # all in seconds of wall time
-COMPARE_S = 5.0  # between two comparisons of the cameras' spots
-LOOK_S = 1.0  # between two looks at which nodes run
-SETTLED_S = 6.0  # without a node that comes or goes: before, a lab is starting or ending
-AGAIN_S = {CheckState.ERROR: 60.0, CheckState.OK: 600.0}  # a check takes two seconds of processor time
-LOGGED_AGAIN_S = 60.0  # before what comes and goes is logged again
+COMPARISON_PERIOD_S = 5.0  # between two comparisons of the cameras' spots
+POLL_PERIOD_S = 1.0  # between two looks at which nodes run
+SETTLING_S = 6.0  # without a node that comes or goes: before, a lab is starting or ending
+CHECK_PERIOD_S = {CheckState.ERROR: 60.0, CheckState.OK: 600.0}  # a check takes two seconds of processor time
+LOG_PERIOD_S = 60.0  # before what comes and goes is logged again
 # what rospy appends to the names of tools, whose coming and going does not change the lab
 _ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
 _LEVELS = {
@@ -73,7 +73,7 @@ class LabMonitorNode:
         self._comparison, self._disagreeing, self._compared = CameraComparison(), [], 0.0
         self._frames: Dict[str, str] = {}  # of each camera
         self._poses: Dict[str, Any] = {}  # by frame
-        self._told: List[Notice] = []
+        self._own_notices: List[Notice] = []
         self._lines: List[CheckLine] = []
         self._running: FrozenSet[str] = frozenset()  # nodes
         self._logged: Dict[Tuple[str, str], float] = {}  # subject and code of a notice, and when it held last
@@ -85,9 +85,9 @@ class LabMonitorNode:
         self._subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
         rospy.Subscriber("/tf_static", TFMessage, self._on_poses, queue_size=100)
-        self._heard = NoticeListener()
+        self._all_notices = NoticeListener()
         self._timer = rospy.Timer(rospy.Duration(1.0), self._on_timer, reset=True)
-        self._checks = node.start_thread(self._check_again_and_again)
+        self._checks = node.start_thread(self._check_repeatedly)
 
     def close(self) -> None:
         """Withdraws its notices."""
@@ -119,25 +119,26 @@ class LabMonitorNode:
 
     def _on_timer(self, _event: Any) -> None:
         with self._lock:
-            if time.monotonic() - self._compared > COMPARE_S:
+            if time.monotonic() - self._compared > COMPARISON_PERIOD_S:
                 self._disagreeing, self._compared = self._comparison.notices(rospy.get_time()), time.monotonic()
-            self._told, lines = self._monitor.notices(rospy.get_time()), drop_recovered(self._lines, self._running)
-            told = [*self._told, *self._disagreeing, *notices_from_lines(lines)]
-            said = lines_from_notices(self._heard.current(), lines)
-            new = self._new(said)
-        self._notices.set(told)
+            self._own_notices = self._monitor.notices(rospy.get_time())
+            lines = drop_recovered(self._lines, self._running)
+            notices = [*self._own_notices, *self._disagreeing, *notices_from_lines(lines)]
+            others = lines_from_notices(self._all_notices.current(), lines)
+            new = self._new_lines(others)
+        self._notices.set(notices)
         for line in new:
             self._log(line)
-        if lines or said:
-            self._diagnostics.publish(_diagnostics([*lines, *said]))
+        if lines or others:
+            self._diagnostics.publish(_diagnostics([*lines, *others]))
 
-    def _new(self, said: List[CheckLine]) -> List[CheckLine]:
+    def _new_lines(self, others: List[CheckLine]) -> List[CheckLine]:
         """Returns the lines that did not hold a moment ago: what flickers is logged once."""
         now = time.monotonic()
         new = [
-            line for line in said if now - self._logged.get((line.subject, line.code), float("-inf")) > LOGGED_AGAIN_S
+            line for line in others if now - self._logged.get((line.subject, line.code), float("-inf")) > LOG_PERIOD_S
         ]
-        self._logged.update({(line.subject, line.code): now for line in said})
+        self._logged.update({(line.subject, line.code): now for line in others})
         return new
 
     @staticmethod
@@ -146,31 +147,31 @@ class LabMonitorNode:
         logs.get(line.state, rospy.loginfo)("%s: %s", rospy.get_name(), line.sentence())
 
     # ------------------------------------------------------------ the whole lab
-    def _check_again_and_again(self) -> None:
+    def _check_repeatedly(self) -> None:
         """Checks once all nodes have started, whenever one came or went or a camera's notices changed, and now and then."""
         situation: Tuple[FrozenSet[str], List[Notice]] = (frozenset(), [])
         checked, due = time.monotonic(), float("inf")
-        while not self._closed.wait(LOOK_S):
+        while not self._closed.wait(POLL_PERIOD_S):
             before, situation = situation, self._situation()
             with self._lock:
                 self._running = situation[0]
             if situation != before:
                 # a node that dies again and again must not keep it from the others
-                due = min(time.monotonic() + SETTLED_S, checked + AGAIN_S[CheckState.ERROR])
+                due = min(time.monotonic() + SETTLING_S, checked + CHECK_PERIOD_S[CheckState.ERROR])
             if situation[0] and time.monotonic() > due:
                 lines = self._check()
-                if self._situation() != situation and time.monotonic() < checked + AGAIN_S[CheckState.ERROR]:
+                if self._situation() != situation and time.monotonic() < checked + CHECK_PERIOD_S[CheckState.ERROR]:
                     continue  # on a slow computer a check may end when what it found is over: look again
                 checked = time.monotonic()
                 if lines is not None:
-                    due = checked + AGAIN_S[CheckState.ERROR if notices_from_lines(lines) else CheckState.OK]
+                    due = checked + CHECK_PERIOD_S[CheckState.ERROR if notices_from_lines(lines) else CheckState.OK]
                     self._adopt(lines)
 
     def _situation(self) -> Tuple[FrozenSet[str], List[Notice]]:
-        """Returns which nodes run, and what people are told of the cameras."""
+        """Returns which nodes run, and the notices about the cameras."""
         with self._lock:
-            told = self._told
-        return _running_nodes(), told
+            notices = self._own_notices
+        return _running_nodes(), notices
 
     def _check(self) -> Optional[List[CheckLine]]:
         """Runs `check_lab`; returns what it finds by itself, or None if it was ended."""

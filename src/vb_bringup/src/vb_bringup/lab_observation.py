@@ -124,7 +124,7 @@ class ObservedTopic:
 def observe_lab(seconds: float) -> List[CheckLine]:
     """Listens to cameras, scans and notices for some seconds, looks at everything else, and judges it."""
     graph = NodeGraph()
-    told = NoticeListener()
+    listener = NoticeListener()
     transforms = TransformLookup()
     robots = _robots()
     running = sorted(node for node in graph.nodes if node.split("/")[-1].startswith(_DETECTOR))
@@ -147,7 +147,9 @@ def observe_lab(seconds: float) -> List[CheckLine]:
         (names.BORDERS, VirtualBorderArray),
     ):
         streams[topic] = ObservedTopic(topic, kind)
-    wait_for_publishers([told.subscriber, *(stream.subscriber for stream in streams.values())], _CONNECTION_PATIENCE_S)
+    wait_for_publishers(
+        [listener.subscriber, *(stream.subscriber for stream in streams.values())], _CONNECTION_PATIENCE_S
+    )
     rospy.rostime.wallsleep(seconds)
 
     poses = _CalibrationFiles(graph)
@@ -180,8 +182,8 @@ def observe_lab(seconds: float) -> List[CheckLine]:
     lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20, os.access(str(place), os.W_OK)))
     for stream in streams.values():
         stream.close()
-    told.close()
-    return lines + lines_from_notices(told.current(), lines)
+    listener.close()
+    return lines + lines_from_notices(listener.current(), lines)
 
 
 def _robots() -> List[str]:

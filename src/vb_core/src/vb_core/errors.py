@@ -20,7 +20,7 @@ class CodedError(Exception):
     def __init__(self, code: str, message: str = "", **values: Any) -> None:
         self.code = code
         self.values: Dict[str, Any] = values
-        self.message = message or sentences.say(code, values)
+        self.message = message or sentences.translate(code, values)
         super().__init__(self.message)
 
     def __str__(self) -> str:

@@ -20,7 +20,7 @@ from vb_core.errors import CodedError
 FREE = 0
 OCCUPIED = 100
 UNKNOWN = -1
-OCCUPIED_FROM = 65  # [%] from this occupancy on a cell is an obstacle: map_server's occupied_thresh
+OCCUPIED_THRESHOLD = 65  # [%] from this occupancy on a cell is an obstacle: map_server's occupied_thresh
 
 
 def distance_to(cells: np.ndarray) -> np.ndarray:

@@ -18,10 +18,10 @@ import yaml
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_core.grid_map import OCCUPIED_FROM, UNKNOWN, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, UNKNOWN, GridMap
 
 # what map_saver writes and map_server reads as thresholds
-OCCUPIED_THRESH, FREE_THRESH = OCCUPIED_FROM / 100.0, 0.196
+OCCUPIED_THRESH, FREE_THRESH = OCCUPIED_THRESHOLD / 100.0, 0.196
 FREE_PIXEL, OCCUPIED_PIXEL, UNKNOWN_PIXEL = 254, 0, 205
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,99}")

@@ -60,33 +60,35 @@ class _LenientValues(dict):
         return f"({key})"
 
 
-def robot(name: str) -> str:
+def robot_value(name: str) -> str:
     """Returns the value that names a robot in a sentence; an empty name is the only robot's."""
     return name or "$the_robot"
 
 
 def border_name(name: str, language: str = ENGLISH) -> str:
     """Returns a border's name, or several, as people read it: a border that nobody named is numbered in their language."""
-    return _UNNAMED.sub(lambda found: say(f"unnamed_{found.group(1)}", {"number": found.group(2)}, language), name)
+    return _UNNAMED.sub(
+        lambda found: translate(f"unnamed_{found.group(1)}", {"number": found.group(2)}, language), name
+    )
 
 
-def say(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, otherwise: str = "") -> str:
+def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, default: str = "") -> str:
     """Returns the sentence for a code; in English where the language has none.
 
     Args:
         values: the values in the sentence, by their names.
-        otherwise: returned if no language knows the code, for instance a message's own English sentence; if that is
+        default: returned if no language knows the code, for instance a message's own English sentence; if that is
             empty too, the code's words are returned.
     """
     sentence = catalogue(language).get(code) or catalogue(ENGLISH).get(code)
     if sentence is None:
-        return otherwise or code.replace("_", " ")
+        return default or code.replace("_", " ")
     words = {}
     for name, value in values.items():
         words[name] = border_name(str(value), language) if name in ("border", "borders") else str(value)
         if words[name].startswith("$") and len(words[name]) > 1:
             others = {other: word for other, word in values.items() if other != name}
-            words[name] = say(words[name][1:], others, language)
+            words[name] = translate(words[name][1:], others, language)
             if sentence.startswith(f"{{{name}}}"):
                 words[name] = words[name][:1].upper() + words[name][1:]
     return string.Formatter().vformat(sentence, (), _LenientValues(words))

@@ -276,10 +276,10 @@ class DisplayMarkers:
         ):
             progress = None
         seeing = list(progress.seeing) if progress is not None else []
-        said = self._notices(known, seeing, now)
-        talk = display_messages.panel_from_state(state, seeing, said, has_map, params.language)
-        shapes = list(self._part("words", (layout, talk), lambda: words(layout, talk)))
-        off = sentences.say("display_off", {}, params.language)
+        shown = self._notices(known, seeing, now)
+        content = display_messages.panel_from_state(state, seeing, shown, has_map, params.language)
+        shapes = list(self._part("words", (layout, content), lambda: words(layout, content)))
+        off = sentences.translate("display_off", {}, params.language)
         shapes += self._part(
             "borders",
             (layout, known.borders),
@@ -305,13 +305,13 @@ class DisplayMarkers:
             last = known.spots[-1]
             lost = (last.x, last.y) if now - last.stamp > _LOST_S else None
         language = self._params.language
-        said = notices.select_others(known.held, language)
-        said += display_messages.preview_notices(preview, language)
+        shown = notices.select_others(known.held, language)
+        shown += display_messages.preview_notices(preview, language)
         if lost is not None and preview is None and known.state is not None:
-            said += notices.coverage_notices(
+            shown += notices.coverage_notices(
                 known.state.name, seeing, lost, known.coverage, bool(self._params.robots), known.held, language
             )
-        return said
+        return shown
 
     def _part(self, name: str, inputs: Tuple[Any, ...], make: Callable[[], List[scene.Shape]]) -> List[scene.Shape]:
         """Shapes of one part, made again only if what they depend on has changed."""

@@ -23,8 +23,8 @@ class Feedback:
 
     Published topics:
         /virtual_borders/led (std_msgs/ColorRGBA, latched): one colour per state, red while robots are stopped.
-        /virtual_borders/sound (vb_msgs/Sound): a tone's name per change of state, "success", "refusal",
-            "asked", "stopped", and "tick" per accepted spot, at most one every half second.
+        /virtual_borders/sound (vb_msgs/Sound): a tone's name per change of state, "success", "error",
+            "question", "stopped", and "tick" per accepted spot, at most one every half second.
     """
 
     def __init__(self) -> None:

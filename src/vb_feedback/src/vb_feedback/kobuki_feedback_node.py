@@ -20,8 +20,8 @@ BEEPS = {
     "guide": "BUTTON",
     "default": "OFF",
     "success": "CLEANINGEND",
-    "refusal": "ERROR",
-    "asked": "RECHARGE",
+    "error": "ERROR",
+    "question": "RECHARGE",
     "stopped": "OFF",
 }
 

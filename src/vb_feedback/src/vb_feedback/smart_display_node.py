@@ -44,10 +44,10 @@ class SmartDisplayParams(Parameters):
             if len(sides) != 2 or not all(side.isdigit() for side in sides):
                 raise ParameterError("~screen", f"must be auto or for instance 1920x1080, got '{self.screen}'")
             return int(sides[0]), int(sides[1])
-        return screen_size(_ask_screen() or "") or _USUAL
+        return screen_size(_query_screen() or "") or _USUAL
 
 
-def _ask_screen() -> Optional[str]:
+def _query_screen() -> Optional[str]:
     """What the X server tells about the screen; "" if it cannot be asked, None if there is no screen."""
     try:
         asked = subprocess.run(["xdpyinfo"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, universal_newlines=True)
@@ -58,11 +58,11 @@ def _ask_screen() -> Optional[str]:
 
 def _wait_for_screen() -> None:
     """Says once that there is no screen, and waits for one: RViz would end at once, again and again."""
-    waits = _ask_screen() is None
+    waits = _query_screen() is None
     rospy.set_param("~waits_for_screen", waits)
     if waits:
-        rospy.logwarn("smart_display: %s", sentences.say("no_screen"))
-    while _ask_screen() is None and not rospy.is_shutdown():
+        rospy.logwarn("smart_display: %s", sentences.translate("no_screen"))
+    while _query_screen() is None and not rospy.is_shutdown():
         rospy.rostime.wallsleep(_LOOK_FOR_SCREEN)
     rospy.set_param("~waits_for_screen", False)
 

@@ -182,9 +182,9 @@ class BorderFusionNode:
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {error!r}")
                 what = error.message if isinstance(error, CodedError) else repr(error)
                 self._failure = CodedError("extraction_failed", what=what)
-            self._say()
+            self._publish_notices()
 
-    def _say(self) -> None:
+    def _publish_notices(self) -> None:
         """Publishes notices of what is still wrong."""
         with self._lock:
             problems = [self._failure, self._bad_message, self._spot_log.problem]
@@ -281,7 +281,7 @@ class BorderFusionNode:
             return response
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
         response.success, response.code = True, "ok"
-        response.message = sentences.say("drawn_border_ready", values)
+        response.message = sentences.translate("drawn_border_ready", values)
         response.values = values_from_mapping(values)
         border = response.border
         border.points = points_from_array(chain.points)

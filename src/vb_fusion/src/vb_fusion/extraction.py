@@ -49,7 +49,7 @@ from vb_fusion.stroke.track import PointerTrack, find_places, find_tracks
 
 __all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
 
-SLIP = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
+MAX_SLIP_RATIO = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
         lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
         whole = sum(lobe.area for lobe in lobes)
         neck = 0.2 * TREMOR
-        large = unary_union([lobe.buffer(neck, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
+        large = unary_union([lobe.buffer(neck, join_style=2) for lobe in lobes if lobe.area >= MAX_SLIP_RATIO * whole])
         polygon = large.buffer(-0.5 * neck, join_style=2)
         if polygon.geom_type != "Polygon" or polygon.is_empty:
             raise ExtractionError("crosses_itself")

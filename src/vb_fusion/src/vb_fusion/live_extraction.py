@@ -35,7 +35,7 @@ class DrawnBorder:
     no_seed: Optional[CodedError] = None
 
 
-PAPER_SPOTS = 4000  # which the paper's mode extracts while somebody draws
+MAX_PAPER_SPOTS = 4000  # which the paper's mode extracts while somebody draws
 
 
 def extract_chain(collection: Collection, params: ExtractionParams) -> BorderChain:
@@ -126,7 +126,7 @@ class LiveExtractor:
     def _chain(self, collection: Collection) -> BorderChain:
         rows = collection.border
         if self._params.mode == "paper":
-            return extract_border(subsample_evenly(rows, PAPER_SPOTS)[:, 1:3], self._params)
+            return extract_border(subsample_evenly(rows, MAX_PAPER_SPOTS)[:, 1:3], self._params)
         began = float(rows[:, 0].min(initial=np.inf))
         if began != self._began:
             self._begin(began)

@@ -349,7 +349,7 @@ def check(arguments: argparse.Namespace) -> int:
     camera = find_suspect(pairs, arguments.limit / 100.0)
     cure = "$calibrate_suspect" if camera else "$calibrate_moved"
     say(
-        sentences.say(
+        sentences.translate(
             "cameras_apart" if apart else "cameras_agree",
             {"limit": f"{arguments.limit:g}", "camera": camera, "cure": cure},
         )

@@ -145,14 +145,14 @@ class BorderEditorNode:
                     self._drag(key, part, place)
                 elif feedback.event_type == InteractiveMarkerFeedback.MOUSE_UP and key in self._drafts:
                     self._put(key)
-                    self._ask_preview(key)
+                    self._request_preview(key)
                 self._server.applyChanges()
         except CodedError as error:
             rospy.logwarn("%s: %s", rospy.get_name(), error)
             with self._lock:
                 if key in self._drafts:
                     self._put(key)  # the handle goes back to where its vertex is
-                self._say(key, ServiceResult(False, error.code, error.message))
+                self._show_answer(key, ServiceResult(False, error.code, error.message))
 
     def _drag(self, key: str, part: str, place: np.ndarray) -> None:
         draft = self._drafts.get(key)
@@ -204,7 +204,7 @@ class BorderEditorNode:
             self._seen[key] = 0 if key == NEW else self._revision
         self._drafts[key] = draft
         self._put(key)
-        self._ask_preview(key)
+        self._request_preview(key)
 
     def _drop(self, key: str) -> None:
         self._erase(key)
@@ -213,9 +213,9 @@ class BorderEditorNode:
         self._seen.pop(key, None)
         self._put(key)
 
-    def _ask_preview(self, key: str) -> None:
+    def _request_preview(self, key: str) -> None:
         draft = self._drafts[key]
-        self._work.put(lambda: self._say(key, self._client.preview(draft)))
+        self._work.put(lambda: self._show_answer(key, self._client.preview(draft)))
 
     def _save(self, key: str, draft: VirtualBorder, revision: int) -> None:
         answer = self._client.save(draft, 0 if key == NEW else revision)
@@ -225,13 +225,13 @@ class BorderEditorNode:
                 self._drop(key)
                 self._server.applyChanges()
             else:
-                self._say(key, answer)
+                self._show_answer(key, answer)
 
     def _report(self, answer: ServiceResult) -> None:
         log = rospy.loginfo if answer.success else rospy.logwarn
         log("%s: %s", rospy.get_name(), answer.message if answer.success else f"[{answer.code}] {answer.message}")
 
-    def _say(self, key: str, answer: ServiceResult) -> None:
+    def _show_answer(self, key: str, answer: ServiceResult) -> None:
         with self._lock:
             if key in self._drafts:
                 self._answers[key] = answer

@@ -21,7 +21,7 @@ import numpy as np
 import shapely
 
 from vb_core import masks
-from vb_core.grid_map import OCCUPIED_FROM, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.parameters import Parameters, param
 from vb_map_integration.grid import curve, raster
 from vb_map_integration.border import SLOW, VirtualBorder
@@ -47,7 +47,7 @@ class IntegrationParams(Parameters):
     """Parameters of the integration."""
 
     occupied_threshold: int = param(
-        OCCUPIED_FROM, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's"
+        OCCUPIED_THRESHOLD, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's"
     )
     fit_length_m: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
     end_tolerance_m: float = param(

@@ -227,7 +227,7 @@ class MapIntegrator:
     @property
     def map_name(self) -> str:
         """The name of the place that the current map shows; "" if it has none."""
-        return self._database.name_of(self._recognition.place) if self._recognition.place else self.params.map_name
+        return self._database.get_name(self._recognition.place) if self._recognition.place else self.params.map_name
 
     @property
     def needs_confirmation(self) -> bool:
@@ -251,7 +251,7 @@ class MapIntegrator:
     def _place_in_words(self) -> Dict[str, str]:
         """What people know of the place in doubt: the name that they gave it, else the borders that they drew there, and when."""
         if self.map_name:
-            return {"place": "$place_named", "map": self.map_name}
+            return {"place": "$find_place", "map": self.map_name}
         drawn = sorted(self.borders, key=lambda border: border.created)
         if not drawn:
             return {"place": "$place_before"}
@@ -377,7 +377,7 @@ class MapIntegrator:
             CodedError: "no_map", "name_taken", "drawn_on_this_map", "cannot_write".
         """
         grid, recognition = self.physical, self._recognition
-        known = self._database.map_of(self._map_id)
+        known = self._database.find_map(self._map_id)
         if same:
             place = recognition.place
             if not place or known is None or known.place != place:
@@ -386,14 +386,14 @@ class MapIntegrator:
         else:
             if known is not None and known.id == known.place and self._database.count(known.place):
                 raise CodedError("drawn_on_this_map")
-            if self._database.place_named(name):
+            if self._database.find_place(name):
                 raise CodedError("name_taken", name=name)
             place, transform = self._database.add_map(grid, self._map_id), Transform()
         if name:
             self._database.rename_place(place, name)
         self._use(grid, Recognition(place, transform), now)
         self._database.remember_place(place)
-        return ChangeResult((), (), sentences.say("map_confirmed", {"count": len(self.borders)}))
+        return ChangeResult((), (), sentences.translate("map_confirmed", {"count": len(self.borders)}))
 
     def propose(self, which: str, transform: Optional[Transform] = None) -> MapMatch:
         """Finds where the borders of a known map would be in the current one; changes nothing.
@@ -421,14 +421,14 @@ class MapIntegrator:
         Raises:
             CodedError: "place_has_borders", "cannot_write".
         """
-        known = self._database.map_of(self._map_id)
+        known = self._database.find_map(self._map_id)
         if known is not None and known.id == known.place:
             if proposal.place == known.place or self._database.count(known.place):
                 raise CodedError("place_has_borders")
         self._database.add_map(self.physical, self._map_id, proposal.place, proposal.transform)
         self._use(self.physical, Recognition(proposal.place, proposal.transform), now)
         self._database.remember_place(proposal.place)
-        return ChangeResult((), (), sentences.say("borders_adopted", {"count": len(self.borders)}))
+        return ChangeResult((), (), sentences.translate("borders_adopted", {"count": len(self.borders)}))
 
     def _source(self, which: str) -> KnownMap:
         maps = self._database.maps()
@@ -502,9 +502,9 @@ class MapIntegrator:
         Args:
             request_id: a repetition of the same request adds nothing and returns the first one's id.
         """
-        known = self._database.border_of_request(request_id)
+        known = self._database.find_border_of_request(request_id)
         if known:
-            return ChangeResult((known,), (), sentences.say("added_before"))
+            return ChangeResult((known,), (), sentences.translate("added_before"))
         self._expect(expected)
         self._check_time(border, now)
         new = self._database.new_border(border, now)
@@ -642,7 +642,7 @@ class MapIntegrator:
 
     def _keep_map(self) -> None:
         """Keeps the map on which a person draws: later ones are compared with it."""
-        if self._database.map_of(self._map_id) is None:
+        if self._database.find_map(self._map_id) is None:
             place = self._database.add_map(
                 self.physical,
                 self._map_id,
@@ -654,7 +654,7 @@ class MapIntegrator:
             self._recognition = Recognition(place, self._recognition.transform)
 
     def _free_name(self) -> str:
-        return "" if self._database.place_named(self.params.map_name) else self.params.map_name
+        return "" if self._database.find_place(self.params.map_name) else self.params.map_name
 
     def _make_change(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> ChangeResult:
         issues = self._commit(place or self._recognition.place, change, kind, now)

@@ -388,7 +388,7 @@ class MapIntegratorNode:
             response.score, response.unambiguous = proposal.registration.score, proposal.registration.is_unambiguous
         if not request.dry_run:
             return self._change(response, lambda now: self._integrator.adopt(proposal, now))
-        message = sentences.say("borders_proposed", {"score": f"{response.score:.2f}"})
+        message = sentences.translate("borders_proposed", {"score": f"{response.score:.2f}"})
         return self._done(response, ChangeResult((), (), message))
 
     def _preview(self, request: Any) -> Any:

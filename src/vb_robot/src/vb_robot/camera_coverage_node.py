@@ -21,8 +21,8 @@ from vb_core.ros.transforms import TransformLookup
 from vb_robot.clearance_map import OCCUPIED
 from vb_robot.coverage import floor_seen
 
-START = rospy.Duration(10.0)
-LOOK_EACH = 2.0  # [s] between two looks whether a camera has come or was moved: one costs a millisecond
+START_DELAY = rospy.Duration(10.0)
+CHECK_PERIOD = 2.0  # [s] between two looks whether a camera has come or was moved: one costs a millisecond
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class CameraCoverageNode:
         self._started = rospy.Time.now()
         self._transforms = TransformLookup()
         self._publisher = rospy.Publisher(names.COVERAGE, OccupancyGridArray, queue_size=1, latch=True)
-        self._beat = node.WakeTimer(LOOK_EACH)
+        self._beat = node.WakeTimer(CHECK_PERIOD)
         self._worker = node.Worker(self._beat, lambda _woken: self._look())
         self._subscribers = [
             rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, queue_size=1),
@@ -96,7 +96,7 @@ class CameraCoverageNode:
                 self._look_at(name, CameraInfo().deserialize(packed._buff), self._map)
             except CodedError as error:
                 # during start-up a transform may be missing for a moment
-                if rospy.Time.now() - self._started > START:
+                if rospy.Time.now() - self._started > START_DELAY:
                     rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: camera '{name}': {error}")
         key = (id(self._map), tuple(sorted((name, entry[0]) for name, entry in self._seen.items())))
         if key != self._published:

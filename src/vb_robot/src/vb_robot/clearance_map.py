@@ -16,16 +16,16 @@ from scipy.sparse.csgraph import dijkstra
 from vb_core import geometry
 from vb_core.grid_map import GridMap, distance_to
 
-STAND_MARGIN = 0.10  # [m] beyond the radius where a robot stops
+STOP_MARGIN = 0.10  # [m] beyond the radius where a robot stops
 TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the path; navigation keeps its own inflation
-OCCUPIED = 50  # [%] from this occupancy on a cell is blocked, so also by soft borders
+BLOCKED_THRESHOLD = 50  # [%] from this occupancy on a cell is blocked, so also by soft borders
 PATH_CELL = 0.05  # [m] cell size of the grid on which paths are searched, on maps of this size or finer ...
 MAX_PATH_CELLS = 10000  # ... and in windows coarser, where there would be more: a search costs 1 ms per 1,000
 START_TOLERANCE = 0.35  # [m] how far from free cells a path may start: a robot at a wall
-PAD = 3.0  # [m] of floor around what matters: a robot looks at it from 1.5 m, the line is extrapolated by 2 m
-REACH = 8.0  # [m] robots and lines farther away do not make the window larger
-SNAP = 2.0  # [m] windows begin and end at multiples of this, so that one serves while the spot moves on
-STRING = 0.05  # [m] between places of a route
+WINDOW_MARGIN = 3.0  # [m] of floor around what matters: a robot looks at it from 1.5 m, the line is extrapolated by 2 m
+MAX_WINDOW_REACH = 8.0  # [m] robots and lines farther away do not make the window larger
+WINDOW_STEP = 2.0  # [m] windows begin and end at multiples of this, so that one serves while the spot moves on
+ROUTE_SPACING = 0.05  # [m] between places of a route
 
 Window = Tuple[float, float, float, float]
 
@@ -34,9 +34,9 @@ def bounding_window(spot, *others) -> Window:
     """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m] and those of some points (N, 2) near it."""
     spot = np.asarray(spot, dtype=float)
     points = np.vstack([spot[None], *(np.asarray(some, dtype=float).reshape(-1, 2) for some in others)])
-    points = points[np.abs(points - spot).max(axis=1) <= REACH]
-    low = np.floor((points.min(axis=0) - PAD) / SNAP) * SNAP
-    high = np.ceil((points.max(axis=0) + PAD) / SNAP) * SNAP
+    points = points[np.abs(points - spot).max(axis=1) <= MAX_WINDOW_REACH]
+    low = np.floor((points.min(axis=0) - WINDOW_MARGIN) / WINDOW_STEP) * WINDOW_STEP
+    high = np.ceil((points.max(axis=0) + WINDOW_MARGIN) / WINDOW_STEP) * WINDOW_STEP
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
@@ -112,7 +112,7 @@ class ClearanceMap:
         physical: Optional[GridMap] = None,
         edge: bool = True,
         travel_margin: float = TRAVEL_MARGIN,
-        occupied: int = OCCUPIED,
+        occupied: int = BLOCKED_THRESHOLD,
     ) -> None:
         self.grid, self.radius, self.travel_margin, self.edge = grid, radius, travel_margin, edge
         self.blocked = (grid.data >= occupied) | (grid.data < 0)
@@ -128,7 +128,7 @@ class ClearanceMap:
 
     def has_room_at(self, points: np.ndarray) -> np.ndarray:
         """Tells (N,) bool whether the robot with its margin finds room at points (N, 2) [m]."""
-        return self.clearance_at(points) >= self.radius + STAND_MARGIN
+        return self.clearance_at(points) >= self.radius + STOP_MARGIN
 
     def line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
         """Tells (N,) bool whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
@@ -272,7 +272,7 @@ class ShortestPaths:
             nodes.append(int(self._before[nodes[-1]]))
         cells = np.column_stack(np.unravel_index(nodes[::-1], self._shape))
         corners = self._tightened(np.vstack([self._start, self._centres(cells)[1:-1], goal]))
-        return geometry.resample_chain(corners, STRING) if len(corners) > 1 else corners
+        return geometry.resample_chain(corners, ROUTE_SPACING) if len(corners) > 1 else corners
 
     def _tightened(self, points: np.ndarray) -> np.ndarray:
         terrain = self._terrain
@@ -285,7 +285,7 @@ class ShortestPaths:
             here = points[kept[-1]]
             targets = points[kept[-1] + 1 :]
             reach = float(np.linalg.norm(targets - here, axis=1).max())
-            share = np.linspace(0.0, 1.0, max(3, int(reach / STRING)))
+            share = np.linspace(0.0, 1.0, max(3, int(reach / ROUTE_SPACING)))
             samples = here + share[None, :, None] * (targets - here)[:, None, :]
             room = terrain.clearance_at(samples.reshape(-1, 2)).reshape(len(targets), -1)
             # a place that is too near to something may be left

@@ -62,12 +62,18 @@ class RobotDispatcherNode:
     def __init__(self, profiles: Mapping[str, RobotProfile]) -> None:
         self._dispatcher = dispatcher = Dispatcher({name: profile.radius for name, profile in profiles.items()})
         self._beat = node.WakeTimer(PERIOD)
-        self._heard: Deque[Callable[[], None]] = deque()  # what the worker is to take in, in the order in which it came
+        self._inputs: Deque[Callable[[], None]] = deque()  # for the worker, in the order in which they came
         transforms = TransformLookup()
         self._viewpoint = rospy.Publisher("~viewpoint", PoseStamped, queue_size=1, latch=True)
         self._notices = NoticePublisher()
         self._robots = [
-            DispatchedRobot(name, profile, transforms, functools.partial(self._hear, self._take_view, name), self._tell)
+            DispatchedRobot(
+                name,
+                profile,
+                transforms,
+                functools.partial(self._queue_input, self._take_view, name),
+                self._publish_viewpoint,
+            )
             for name, profile in profiles.items()
         ]
         grids = [
@@ -78,14 +84,14 @@ class RobotDispatcherNode:
         self._subscribers = [
             *(
                 rospy.Subscriber(
-                    topic, OccupancyGridArray, functools.partial(self._hear, self._take_grid, take), queue_size=1
+                    topic, OccupancyGridArray, functools.partial(self._queue_input, self._take_grid, take), queue_size=1
                 )
                 for topic, take in grids
             ),
             rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10),
-            SpotListener(functools.partial(self._hear, dispatcher.sightings.add)),
+            SpotListener(functools.partial(self._queue_input, dispatcher.sightings.add)),
             rospy.Subscriber(
-                names.PROGRESS, BorderProgress, functools.partial(self._hear, self._take_progress), queue_size=1
+                names.PROGRESS, BorderProgress, functools.partial(self._queue_input, self._take_progress), queue_size=1
             ),
         ]
         self._worker = node.Worker(self._beat, lambda _woken: self._decide())
@@ -98,11 +104,11 @@ class RobotDispatcherNode:
             robot.pursue(None)
 
     # ------------------------------------------------------------- what comes in; only the worker takes it in
-    def _hear(self, take: Callable[..., None], *what: Any) -> None:
-        self._heard.append(functools.partial(take, *what))
+    def _queue_input(self, take: Callable[..., None], *what: Any) -> None:
+        self._inputs.append(functools.partial(take, *what))
 
     def _on_state(self, message: InteractionState) -> None:
-        self._hear(self._take_state, message)
+        self._queue_input(self._take_state, message)
         self._beat.set()  # when the state ends the robots have to stop at once
 
     def _take_view(self, robot: str, view: FloorView) -> None:
@@ -129,8 +135,8 @@ class RobotDispatcherNode:
 
     # ------------------------------------------------------------- decisions
     def _decide(self) -> None:
-        while self._heard:
-            self._heard.popleft()()
+        while self._inputs:
+            self._inputs.popleft()()
         wanted = self._dispatcher.sightings.dispatches()
         robots = {robot.name: robot.status(wanted) for robot in self._robots}
         goals = self._dispatcher.decide(rospy.Time.now().to_sec(), robots)
@@ -138,7 +144,7 @@ class RobotDispatcherNode:
             robot.pursue(goals[robot.name])
         self._notices.set([self._dispatcher.notice] if self._dispatcher.notice else [])
 
-    def _tell(self, pose: Pose) -> None:
+    def _publish_viewpoint(self, pose: Pose) -> None:
         message = PoseStamped(pose=pose_from_2d(*pose))
         message.header.stamp, message.header.frame_id = rospy.Time.now(), names.MAP_FRAME
         self._viewpoint.publish(message)

@@ -39,10 +39,10 @@ from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.workspace import BorderContact, PoseUncertainty, KnownBorder, Workspace
 from vb_robot.inputs import CameraView, SpotListener
 
-STATE_EACH = 0.5  # [s] between reports of who drives, even if nothing changes
-HELD_FOR = 0.5  # [s] a shorter stop is not worth a notice
-GOAL_NOTICE = 5.0  # [s] for which a goal in a border is reported
-PLAN_SHOWN = rospy.Duration(5.0)  # a robot on its way plans once a second
+STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
+MIN_HOLD = 0.5  # [s] a shorter stop is not worth a notice
+GOAL_NOTICE_LIFETIME = 5.0  # [s] for which a goal in a border is reported
+PLAN_LIFETIME = rospy.Duration(5.0)  # a robot on its way plans once a second
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 # what people are told, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
 HOLDS = {
@@ -122,7 +122,7 @@ class RobotDriverNode:
         self._bad_goal: Optional[Notice] = None
         self._bad_goal_until = -1.0
         self._held_since: Dict[str, float] = {}
-        self._told = (Command(), -1.0)
+        self._reported = (Command(), -1.0)
         self._beat = node.WakeTimer(1.0 / RATE)
         self._transforms = TransformLookup()
         self._camera = CameraView(
@@ -248,7 +248,7 @@ class RobotDriverNode:
         marker.action = Marker.ADD if len(message.poses) > 1 else Marker.DELETE
         marker.pose.orientation.w, marker.pose.position.z, marker.scale.x = 1.0, 0.03, 0.05
         marker.color = ColorRGBA(0.46, 0.31, 0.63, 1.0)  # as the only robot's path in rviz/
-        marker.lifetime = PLAN_SHOWN
+        marker.lifetime = PLAN_LIFETIME
         marker.points = [entry.pose.position for entry in message.poses]
         self._plans.publish(MarkerArray(markers=[marker]))
 
@@ -305,7 +305,7 @@ class RobotDriverNode:
         if workspace.contact_at((x, y)) is not BorderContact.FREE and workspace.is_lethal((x, y)):
             name = _quoted(workspace.name_at((x, y)))
             self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=name)
-            self._bad_goal_until = rospy.get_time() + GOAL_NOTICE
+            self._bad_goal_until = rospy.get_time() + GOAL_NOTICE_LIFETIME
 
     # ------------------------------------------------------------- driving
     def _run(self) -> None:
@@ -344,7 +344,7 @@ class RobotDriverNode:
             self._cmd_vel.publish(message)
         if command.cancel:
             self._cancel.publish(GoalID())
-        self._tell(command, now.to_sec())
+        self._report(command, now.to_sec())
 
     def _lookup(self, target: str, source: str, stamp: rospy.Time) -> Optional[np.ndarray]:
         try:
@@ -353,13 +353,13 @@ class RobotDriverNode:
             return None
 
     # ------------------------------------------------------------- notices
-    def _tell(self, command: Command, now: float) -> None:
+    def _report(self, command: Command, now: float) -> None:
         """Publishes who drives, at once when it changes, and what people should know."""
-        before, at = self._told
+        before, at = self._reported
         changed = (command.driver, command.code) != (before.driver, before.code)
-        if not changed and 0.0 <= now - at < STATE_EACH:
+        if not changed and 0.0 <= now - at < STATE_PERIOD:
             return
-        self._told = (command, now)
+        self._reported = (command, now)
         code = f"robot_{command.code}"
         message = DriverState(
             robot=self._params.robot,
@@ -367,15 +367,15 @@ class RobotDriverNode:
             code=command.code,
             speed=command.v,
             turn_rate=command.w,
-            message=sentences.say(code, {"who": sentences.robot(self._params.robot)}),
+            message=sentences.translate(code, {"who": sentences.robot_value(self._params.robot)}),
         )
         message.header.stamp = rospy.Time.from_sec(now)
         self._states.publish(message)
         if changed:
             rospy.loginfo("%s: %s: %s", rospy.get_name(), command.driver, command.code)
-        self._notices.set(self._said(command, now))
+        self._notices.set(self._list_notices(command, now))
 
-    def _said(self, command: Command, now: float) -> List[Notice]:
+    def _list_notices(self, command: Command, now: float) -> List[Notice]:
         found = []
         contact, name, lethal = self._driver.gate.border_contact(now)
         if contact is not BorderContact.FREE:
@@ -391,7 +391,7 @@ class RobotDriverNode:
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._held_since = {command.code: self._held_since.get(command.code, now)}
-        held = now - self._held_since[command.code] >= HELD_FOR
+        held = now - self._held_since[command.code] >= MIN_HOLD
         if held and self._driver.stopped and not self._remembered and self._stop_file is not None:
             found.append(self._notice("stop_not_remembered", Severity.WARNING))
         if command.code in HOLDS and (held or command.driver == STOP):
@@ -404,7 +404,10 @@ class RobotDriverNode:
 
     def _notice(self, code: str, severity: Severity, **values: str) -> Notice:
         return Notice(
-            code, severity, robot=self._params.robot, values={"who": sentences.robot(self._params.robot), **values}
+            code,
+            severity,
+            robot=self._params.robot,
+            values={"who": sentences.robot_value(self._params.robot), **values},
         )
 
 

@@ -15,9 +15,9 @@ import numpy as np
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)  # the values of vb_msgs/InteractionState
 WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] for which sightings count for the spot's present place, and how many must
-LOST_AFTER = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
-STRAIGHT = 0.7  # cosine of the angle up to which a spot goes straight on
-PIECE = 0.25  # [m] of the line tell where it goes on: ten times what cameras are off
+LOST_TIMEOUT = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
+MIN_STRAIGHTNESS = 0.7  # cosine of the angle up to which a spot goes straight on
+VELOCITY_LENGTH = 0.25  # [m] of the line tell where it goes on: ten times what cameras are off
 MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that piece, so that one wrong spot does not count
 MIN_SPEED = 0.1  # [m/s] a slower spot rests
 RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
@@ -133,7 +133,9 @@ class Sightings:
         stamps = [s.stamp for s in self._recent if not s.mobile]
         if newest is None or not stamps:
             return False
-        return self.state == SEED or (newest.stamp - max(stamps) <= WINDOW and self.time_since_seen(now) <= LOST_AFTER)
+        return self.state == SEED or (
+            newest.stamp - max(stamps) <= WINDOW and self.time_since_seen(now) <= LOST_TIMEOUT
+        )
 
     def time_since_seen(self, now: float) -> float:
         """Returns for how long [s] no camera has seen a border's spot; 0 before one did, and for a seed: that does not move."""
@@ -154,10 +156,9 @@ class Sightings:
         return np.median(np.array(last), axis=0) if len(last) >= MIN_TARGET_SIGHTINGS else None
 
     def velocity(self) -> Optional[np.ndarray]:
-        """Measures the velocity (2,) [m/s] of the spot on the last PIECE of its line; None if it rests, or turned on it.
+        """Measures the spot's velocity (2,) [m/s] over its last VELOCITY_LENGTH; None if it rests or turned there.
 
-        The last piece of the line tells where it goes on, not the last second: a quick hand is past a corner long
-        before
+        The last piece of the line tells where it goes on, not the last second: a quick hand is past a corner long before
         that. Cameras differ by centimetres: only one counts, the one that saw the spot last if it saw it often enough.
         """
         newest = self.newest()
@@ -171,12 +172,14 @@ class Sightings:
             return None
         places = np.array([s.position for s in recent])
         earlier = places[: len(places) - MIN_VELOCITY_SIGHTINGS + 1]
-        far = np.flatnonzero(np.linalg.norm(earlier - np.median(places[-3:], axis=0), axis=1) >= PIECE)
+        far = np.flatnonzero(np.linalg.norm(earlier - np.median(places[-3:], axis=0), axis=1) >= VELOCITY_LENGTH)
         begin = int(far[-1]) if len(far) else 0
         path = np.column_stack([[sighting.stamp for sighting in recent], places])[begin:]
         thirds = np.array([np.median(third, axis=0) for third in np.array_split(path, 3)])  # (3, 3): [s], x, y [m]
         (before, after), (seconds, *whole) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
         if seconds <= 0 or math.hypot(*whole) < MIN_SPEED * max(seconds, 0.5 * WINDOW):
             return None
-        straight = float(np.dot(before, after)) >= STRAIGHT * float(np.linalg.norm(before) * np.linalg.norm(after))
+        straight = float(np.dot(before, after)) >= MIN_STRAIGHTNESS * float(
+            np.linalg.norm(before) * np.linalg.norm(after)
+        )
         return np.array(whole) / seconds if straight else None

@@ -27,7 +27,7 @@ class Participant:
     present: bool = False
     pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)
     doing: str = ""
-    heard: float = field(default=-math.inf)
+    stamp: float = field(default=-math.inf)
 
 
 class Lab:
@@ -61,13 +61,13 @@ class Lab:
         for body in self.robots:
             body.step(dt, now)
 
-    def hear_participant(self, participant: Participant) -> None:
+    def set_participant(self, participant: Participant) -> None:
         """Sets what the participant does now."""
         self._participant = participant
 
     def participant(self) -> Participant:
         """Returns what the participant does; laser off and no person if silent for too long."""
-        if self.now - self._participant.heard > PARTICIPANT_SILENCE:
+        if self.now - self._participant.stamp > PARTICIPANT_SILENCE:
             # a laser pointer goes out when the hand lets go; the person himself does not vanish
             return Participant(present=self._participant.present, pose=self._participant.pose)
         return self._participant

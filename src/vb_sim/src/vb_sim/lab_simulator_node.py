@@ -169,16 +169,16 @@ class LabSimulatorNode:
         with self._lock:
             self._lab.robots[index].command(message.linear.x, message.angular.z, self._lab.now)
         if self._params.lockstep:
-            self._lockstep[index].hear("driver")
+            self._lockstep[index].arrive("driver")
 
     def _on_navigation(self, index: int, _message: Twist) -> None:
-        self._lockstep[index].hear("navigation")
+        self._lockstep[index].arrive("navigation")
 
     def _on_transform(self, message: rospy.AnyMsg) -> None:
         # beside this node only AMCL publishes there, for each scan
         if message._connection_header["callerid"] != rospy.get_name():
             for robot in self._lockstep:
-                robot.hear("localisation")
+                robot.arrive("localisation")
 
     def _on_initialpose(self, message: PoseWithCovarianceStamped, index: int) -> None:
         if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
@@ -199,7 +199,7 @@ class LabSimulatorNode:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: a participant with a pose that is not finite is ignored")
             return
         with self._lock:
-            self._lab.hear_participant(
+            self._lab.set_participant(
                 Participant(
                     laser_on=message.laser_on,
                     laser=laser,
@@ -207,7 +207,7 @@ class LabSimulatorNode:
                     present=message.person_present,
                     pose=person,
                     doing=message.doing,
-                    heard=self._lab.now,
+                    stamp=self._lab.now,
                 )
             )
 

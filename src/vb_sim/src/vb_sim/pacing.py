@@ -55,23 +55,23 @@ class Lockstep:
 
     def __init__(self, expected: Tuple[str, ...], patience: float = 1.0) -> None:
         self._expected, self._patience = set(expected), patience
-        self._heard: Set[str] = set()
+        self._arrived: Set[str] = set()
         self._active = False
         self._condition = threading.Condition()
 
-    def hear(self, who: str) -> None:
+    def arrive(self, who: str) -> None:
         """Takes note of a command; from any thread."""
         with self._condition:
-            self._heard.add(who)
+            self._arrived.add(who)
             self._condition.notify_all()
 
     def wait(self) -> None:
         """Ends a part of time: waits until everybody was heard in it."""
         with self._condition:
             if self._active:
-                self._condition.wait_for(lambda: self._heard >= self._expected, self._patience)
-            self._active = self._heard >= self._expected
-            self._heard.clear()
+                self._condition.wait_for(lambda: self._arrived >= self._expected, self._patience)
+            self._active = self._arrived >= self._expected
+            self._arrived.clear()
 
 
 class RealTimeFactor:

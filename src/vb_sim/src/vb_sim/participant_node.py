@@ -95,12 +95,12 @@ class ParticipantNode:
         node.await_input(
             f"the lab's state on {names.LAB_STATE}: is lab_simulator running?",
             lambda: self._lab_states.received > 0,
-            node.GIVES_UP_AFTER_S,
+            node.GIVE_UP_AFTER_S,
         )
         node.await_input(
             f"the interaction's state on {names.STATE}: is interaction_manager running?",
             lambda: self._sees_state,
-            node.GIVES_UP_AFTER_S,
+            node.GIVE_UP_AFTER_S,
         )
 
     def close(self) -> None:
@@ -127,7 +127,7 @@ class ParticipantNode:
     def _on_spot(self, message: LaserSpot) -> None:
         seen = (message.position.x, message.position.y)
         with self._lock:
-            self._percept.hear(self._spot, message.header.stamp.to_sec(), seen, message.mobile)
+            self._percept.note_spot(self._spot, message.header.stamp.to_sec(), seen, message.mobile)
 
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:

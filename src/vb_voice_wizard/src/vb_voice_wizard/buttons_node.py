@@ -63,7 +63,7 @@ class Buttons:
 
     @staticmethod
     def _on_answer(
-        request: CommandRequest, _beside: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
+        request: CommandRequest, _context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
     ) -> None:
         if answer is not None:
             rospy.loginfo("%s: %s [%s]", request.command, answer.message, answer.code)

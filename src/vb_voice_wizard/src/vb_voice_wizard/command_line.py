@@ -51,13 +51,13 @@ def run(arguments: Optional[List[str]] = None) -> int:
         # longer than the manager's own waits for its services, so that its answer arrives
         answer = commands.send(commands.make_request(chosen.command, chosen.source, wait_s + 15.0), wait_s, 15.0)
     except CodedError as error:
-        print(f"{sentences.say(error.code, error.values, chosen.language)} [{error.code}]", file=sys.stderr)
+        print(f"{sentences.translate(error.code, error.values, chosen.language)} [{error.code}]", file=sys.stderr)
         return UNREACHABLE
-    said = sentences.say(answer.code, mapping_from_values(answer.values), chosen.language, answer.message)
+    said = sentences.translate(answer.code, mapping_from_values(answer.values), chosen.language, answer.message)
     print(f"{said} [{answer.code}]")
     for issue in _issues() if answer.code == "confirm_save" else []:
         print(
-            f"- {sentences.say(issue.code, mapping_from_values(issue.values), chosen.language, issue.message)} [{issue.code}]"
+            f"- {sentences.translate(issue.code, mapping_from_values(issue.values), chosen.language, issue.message)} [{issue.code}]"
         )
     return DONE if answer.success else REFUSED
 

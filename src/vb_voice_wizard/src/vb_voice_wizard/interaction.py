@@ -49,7 +49,7 @@ COMMANDS = (DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME,
 _ENTERS = {DEFINE_BORDER: State.BORDER, DEFINE_SEED: State.SEED, GUIDE_ROBOT: State.GUIDE}
 # What a command that may have been misunderstood must not do on its own: these change the map, discard the drawing or
 # let robots drive. The others stop robots, or do nothing before somebody points with the laser too.
-_ASKED_ABOUT = (SAVE, CANCEL, RESUME, UNDO, REDO)
+_CONFIRMED = (SAVE, CANCEL, RESUME, UNDO, REDO)
 # [s] without a spot in Border or Seed: a person has begun by then, or draws with a laser that no camera sees
 UNSEEN_AFTER = 10.0
 # [s] the second `save` counts as a confirmation within this time: enough to look at the preview, too short to forget
@@ -60,7 +60,7 @@ CANCELLED = "cancelled"
 ABANDONED = "abandoned"
 UNANSWERED = "unanswered"
 
-NEVER, UNCLEAR, ALWAYS = "never", "unclear", "always"
+NEVER, UNCERTAIN, ALWAYS = "never", "uncertain", "always"
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class InteractionParams(Parameters):
     """When an interaction asks or ends by itself; config/interaction_manager.yaml says why."""
 
     robot: bool = param(True)
-    confirm_save: str = param(UNCLEAR, choices=(NEVER, UNCLEAR, ALWAYS))
+    confirm_save: str = param(UNCERTAIN, choices=(NEVER, UNCERTAIN, ALWAYS))
     idle_limit: float = param(300.0, "s", low=1.0, high=86400.0)
     idle_warning: float = param(60.0, "s", low=1.0, high=3600.0)
 
@@ -82,18 +82,18 @@ class Answer:
     """The answer to the person: whether it was done, and the code and values of the sentence.
 
     Attributes:
-        said: another node's English sentence, whose code our catalogue may not have.
+        sentence: another node's English sentence, whose code our catalogue may not have.
     """
 
     success: bool
     code: str
     values: Mapping[str, str] = field(default_factory=dict)
-    said: str = ""
+    sentence: str = ""
 
     @property
     def message(self) -> str:
         """The sentence in English."""
-        return sentences.say(self.code, self.values, otherwise=self.said)
+        return sentences.translate(self.code, self.values, default=self.sentence)
 
     @staticmethod
     def refusal(error: CodedError) -> "Answer":
@@ -122,7 +122,7 @@ def normalise(text: str) -> str:
     return "_".join(text.replace("-", " ").replace("_", " ").lower().split())
 
 
-def spoken(command: str) -> str:
+def spoken_form(command: str) -> str:
     """Converts a command's name to what one says: "define border"."""
     return command.replace("_", " ")
 
@@ -187,7 +187,7 @@ class Interaction:
 
     # ------------------------------------------------------------------ commands
     def command(
-        self, name: str, source: str, now: float, unclear: bool = False, doubtful_border: bool = False
+        self, name: str, source: str, now: float, uncertain: bool = False, doubtful_border: bool = False
     ) -> Answer:
         """Takes a command; never raises, never ignores.
 
@@ -195,7 +195,7 @@ class Interaction:
             name: one of COMMANDS; anything else is answered with "unknown_command".
             source: who sends it, for the record.
             now: [s].
-            unclear: whether it may have been misunderstood, as everything spoken.
+            uncertain: whether it may have been misunderstood, as everything spoken.
             doubtful_border: whether the preview of what would be saved has issues.
         """
         self.advance(now)
@@ -206,7 +206,7 @@ class Interaction:
             # not remembered as the last answer: that of the current command will be
             return Answer(False, "busy")
         if name not in COMMANDS:
-            known = ", ".join(spoken(command) for command in COMMANDS)
+            known = ", ".join(spoken_form(command) for command in COMMANDS)
             return self._answered(name, source, Answer(False, "unknown_command", {"commands": known}))
         if name == GUIDE_ROBOT and not self._params.robot:
             return self._answered(name, source, Answer(False, "no_robot_to_guide"))
@@ -216,7 +216,7 @@ class Interaction:
         # before anything is asked: nobody should confirm what is refused anyway
         refusal = self._check(name)
         if refusal is None:
-            refusal = self._ask(name, now, unclear, doubtful_border)
+            refusal = self._ask(name, now, uncertain, doubtful_border)
         else:
             self._confirming = ""
         if refusal is not None:
@@ -233,7 +233,7 @@ class Interaction:
     def expired(self, name: str, source: str, now: float) -> Answer:
         """Refuses a command that arrived too late; only the person who gave it is told."""
         self.advance(now)
-        answer = Answer(False, "expired", {"command": spoken(normalise(name))})
+        answer = Answer(False, "expired", {"command": spoken_form(normalise(name))})
         return answer if self.pending else self._answered(normalise(name), source, answer)
 
     def finish_save(self, border_id: str, now: float) -> Answer:
@@ -262,20 +262,20 @@ class Interaction:
         self.stopped, self.stopped_by = False, ""
         return self._answered(RESUME, source, Answer(True, code))
 
-    def _ask(self, name: str, now: float, unclear: bool, doubtful_border: bool) -> Optional[Answer]:
+    def _ask(self, name: str, now: float, uncertain: bool, doubtful_border: bool) -> Optional[Answer]:
         """The question whether this command is really meant, or None if it was answered or need not be asked."""
         confirmed = self._confirming == name and 0.0 <= now - self._asked <= CONFIRM_WITHIN
         self._confirming = ""
         if name == SAVE:
             rule = self._params.confirm_save
-            ask = rule == ALWAYS or (rule == UNCLEAR and (unclear or doubtful_border))
+            ask = rule == ALWAYS or (rule == UNCERTAIN and (uncertain or doubtful_border))
         else:
             idle = (name == CANCEL and self.state == State.DEFAULT) or (name == RESUME and not self.stopped)
-            ask = unclear and name in _ASKED_ABOUT and not idle
+            ask = uncertain and name in _CONFIRMED and not idle
         if confirmed or not ask:
             return None
         self._confirming, self._asked = name, now
-        return Answer(False, "confirm_save" if name == SAVE else "confirm_command", {"command": spoken(name)})
+        return Answer(False, "confirm_save" if name == SAVE else "confirm_command", {"command": spoken_form(name)})
 
     def _enter(self, name: str, source: str, now: float) -> Answer:
         target = _ENTERS[name]
@@ -306,7 +306,7 @@ class Interaction:
         """Says why a command cannot be carried out now, or returns None."""
         if name in (UNDO, REDO) and self.state != State.DEFAULT:
             # the newest change of the map is not what the person is drawing
-            return Answer(False, "not_while_drawing", {"command": spoken(name)})
+            return Answer(False, "not_while_drawing", {"command": spoken_form(name)})
         if name != SAVE:
             return None
         if self.state == State.DEFAULT:

@@ -187,7 +187,7 @@ class InteractionManager:
                 answer = interaction.expired(command, order.source, now)
             else:
                 doubtful = self._preview.is_doubtful(interaction.interaction_id)
-                answer = interaction.command(command, order.source, now, order.unclear, doubtful)
+                answer = interaction.command(command, order.source, now, order.uncertain, doubtful)
             if command == STOP or (command == RESUME and answer.success):
                 # also a resume that changes nothing here: robots may hold a stop that this node has not heard
                 self._memory_lost = False
@@ -344,9 +344,9 @@ class InteractionManager:
         message.last_border_id = interaction.last_border_id
         self._publisher.publish(message)
         self._preview.on_interaction(interaction.interaction_id, interaction.saving)
-        self._notices.set(self._what_to_say())
+        self._notices.set(self._list_notices())
 
-    def _what_to_say(self) -> List[Notice]:
+    def _list_notices(self) -> List[Notice]:
         said = []
         if self._interaction.stopped:
             code = "stop_memory_lost" if self._memory_lost else "stopped"

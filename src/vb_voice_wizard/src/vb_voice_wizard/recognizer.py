@@ -33,7 +33,7 @@ PHRASES = {command: [command.replace("_", " ")] for command in COMMANDS}
 PHRASES["stop"].append("stop robot")
 # Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are
 # missed as near misses are taken in the development group (docs/results/voice.md).
-EVEN = -3.7
+EVEN_LOG_ODDS = -3.7
 _SHORTEST_S = 0.2  # with its padding: less is no word
 # Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another
 # shows.
@@ -104,8 +104,8 @@ class CommandRecognizer:
             return RecognitionResult(reason="too_long")
         if len(utterance.pcm) < _SHORTEST_S * SAMPLE_RATE:
             return RecognitionResult(reason="too_short")
-        evidence = np.array([self._model.evidence(_played(utterance.pcm, speed)) for speed in _SPEEDS])
-        odds = np.mean(np.exp(evidence - EVEN), axis=0)
+        evidence = np.array([self._model.log_likelihood_ratios(_played(utterance.pcm, speed)) for speed in _SPEEDS])
+        odds = np.mean(np.exp(evidence - EVEN_LOG_ODDS), axis=0)
         number = int(odds.argmax())
         best, confidence = str(self._meanings[number]), float(odds.max() / (1.0 + odds.max()))
         if confidence < self.params.threshold:

@@ -34,7 +34,7 @@ _DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has its own noise; this i
 
 @dataclass(frozen=True)
 class VoiceParams(Parameters):
-    """Parameters of the voice commands beside the recogniser's; config/voice_commands.yaml says why."""
+    """Parameters of the voice commands, beside the recogniser's; config/voice_commands.yaml says why."""
 
     source: str = param("microphone", choices=("microphone", "topic"))
     device: str = param("default")
@@ -45,10 +45,10 @@ class VoiceParams(Parameters):
             "seed": 0.3,
             "guide": 0.3,
             "success": 0.6,
-            "refusal": 0.5,
-            "asked": 0.4,
+            "error": 0.5,
+            "question": 0.4,
             "stopped": 0.5,
-            "understood": 0.1,
+            "recognized": 0.1,
         }
     )
     mute_after: float = param(0.25, "s", low=0.0, high=2.0)
@@ -69,7 +69,7 @@ class VoiceCommands:
         /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and how its command was answered.
         /virtual_borders/voice/level (std_msgs/Float32): of the microphone [dB], full scale is 0, four times a second.
         /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent.
-        /virtual_borders/sound (vb_msgs/Sound): "understood" as soon as a command is understood; "refusal" for a near miss,
+        /virtual_borders/sound (vb_msgs/Sound): "recognized" as soon as a command is understood; "error" for a near miss,
             and for a command without an answer. The feedback node tells how the interaction answers the command.
 
     Services called:
@@ -202,26 +202,26 @@ class VoiceCommands:
         answer_s = now - when + silence
         if not issue.command:
             if issue.reason == "unlike_a_command" and issue.confidence >= _NEAR:
-                self._beep("refusal")
+                self._beep("error")
             self._publish(issue, utterance.end - utterance.start, answer_s)
             return
-        self._beep("understood")
+        self._beep("recognized")
         self._last_command, self._last_time = issue.command, now
         heard = (issue, utterance.end - utterance.start, answer_s)
         # speech is never certain, so what acts on its own has to be said again
-        if not self._orders.put(issue.command, heard, unclear=True):
+        if not self._orders.put(issue.command, heard, uncertain=True):
             self._publish(issue.refused("busy"), utterance.end - utterance.start, answer_s)
 
     def _on_answer(
-        self, request: CommandRequest, beside: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
+        self, request: CommandRequest, context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
     ) -> None:
         if answer is None:
             rospy.logwarn("voice_commands: %s is lost: %s", request.command, error)
             answer = CommandResponse(
                 success=False, code=error.code, message=error.message, values=values_from_mapping(error.values)
             )
-            self._beep("refusal")
-        self._publish(*beside, answer)
+            self._beep("error")
+        self._publish(*context, answer)
 
     def _publish(
         self, issue: RecognitionResult, duration: float, answer_s: float, answer: Optional[CommandResponse] = None

@@ -35,7 +35,7 @@ _PERIOD_S = 0.2  # between two looks at the screen: an operator cannot follow mo
 _WATCH_S = 1.0
 _DRIVES_M = 0.03  # [m] a robot that went further since the last look drives
 _SILENT_S = 3.0  # a detector reports once a second, the microphone's level comes four times
-_WORTH_TELLING = 0.1  # confidence of something spoken that was not understood
+_MIN_CONFIDENCE_SHOWN = 0.1  # confidence of something spoken that was not understood
 # the nodes to watch, by a service that only they offer
 _WATCHED = (
     ("interaction_manager", names.COMMAND),
@@ -66,7 +66,7 @@ class WizardConsole:
         self._lock = threading.RLock()
         self._view = ConsoleContent(language=language, master=rosgraph.get_master_uri())
         self._changed = threading.Event()
-        self._told: Optional[NoticeListener] = None
+        self._notices: Optional[NoticeListener] = None
         self._detectors: Dict[str, Tuple[float, float]] = {}
         self._level_at = float("-inf")
         self._answered = rospy.Time(0)
@@ -77,7 +77,7 @@ class WizardConsole:
         self.stale = False
         self._master = rosgraph.Master("/wizard_console_watch")
         if note:
-            self._tell(note, NOTE)
+            self._add_code(note, NOTE)
         # a socket limit of this process: a master that hangs must not hang the watch for ever
         socket.setdefaulttimeout(5.0)
         self._orders = commands.CommandSender(source, self._on_answer, answer_s=15.0)
@@ -94,7 +94,7 @@ class WizardConsole:
         except Exception:  # whatever the transport raises: the master does not answer
             pid = None
         self._take_watch(pid, tuple(away))
-        self._look_at_robot()
+        self._update_robot()
         now = time.monotonic()
         with self._lock:
             view = self._view
@@ -103,7 +103,7 @@ class WizardConsole:
                 for camera, (heard, rate) in sorted(self._detectors.items())
             )
             view.level_db = view.level_db if now - self._level_at <= _SILENT_S else 0.0
-            view.notices = tuple(self._told.current()) if self._told is not None else ()
+            view.notices = tuple(self._notices.current()) if self._notices is not None else ()
             ends = view.state.ends_at.to_sec() if view.state is not None else 0.0
             view.ends_in_s = max(0.0, ends - rospy.get_time()) if ends else 0.0
         self._changed.set()
@@ -122,24 +122,24 @@ class WizardConsole:
         with self._lock:
             view = self._view
             if pid is None and view.connected:
-                self._tell("console_master_away", BAD)
+                self._add_code("console_master_away", BAD)
             elif pid is not None and self._master_pid not in (None, pid):
                 self.stale = True
             elif pid is not None and not view.connected:
-                self._tell("console_master_back", GOOD)
+                self._add_code("console_master_back", GOOD)
             # before the first state it is unknown which nodes to expect
             if pid is not None and view.state is not None:
                 for who, _ in _WATCHED:
                     if (who in away) != (who in view.away):
                         gone = who in away
-                        self._tell(
+                        self._add_code(
                             "console_not_responding" if gone else "console_responding_again",
                             BAD if gone else GOOD,
                             who=f"${who}",
                         )
             view.connected, view.away = pid is not None, away if view.state is not None else ()
 
-    def _look_at_robot(self) -> None:
+    def _update_robot(self) -> None:
         if self._transforms is None:
             return
         try:
@@ -166,7 +166,7 @@ class WizardConsole:
             # messages of rospy itself would tear the screen
             rospy.init_node("wizard_console", anonymous=True, disable_signals=True, log_level=rospy.FATAL)
         except Exception as error:
-            self._tell("console_cannot_connect", BAD, why=error)
+            self._add_code("console_cannot_connect", BAD, why=error)
             return
         with self._lock:
             self._master_pid = pid
@@ -183,8 +183,8 @@ class WizardConsole:
             lambda message: self._show_newest("borders", message.borders),
             queue_size=1,
         )
-        rospy.Subscriber(names.SPEECH_COMMANDS, SpeechCommand, self._on_heard, queue_size=5)
-        self._told = NoticeListener()
+        rospy.Subscriber(names.SPEECH_COMMANDS, SpeechCommand, self._on_speech_command, queue_size=5)
+        self._notices = NoticeListener()
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=10)
         rospy.Subscriber(names.VOICE_LEVEL, Float32, self._on_level, queue_size=1)
         if self._robot_frame:
@@ -202,7 +202,7 @@ class WizardConsole:
             who = message.last_source or self._view.words("console_somebody")
             said = CommandResponse(code=message.last_code, values=message.last_values, message=message.last_message)
             text = f"{who}, {self._view.words('command_' + message.last_command)}: {self._view.sentence(said)}"
-            self._say(text, GOOD if message.last_success else BAD)
+            self._add_message(text, GOOD if message.last_success else BAD)
 
     def _on_detector(self, message: DetectorStatus) -> None:
         with self._lock:
@@ -213,10 +213,10 @@ class WizardConsole:
             # full scale itself would be 0, which is none
             self._view.level_db, self._level_at = min(-0.1, message.data), time.monotonic()
 
-    def _on_heard(self, message: SpeechCommand) -> None:
+    def _on_speech_command(self, message: SpeechCommand) -> None:
         # what was understood comes with the state, as any command
-        if not message.accepted and message.confidence >= _WORTH_TELLING:
-            self._tell(
+        if not message.accepted and message.confidence >= _MIN_CONFIDENCE_SHOWN:
+            self._add_code(
                 "console_not_understood",
                 NOTE,
                 command=f"$command_{message.command}",
@@ -234,29 +234,29 @@ class WizardConsole:
         if key == QUIT_KEY:
             return True
         if key not in COMMAND_KEYS:
-            self._tell("console_key_unknown", NOTE, key=key)
+            self._add_code("console_key_unknown", NOTE, key=key)
         elif self._master_pid is None:
-            self._tell("console_not_connected", BAD)
+            self._add_code("console_not_connected", BAD)
         elif not self._orders.put(COMMAND_KEYS[key]):
-            self._tell("console_too_many_keys", BAD)
+            self._add_code("console_too_many_keys", BAD)
         return False
 
     def _on_answer(
-        self, _request: CommandRequest, _beside: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
+        self, _request: CommandRequest, _context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
     ) -> None:
         # the answer arrives with the state; "busy" is not remembered there
         if error is not None:
-            what = sentences.say(error.code, error.values, self._view.language, error.message)
-            self._tell("console_try_again", BAD, what=what)
+            what = sentences.translate(error.code, error.values, self._view.language, error.message)
+            self._add_code("console_try_again", BAD, what=what)
         elif answer is not None and answer.code == "busy":
-            self._say(self._view.sentence(answer), BAD)
+            self._add_message(self._view.sentence(answer), BAD)
 
-    def _tell(self, code: str, style: str, **values: Any) -> None:
-        self._say(self._view.words(code, **values), style)
+    def _add_code(self, code: str, style: str, **values: Any) -> None:
+        self._add_message(self._view.words(code, **values), style)
 
-    def _say(self, text: str, style: str) -> None:
+    def _add_message(self, text: str, style: str) -> None:
         with self._lock:
-            self._view.say(time.strftime("%H:%M:%S"), text, style)
+            self._view.add_message(time.strftime("%H:%M:%S"), text, style)
         self._changed.set()
 
     # ------------------------------------------------------------------ screen

@@ -20,15 +20,15 @@ MANAGER = "$interaction_manager"
 _STOP = "stop"
 
 
-def make_request(command: str, source: str, valid_s: float, unclear: bool = False) -> CommandRequest:
+def make_request(command: str, source: str, valid_s: float, uncertain: bool = False) -> CommandRequest:
     """Makes the request for a command, with an id of its own and a time at which it expires.
 
     Args:
         source: the input method that sends it.
         valid_s: [s] from now on, ROS time.
-        unclear: whether it may have been misunderstood.
+        uncertain: whether it may have been misunderstood.
     """
-    request = CommandRequest(command=command, source=source, id=uuid.uuid4().hex, unclear=unclear)
+    request = CommandRequest(command=command, source=source, id=uuid.uuid4().hex, uncertain=uncertain)
     now = rospy.get_rostime()
     # before simulated time has begun there is no time to expire at
     if not now.is_zero():
@@ -55,7 +55,7 @@ class CommandSender:
 
     Args:
         source: who sends them, for the record.
-        on_answer: called from that thread with the command's `beside`, and either the answer or the error.
+        on_answer: called from that thread with the command's `context`, and either the answer or the error.
         wait_s, answer_s: [s] wall time, how long the manager and its answer are waited for.
         size: how many may wait.
     """
@@ -74,28 +74,28 @@ class CommandSender:
         self._waiting: node.Queue = node.Queue(size)
         self._urgent: node.Queue = node.Queue(size)
         for line in (self._waiting, self._urgent):
-            node.Worker(line, self._give)
+            node.Worker(line, self._send_item)
 
-    def put(self, command: str, beside: Any = None, unclear: bool = False) -> bool:
+    def put(self, command: str, context: Any = None, uncertain: bool = False) -> bool:
         """Queues a command; returns False if too many wait already and it is dropped.
 
         Args:
-            beside: handed on to `on_answer`.
+            context: handed on to `on_answer`.
         """
-        request = make_request(command, self._source, self._wait_s + self._answer_s, unclear)
+        request = make_request(command, self._source, self._wait_s + self._answer_s, uncertain)
         line = self._urgent if command == _STOP else self._waiting
-        return line.put((request, beside))
+        return line.put((request, context))
 
     def close(self) -> None:
         """Ends the threads."""
         self._waiting.close()
         self._urgent.close()
 
-    def _give(self, item: Any) -> None:
-        request, beside = item
+    def _send_item(self, item: Any) -> None:
+        request, context = item
         try:
             answer = send(request, self._wait_s, self._answer_s)
         except CodedError as error:
-            self._on_answer(request, beside, None, error)
+            self._on_answer(request, context, None, error)
             return
-        self._on_answer(request, beside, answer, None)
+        self._on_answer(request, context, answer, None)

@@ -9,8 +9,8 @@ from vb_core.robot_profile import RobotProfile
 PARAMETER = "robot_profile"
 
 
-def read_radius(robot: str, otherwise: float) -> float:
-    """Reads a robot's radius [m] from its profile; returns `otherwise` where no profile is set.
+def read_radius(robot: str, default: float) -> float:
+    """Reads a robot's radius [m] from its profile; returns `default` where no profile is set.
 
     For nodes that need nothing else of the profile.
 
@@ -18,7 +18,7 @@ def read_radius(robot: str, otherwise: float) -> float:
         robot: its name; empty for the only one.
     """
     found = rospy.get_param(f"/{robot}/{PARAMETER}" if robot else f"/{PARAMETER}", {})
-    return RobotProfile.from_mapping(found, PARAMETER).radius if found else otherwise
+    return RobotProfile.from_mapping(found, PARAMETER).radius if found else default
 
 
 def read(robot: str = "") -> RobotProfile:

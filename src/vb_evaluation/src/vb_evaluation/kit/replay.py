@@ -175,14 +175,14 @@ class _Player:
         for entry in read_messages(self._recording):
             self._until(entry.time_ns)
             self._give(entry)
-        self._ask("")
+        self._request("")
 
     def _give(self, entry: RecordedMessage) -> None:
         topic, counts = entry.topic, self._result.cameras
         if topic == names.STATE:
             # a cancelled drawing is forgotten with the state's end
             message = decode_message(entry, InteractionState)
-            self._ask("" if message.state == message.DEFAULT else message.interaction_id)
+            self._request("" if message.state == message.DEFAULT else message.interaction_id)
         elif topic == names.SPOTS and counts:
             camera = decode_message(entry, LaserSpot).camera
             if camera in counts:
@@ -192,7 +192,7 @@ class _Player:
             counts[self._images[topic]].images += 1
         self._graph.play(topic, entry.kind, entry.definition, entry.data)
 
-    def _ask(self, next_one: str) -> None:
+    def _request(self, next_one: str) -> None:
         """Takes the border of the interaction that is about to end."""
         if self._current and self._current != next_one:
             self._until(self._scheduler.now_ns + SETTLED_NS)

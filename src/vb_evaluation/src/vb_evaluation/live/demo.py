@@ -147,7 +147,7 @@ class Demo:
             self._save_map()
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
         if self._screen and not screenshot(self._screen, options.out / "smart_display.png"):
-            self._say("no picture of the smart display could be taken")
+            self._print("no picture of the smart display could be taken")
         return self._conclude(observer, before, after, driven, saved)
 
     # ------------------------------------------------------------- starting
@@ -180,7 +180,7 @@ class Demo:
         # rospy would complain about a master that is not up yet
         if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT_S):
             raise CodedError("not_ready", "the ROS master did not come up")
-        self._say(f"watch it, and take part, at http://127.0.0.1:{page}/")
+        self._print(f"watch it, and take part, at http://127.0.0.1:{page}/")
 
     def _roslaunch(self, name: str, more: List[str], **arguments: Any) -> Child:
         """Starts a launch file for this world, method and seed."""
@@ -221,29 +221,29 @@ class Demo:
                 f"these did not come up: {'; '.join(missing())}. The last lines of "
                 f"{self._launched.log}:\n{self._launched.tail()}",
             )
-        self._say(f"all nodes are up: {len(self._cameras) + 1} cameras, maps, interaction, navigation")
+        self._print(f"all nodes are up: {len(self._cameras) + 1} cameras, maps, interaction, navigation")
 
     # ------------------------------------------------------------- while it runs
-    def _say(self, text: str) -> None:
+    def _print(self, text: str) -> None:
         self.console.print(f"[dim]{time.monotonic() - self._started:6.1f} s[/dim]  {text}")
 
     def _follow(self, observer: Observer) -> None:
         """Lets the participant come, and tells what happens until the person is done."""
         self._roslaunch("parts/participant.launch", [], scenario=self.options.scenario.key)
         if not wait_until(
-            lambda: self._tell(observer) or observer.outcome is not None or not self._launched.running,
+            lambda: self._print_progress(observer) or observer.outcome is not None or not self._launched.running,
             INTERACTION_TIMEOUT_S,
             0.1,
         ):
-            self._say(f"the participant did not finish within {INTERACTION_TIMEOUT_S:.0f} s")
+            self._print(f"the participant did not finish within {INTERACTION_TIMEOUT_S:.0f} s")
         if not self._launched.running:
             raise CodedError("launch_ended", f"roslaunch ended:\n{self._launched.tail()}")
         if observer.outcome is not None and observer.outcome.get("outcome") != "saved":
-            self._say(
+            self._print(
                 f"the participant ended with '{observer.outcome.get('outcome')}': {observer.outcome.get('reason', '')}"
             )
 
-    def _tell(self, observer: Observer) -> None:
+    def _print_progress(self, observer: Observer) -> None:
         """Says what has changed since the last call."""
         state, progress, lab = observer.state, observer.progress, observer.lab
         news = {
@@ -259,16 +259,18 @@ class Demo:
             if words != self._told.get(what, ""):
                 self._told[what] = words
                 if words:
-                    self._say(words)
+                    self._print(words)
 
     def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> GoalOutcome:
         """Sends the robot to where the proof begins, and from there to its goal; returns the second drive."""
         runner = GoalRunner()
         first = runner.drive(start, DRIVE_S)
         if first.outcome != "reached":
-            self._say(f"the robot did not get to the start of the proof ({first.outcome}): it drives from where it is")
+            self._print(
+                f"the robot did not get to the start of the proof ({first.outcome}): it drives from where it is"
+            )
         driven = runner.drive(goal, DRIVE_S)
-        self._say(
+        self._print(
             f"driven: {driven.outcome} after {driven.length:.2f} m and {driven.seconds:.0f} s {driven.text}".rstrip()
         )
         return driven
@@ -282,7 +284,7 @@ class Demo:
         except CodedError as error:
             failed = str(error)
         if failed:
-            self._say(f"the map could not be saved: {failed}")
+            self._print(f"the map could not be saved: {failed}")
 
     # ------------------------------------------------------------- the end
     def _conclude(
@@ -309,7 +311,7 @@ class Demo:
             "drive_s": round(driven.seconds, 1),
         }
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-        pictures.before_after(
+        pictures.draw_before_after(
             options.out / "before_after.png",
             prior,
             region,

@@ -8,13 +8,13 @@ from typing import Optional
 import numpy as np
 
 from vb_core.geometry import chain_length
-from vb_core.grid_map import OCCUPIED_FROM, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_evaluation.report.charts import BLUE, GREEN, GREY, ORANGE, VERMILION, plt
 
 SHADES = {"unknown": (209, 209, 209), "free": (255, 255, 255), "occupied": (38, 38, 38), "restricted": (236, 174, 140)}
 
 
-def before_after(
+def draw_before_after(
     path: Path,
     prior: GridMap,
     region: np.ndarray,
@@ -50,7 +50,7 @@ def before_after(
                 axis.plot(
                     *driven.T, color="black", lw=1.5, ls="--", zorder=7, label=f"driven, {chain_length(driven):.2f} m"
                 )
-        colors[prior.data >= OCCUPIED_FROM] = SHADES["occupied"]
+        colors[prior.data >= OCCUPIED_THRESHOLD] = SHADES["occupied"]
         axis.imshow(colors, origin="lower", extent=extent, interpolation="nearest")
         if truth is not None:
             axis.contour(

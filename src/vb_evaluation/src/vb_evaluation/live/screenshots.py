@@ -135,15 +135,15 @@ def _play(lab: "StagedLab", seen: Observer, shoot: Callable[[str], None]) -> Non
     _until(lambda: len(seen.borders) == len(stored), "the stored borders")
     lab.show(start)
     shoot("default")
-    _say(seen, "define_border", "border")
+    _send_command(seen, "define_border", "border")
     lab.show((*(line[shown] + away / np.linalg.norm(away)), start[2]), way=True)
     lab.point(line[:shown], cameras)
     shoot("border")
     lab.rest()
-    _say(seen, "save", "border")
+    _send_command(seen, "save", "border")
     shoot("refusal")
     lab.point(line[shown:], cameras)
-    _say(seen, "define_seed", "seed")
+    _send_command(seen, "define_seed", "seed")
     lab.show(inside)
     lab.point(drawn.seed + np.linspace((0.1, 0.1), (0.12, 0.1), 60), cameras[:2])
     shoot("seed_mind")
@@ -151,7 +151,7 @@ def _play(lab: "StagedLab", seen: Observer, shoot: Callable[[str], None]) -> Non
     lab.point(drawn.seed + np.linspace((-0.04, 0.02), (0.0, 0.0), 60), cameras[:2])
     shoot("seed")
     lab.rest()
-    _say(seen, "save", "default")
+    _send_command(seen, "save", "default")
     _until(lambda: len(seen.borders) == len(stored) + 1, "the new border")
     shoot("saved")
     # the robot's driver says this; here is no robot that could drive
@@ -160,20 +160,20 @@ def _play(lab: "StagedLab", seen: Observer, shoot: Callable[[str], None]) -> Non
         Notice(
             "robot_inside_border",
             Severity.WARNING,
-            values={"who": sentences.robot(""), "border": seen.borders[-1].name},
+            values={"who": sentences.robot_value(""), "border": seen.borders[-1].name},
         ),
     )
     shoot("robot_in_border")
     along = geometry.resample_chain(np.array([start[:2], drawn.guide[0] if len(drawn.guide) else drawn.stand]), STEP)
-    _say(seen, "guide_robot", "guide")
+    _send_command(seen, "guide_robot", "guide")
     lab.show((*along[len(along) // 2], float(np.arctan2(*(along[-1] - along[0])[::-1]))))
     lab.point(along[len(along) // 2 :], ["robot"])
     shoot("guide")
     lab.rest()
-    _say(seen, "stop", "guide")
+    _send_command(seen, "stop", "guide")
     shoot("stopped")
     for command, state in (("resume", "guide"), ("cancel", "default")):
-        _say(seen, command, state)
+        _send_command(seen, command, state)
 
 
 def _stored(world: World, drawn: Scenario) -> List[VirtualBorder]:
@@ -201,14 +201,14 @@ def _stored(world: World, drawn: Scenario) -> List[VirtualBorder]:
     ]
 
 
-def _say(seen: Observer, command: str, state: str) -> None:
+def _send_command(seen: Observer, command: str, state: str) -> None:
     """Gives a command until its state has come: a person would say it again, too."""
 
-    def said() -> bool:
+    def accepted() -> bool:
         commands.send(commands.make_request(command, "screenshots", PATIENCE_S), PATIENCE_S, PATIENCE_S)
         return wait_until(lambda: seen.state.name == state, 10.0)
 
-    _until(said, f"the state {state}")
+    _until(accepted, f"the state {state}")
 
 
 def _until(condition: Callable[[], Any], what: str) -> None:

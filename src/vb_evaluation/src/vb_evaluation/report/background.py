@@ -132,9 +132,11 @@ def assumptions(study: StudyResults) -> Section:
         blocks.append(Text(tuple(study.meta["caveats"]), "list"))
     if entries:
         counts = pandas.Series([entry["source"] for entry in entries]).value_counts()
-        told = ", ".join(f"{counts.get(source, 0)} {source}" for source in ("paper", "data", "literature", "assumed"))
+        counted = ", ".join(
+            f"{counts.get(source, 0)} {source}" for source in ("paper", "data", "literature", "assumed")
+        )
         blocks += [
-            Text((f"{len(entries)} figures: {told}.",)),
+            Text((f"{len(entries)} figures: {counted}.",)),
             Grid(
                 "assumptions",
                 {

@@ -18,11 +18,11 @@ from vb_core.errors import CodedError
 from vb_evaluation.metrics import ERRORS
 from vb_evaluation.report import paper
 
-RUNS, CURVES, WORLDS, UNGATED, DRAWS, META = (
+RUNS, CURVES, WORLDS, ALL_IMAGES, DRAWS, META = (
     "runs.csv",
     "curves.csv",
     "worlds.csv",
-    "ungated.csv",
+    "all_images.csv",
     "draws.csv",
     "study.json",
 )
@@ -33,7 +33,7 @@ KEY = ("participant", "scenario", "method", "seed")
 REQUIRED = (*KEY, "completed", *TIMES, "jaccard")
 MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
 # the columns that name a row beside KEY, by file
-CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), UNGATED: (), CURVES: ("sweep", "value"), WORLDS: ("draw",)}
+CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), ALL_IMAGES: (), CURVES: ("sweep", "value"), WORLDS: ("draw",)}
 BASELINE = "robot_only"
 _FURTHER = ("order", "spots", "false_spots", "jaccard_enclosed", "too_bright")
 _FLAGS = {

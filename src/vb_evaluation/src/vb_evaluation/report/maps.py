@@ -9,7 +9,7 @@ import numpy as np
 import pandas
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import OCCUPIED_FROM, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.map_files import read_map
 from vb_evaluation import metrics
 from vb_evaluation.report.charts import data_uri
@@ -40,7 +40,7 @@ def picture(
         colors[truth] = TRUTH
     else:
         colors[truth & drawn], colors[drawn & ~truth] = AGREEMENT, EXCESS
-    colors[prior.data >= OCCUPIED_FROM] = OCCUPIED
+    colors[prior.data >= OCCUPIED_THRESHOLD] = OCCUPIED
     scale = max(1, -(-MIN_WIDTH_PX // prior.shape[1]))
     size = (prior.shape[1] * scale, prior.shape[0] * scale)
     image = cv2.resize(colors, size, interpolation=cv2.INTER_NEAREST)

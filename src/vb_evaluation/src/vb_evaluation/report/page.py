@@ -28,7 +28,7 @@ SECTIONS = (
     paper_comparison.compare_with_paper,
     sensitivity.plausible,
     sensitivity.curves,
-    sensitivity.ungated,
+    sensitivity.all_images,
     background.order,
     background.participants_section,
     background.assumptions,

@@ -12,7 +12,7 @@ from scipy import stats
 from vb_evaluation import statistics
 from vb_evaluation.report import charts, effect_sizes, paper
 from vb_evaluation.report.blocks import Figure, Grid, Section, Text
-from vb_evaluation.report.data import CURVES, DRAWS, UNGATED, WORLDS, StudyResults, known, read_sheet, select
+from vb_evaluation.report.data import ALL_IMAGES, CURVES, DRAWS, WORLDS, StudyResults, known, read_sheet, select
 from vb_evaluation.statistics import Interval
 
 TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot keeps a border more exactly
@@ -238,11 +238,11 @@ def _curve(study: StudyResults, table: pandas.DataFrame, sweep: str) -> List[Any
 
 
 # ---------------------------------------------------------------- every image searched
-def ungated(study: StudyResults) -> Section:
+def all_images(study: StudyResults) -> Section:
     """Compares a random part of the runs, with every image searched, with the same runs of the study."""
-    if UNGATED not in study.tables:
-        return Section("ungated", "Every image searched", [])
-    both, rows = study.tables[UNGATED].merge(study.runs, on=_RUN, suffixes=("", "_cut")), []
+    if ALL_IMAGES not in study.tables:
+        return Section("all_images", "Every image searched", [])
+    both, rows = study.tables[ALL_IMAGES].merge(study.runs, on=_RUN, suffixes=("", "_cut")), []
     for column, words in (
         ("time_total_s", "time [s]"),
         ("error_mean_cm", "mean boundary error [cm]"),
@@ -265,7 +265,7 @@ def ungated(study: StudyResults) -> Section:
                 }
             )
     return Section(
-        "ungated",
+        "all_images",
         "Every image searched",
         [
             Text(
@@ -276,7 +276,7 @@ def ungated(study: StudyResults) -> Section:
                 )
             ),
             Grid(
-                "ungated",
+                "all_images",
                 {
                     "measure": "Measure",
                     "full": "Everything searched",

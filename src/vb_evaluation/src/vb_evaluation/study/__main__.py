@@ -19,7 +19,7 @@ from rich.console import Console
 
 from vb_core.errors import CodedError
 from vb_evaluation.provenance import repository_top
-from vb_evaluation.report.data import CURVES, RUNS, UNGATED, WORLDS
+from vb_evaluation.report.data import ALL_IMAGES, CURVES, RUNS, WORLDS
 from vb_evaluation.study import campaign, config, plan
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -62,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
         "--size", choices=plan.SIZES, default="default", help="quick: one person; full: curves, and all worlds"
     )
     every.add_argument(
-        "--only", choices=[Path(file).stem for file in (RUNS, CURVES, WORLDS, UNGATED)], help="one part alone"
+        "--only", choices=[Path(file).stem for file in (RUNS, CURVES, WORLDS, ALL_IMAGES)], help="one part alone"
     )
     every.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     every.add_argument("--scheduler", default="", help="address of a Dask scheduler, for instance tcp://10.0.0.1:8786")
@@ -91,7 +91,7 @@ def _all(given: argparse.Namespace, console: Console) -> int:
         signal.signal(number, _interrupt)
     study = config.load(given.config, given.seed)
     jobs = plan.jobs(study, given.size, f"{given.only}.csv" if given.only else None)
-    counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, UNGATED, WORLDS, CURVES)}
+    counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, ALL_IMAGES, WORLDS, CURVES)}
     console.print(", ".join(f"{count} runs for {file}" for file, count in counts.items()))
     facts = {
         **campaign.made_by(),

@@ -44,7 +44,7 @@ class Design(Parameters):
     full_participants: int = param(15, low=1, high=1000, doc="of the size full")
     scenarios: list = param(["room", "carpet", "corner"], doc="keys of the world's scenarios")
     methods: list = param(["nrs", "robot_only"])
-    ungated_share: float = param(
+    all_images_share: float = param(
         0.1, low=0.0, high=1.0, doc="of each scenario's runs with each method, done again with every picture searched"
     )
     worlds: int = param(200, low=0, high=100000, doc="draws of all assumptions together, in the size full")

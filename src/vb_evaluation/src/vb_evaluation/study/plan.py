@@ -7,7 +7,7 @@ from typing import Any, Dict, List, Mapping, Optional
 
 from vb_core.errors import CodedError
 from vb_evaluation.design import order_of_runs
-from vb_evaluation.report.data import CURVES, KEY, RUNS, UNGATED, WORLDS
+from vb_evaluation.report.data import ALL_IMAGES, CURVES, KEY, RUNS, WORLDS
 from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.result import RunTask
@@ -66,7 +66,9 @@ def jobs(study: Study, size: str, only: Optional[str] = None) -> List[Job]:
         "full": (design.full_participants, design.worlds),
     }[size]
     main = main_jobs(study, participants)
-    found = main + ungated_jobs(study, main) + world_jobs(study, worlds) + (curve_jobs(study) if size == "full" else [])
+    found = (
+        main + all_images_jobs(study, main) + world_jobs(study, worlds) + (curve_jobs(study) if size == "full" else [])
+    )
     return [job for job in found if only in (None, job.file)]
 
 
@@ -82,19 +84,20 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
     ]
 
 
-def ungated_jobs(study: Study, main: List[Job]) -> List[Job]:
+def all_images_jobs(study: Study, main: List[Job]) -> List[Job]:
     """Lists a random part of the main runs again, with every image searched, of each scenario with each method alike.
 
     At a share of a tenth it is one of each ten participants; more participants leave the others' runs as they were.
     """
-    share = study.design.ungated_share
+    share = study.design.all_images_share
     size = round(1.0 / share) if share else 0
 
     def drawn(task: RunTask) -> bool:
         block, place = divmod(task.participant - 1, size)
+        # the label seeds the draw: with another one other runs would be repeated
         return int(study.streams(block)(f"ungated {task.scenario} {task.method}").integers(size)) == place
 
-    return [replace(job, file=UNGATED, thorough=True) for job in main if size and drawn(job.task)]
+    return [replace(job, file=ALL_IMAGES, thorough=True) for job in main if size and drawn(job.task)]
 
 
 def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:

@@ -60,19 +60,23 @@ def removal(namespace: str, number: int) -> Marker:
 
 
 def panel_from_state(
-    state: Optional[InteractionState], seeing: Sequence[str], said: Sequence[PanelNotice], has_map: bool, language: str
+    state: Optional[InteractionState],
+    seeing: Sequence[str],
+    notices: Sequence[PanelNotice],
+    has_map: bool,
+    language: str,
 ) -> PanelContent:
     """Converts the state to what the panel shows; without a map that is only whether robots are stopped."""
     stopped = state is not None and state.stopped
     if not has_map:
         return PanelContent(
-            message=sentences.say("display_waiting_map", {}, language), stopped=stopped, language=language
+            message=sentences.translate("display_waiting_map", {}, language), stopped=stopped, language=language
         )
     if state is None:
         return PanelContent(language=language)
     message = state.last_message
     if state.last_code:
-        message = sentences.say(state.last_code, mapping_from_values(state.last_values), language, message)
+        message = sentences.translate(state.last_code, mapping_from_values(state.last_values), language, message)
     return PanelContent(
         state.name,
         # whole seconds, as they are shown: less is not a change
@@ -81,7 +85,7 @@ def panel_from_state(
         state.last_success,
         message,
         tuple(seeing),
-        tuple(said),
+        tuple(notices),
         stopped,
         language,
     )
@@ -122,15 +126,17 @@ def preview_notices(preview: Optional[BorderPreview], language: str) -> List[Pan
     if preview is None:
         return []
 
-    def say(said: Any) -> str:
-        return sentences.say(said.code, mapping_from_values(said.values), language, said.message)
+    def translate(item: Any) -> str:
+        return sentences.translate(item.code, mapping_from_values(item.values), language, item.message)
 
     errors = [issue for issue in preview.issues if issue.severity == BorderIssue.ERROR]
     warnings = [issue for issue in preview.issues if issue.severity != BorderIssue.ERROR]
     if not preview.success:
-        why = say((errors or [preview])[0])
-        return [PanelNotice(sentences.say("preview_refused", {"why": why}, language), warning=True)]
-    said = [PanelNotice(sentences.say("preview_restricts", {"area": f"{preview.area_m2:.2f}"}, language))]
+        why = translate((errors or [preview])[0])
+        return [PanelNotice(sentences.translate("preview_refused", {"why": why}, language), warning=True)]
+    notices = [PanelNotice(sentences.translate("preview_restricts", {"area": f"{preview.area_m2:.2f}"}, language))]
     if warnings:
-        said.append(PanelNotice(sentences.say("preview_note", {"what": say(warnings[0])}, language), warning=True))
-    return said
+        notices.append(
+            PanelNotice(sentences.translate("preview_note", {"what": translate(warnings[0])}, language), warning=True)
+        )
+    return notices

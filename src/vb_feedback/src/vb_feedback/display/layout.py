@@ -19,7 +19,7 @@ from vb_feedback.display.rviz_fonts import is_drawn
 PANEL = 0.5  # shares of the view's height: width of the panel, ...
 STRIP = 0.23  # ... height of the strip, ...
 MARGIN = 0.015  # ... and the free margin around the map
-PANEL_MOST = 0.38  # share of the view's width, for screens that are hardly wider than high
+MAX_PANEL_WIDTH = 0.38  # share of the view's width, for screens that are hardly wider than high
 LINE = 1.2  # distance of lines, in heights of a line's letters
 _GAP, _TOUCHING = 0.1, 1e-6  # between labels, in heights of the one that moves: usual, and where room is scarce
 
@@ -98,7 +98,7 @@ def fit_view(extent: Box, aspect: float) -> Layout:
     Raises:
         CodedError: "bad_layout" for an empty map or a screen that leaves no room for the map.
     """
-    panel = min(PANEL / aspect, PANEL_MOST)
+    panel = min(PANEL / aspect, MAX_PANEL_WIDTH)
     across = (1.0 - panel) * aspect - 2.0 * MARGIN  # room for the map, in heights of the view
     upwards = 1.0 - STRIP - 2.0 * MARGIN
     if extent.width <= 0 or extent.height <= 0:

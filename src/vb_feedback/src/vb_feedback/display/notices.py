@@ -19,12 +19,12 @@ _ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahea
 
 def select_others(held: Sequence[notices.Notice], language: str) -> List[PanelNotice]:
     """Selects other nodes' notices, the most severe first; each sentence once, and no more than can be read."""
-    said: List[PanelNotice] = []
+    found: List[PanelNotice] = []
     for notice in held:
         shown = PanelNotice(notice.sentence(language), notice.severity >= notices.Severity.WARNING)
-        if shown not in said:
-            said.append(shown)
-    return said[:_MAX_NOTICES]
+        if shown not in found:
+            found.append(shown)
+    return found[:_MAX_NOTICES]
 
 
 # [m] the spot that was lost so near to floor that no camera sees has gone there
@@ -56,11 +56,11 @@ def coverage_notices(
         return []
     comes = "_robot_comes" if robots else ""
     if coverage is None:
-        return [PanelNotice(sentences.say("spot_not_seen" + comes, {}, language))]
+        return [PanelNotice(sentences.translate("spot_not_seen" + comes, {}, language))]
     if _sees_all(coverage, lost):
         # it was switched off
         return []
-    return [PanelNotice(sentences.say("place_not_seen" + comes, {}, language), warning=True)]
+    return [PanelNotice(sentences.translate("place_not_seen" + comes, {}, language), warning=True)]
 
 
 def _sees_all(coverage: GridMap, place: Tuple[float, float]) -> bool:

@@ -15,7 +15,7 @@ from vb_feedback.display.scene import PLATE, Z_PLATE, Shape, write
 # docs/explanation/display.md has them in minutes of arc
 TITLE, COMMAND, CLOCK, NAME, LABEL = 0.125, 0.088, 0.07, 0.062, 0.055
 # of the strip's sentences: the largest in which they all fit
-SENTENCES = (0.088, 0.08, 0.074, 0.068, 0.062, 0.056, 0.05, 0.045)
+TEXT_SIZES = (0.088, 0.08, 0.074, 0.068, 0.062, 0.056, 0.05, 0.045)
 
 MAX_COMMANDS = 4
 MAX_CAMERAS = 3
@@ -45,12 +45,12 @@ class PanelContent:
 
     def words(self, code: str) -> str:
         """Returns the words for a code in the display's language."""
-        return sentences.say(code, {}, self.language)
+        return sentences.translate(code, {}, self.language)
 
 
-def words(layout: Layout, talk: PanelContent) -> List[Shape]:
+def words(layout: Layout, content: PanelContent) -> List[Shape]:
     """Writes the panel: state, time, available commands, who sees the spot; the last answer and other notices."""
-    return _panel(layout, talk) + _strip(layout, talk)
+    return _panel(layout, content) + _strip(layout, content)
 
 
 def clock(seconds: float) -> str:
@@ -59,7 +59,7 @@ def clock(seconds: float) -> str:
     return f"{whole // 60}:{whole % 60:02d}"
 
 
-def _panel(layout: Layout, talk: PanelContent) -> List[Shape]:
+def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
     unit, panel = layout.unit, layout.panel
     centre, room = panel.centre[0], panel.width - 0.03 * unit
     shapes: List[Shape] = []
@@ -71,26 +71,26 @@ def _panel(layout: Layout, talk: PanelContent) -> List[Shape]:
         size *= min(1.0, room / max(text_width(text, size), 1e-9))
         shapes.extend(write(f"words/{name}", text, centre, panel.y1 - down * unit, size, tints))
 
-    if talk.stopped:
+    if content.stopped:
         # in place of the state: a person who wonders why nothing moves reads this first
         plate = (panel.width - 0.02 * unit, 1.2 * TITLE * unit)
         shapes.append(
             Shape("words/state/plate", 0, PLATE, ((centre, panel.y1 - 0.08 * unit),), Z_PLATE, plate, (colours.YELLOW,))
         )
-        line("state", talk.words("display_stopped"), 0.08, TITLE, colours.BLACK)
+        line("state", content.words("display_stopped"), 0.08, TITLE, colours.BLACK)
     else:
-        title = talk.words("state_" + talk.state if talk.state in colours.STATE else "display_not_ready")
-        line("state", title, 0.08, TITLE, colours.state_colour(talk.state))
-    if talk.state not in ("", "default"):
-        line("elapsed", clock(talk.elapsed_s), 0.185, CLOCK, colours.PALE)
-    if talk.commands:
-        line("say", talk.words("display_say"), 0.253, LABEL, colours.PALE)
-        for number, command in enumerate(talk.commands[:MAX_COMMANDS]):
+        title = content.words("state_" + content.state if content.state in colours.STATE else "display_not_ready")
+        line("state", title, 0.08, TITLE, colours.state_colour(content.state))
+    if content.state not in ("", "default"):
+        line("elapsed", clock(content.elapsed_s), 0.185, CLOCK, colours.PALE)
+    if content.commands:
+        line("say", content.words("display_say"), 0.253, LABEL, colours.PALE)
+        for number, command in enumerate(content.commands[:MAX_COMMANDS]):
             line(f"say/{number}", command.replace("_", " "), 0.333 + 0.089 * number, COMMAND, colours.WHITE)
-    if talk.seeing:
-        line("seen", talk.words("display_seen_by"), 0.676, LABEL, colours.PALE)
-        names = [transliterate(camera).replace(" ", "_") for camera in talk.seeing]
-        tints = [colours.blend(colours.camera_colour(camera), colours.WHITE, 0.3) for camera in talk.seeing]
+    if content.seeing:
+        line("seen", content.words("display_seen_by"), 0.676, LABEL, colours.PALE)
+        names = [transliterate(camera).replace(" ", "_") for camera in content.seeing]
+        tints = [colours.blend(colours.camera_colour(camera), colours.WHITE, 0.3) for camera in content.seeing]
         if len(names) > MAX_CAMERAS:
             rest = len(names) - MAX_CAMERAS + 1
             names[MAX_CAMERAS - 1 :], tints[MAX_CAMERAS - 1 :] = [f"+{rest}"], [colours.PALE]
@@ -98,21 +98,21 @@ def _panel(layout: Layout, talk: PanelContent) -> List[Shape]:
     return shapes
 
 
-def _strip(layout: Layout, talk: PanelContent) -> List[Shape]:
-    start = talk.words("display_start" if talk.state else "display_waiting_system")
-    answer = PanelNotice(transliterate(talk.message or start), warning=not talk.success)
-    said = [PanelNotice(transliterate(notice.text), notice.warning) for notice in talk.notices]
+def _strip(layout: Layout, content: PanelContent) -> List[Shape]:
+    start = content.words("display_start" if content.state else "display_waiting_system")
+    answer = PanelNotice(transliterate(content.message or start), warning=not content.success)
+    shown = [PanelNotice(transliterate(notice.text), notice.warning) for notice in content.notices]
     if all(
-        notice.text != answer.text for notice in said
+        notice.text != answer.text for notice in shown
     ):  # else it stands as a notice, which stays as long as it holds
-        said.insert(0, answer)
+        shown.insert(0, answer)
     unit, strip = layout.unit, layout.strip
     width, height = strip.width - 0.08 * unit, strip.height - 0.03 * unit
-    texts, size = fit_texts([notice.text for notice in said], [share * unit for share in SENTENCES], width, height)
+    texts, size = fit_texts([notice.text for notice in shown], [share * unit for share in TEXT_SIZES], width, height)
     x, y = strip.centre
     top = y + text_height(sum(text.count("\n") + 1 for text in texts), size) / 2.0
     shapes: List[Shape] = []
-    for number, (text, notice) in enumerate(zip(texts, said)):
+    for number, (text, notice) in enumerate(zip(texts, shown)):
         lines = text.count("\n") + 1
         middle = top - text_height(lines, size) / 2.0
         top -= LINE * lines * size

@@ -6,9 +6,9 @@ from typing import List, Optional
 
 TICK = "tick"
 SUCCESS = "success"
-REFUSAL = "refusal"
+ERROR = "error"
 STOPPED = "stopped"
-ASKED = "asked"
+QUESTION = "question"
 
 TICK_PERIOD_S = 0.5  # at 25 spots a second one tick for each would be a buzz
 # codes of answers that are a question, not an error
@@ -63,9 +63,9 @@ class SoundEvents:
             elif name != self._state:
                 sounds.append(SUCCESS if name == "default" and outcome == "saved" else name)
             elif answer != self._answer and not success:
-                sounds.append(ASKED if code in _QUESTIONS else REFUSAL)
+                sounds.append(QUESTION if code in _QUESTIONS else ERROR)
             if ending and not self._ending:
-                sounds.append(ASKED)
+                sounds.append(QUESTION)
         self._state, self._answer, self._stopped, self._ending = name, answer, stopped, ending
         return sounds
 

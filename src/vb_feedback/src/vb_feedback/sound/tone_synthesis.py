@@ -43,10 +43,10 @@ SOUNDS: Dict[str, Tuple[Note, ...]] = {
     "guide": (Note(C5, 0.09), Note(C6, 0.16)),
     "default": (Note(E5, 0.09), Note(C5, 0.20)),
     "success": (Note(C5, 0.09), Note(E5, 0.09), Note(G5, 0.09), Note(C6, 0.30)),
-    "asked": (Note(E5, 0.10), _REST, Note(E5, 0.16)),
+    "question": (Note(E5, 0.10), _REST, Note(E5, 0.16)),
     "stopped": (Note(C6, 0.10), Note(LOW, 0.40)),
-    "refusal": (Note(LOW, 0.16), _REST, Note(LOW, 0.24)),
-    "understood": (Note(1567.98, 0.08),),
+    "error": (Note(LOW, 0.16), _REST, Note(LOW, 0.24)),
+    "recognized": (Note(1567.98, 0.08),),
     "tick": (Note(2093.0, 0.02, 0.15),),
 }
 TICK = "tick"

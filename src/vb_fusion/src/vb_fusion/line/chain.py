@@ -46,4 +46,4 @@ class BorderChain:
     @property
     def reason(self) -> str:
         """English sentence that says why it is closed or open."""
-        return sentences.say(self.code, self.values) if self.code else ""
+        return sentences.translate(self.code, self.values) if self.code else ""

@@ -13,7 +13,7 @@ from vb_fusion.line.resampling import ResampledStroke
 from vb_fusion.resumable_loop import ResumableLoop
 from vb_fusion.stroke.observations import TREMOR
 
-DETAIL = 1.5 * TREMOR**3  # [m^3] squared distance times length that a corner must explain
+MIN_CORNER_MISFIT = 1.5 * TREMOR**3  # [m^3] squared distance times length that a corner must explain
 
 
 def fit_line(stroke: ResampledStroke, joined: bool, loop: ResumableLoop) -> np.ndarray:
@@ -36,7 +36,7 @@ def fit_line(stroke: ResampledStroke, joined: bool, loop: ResumableLoop) -> np.n
         last, first = sums[:, -1] - sums[:, starts[-1]], sums[:, starts[1]]
         away = np.linalg.norm(stroke.points[[-1, 0, starts[1] - 1]] - stroke.points[starts[-1]], axis=1)
         goes_on = (np.diff(away) > -2.0 * TREMOR).all()
-        if goes_on and _misfit(last + first) < _misfit(last) + _misfit(first) + DETAIL:
+        if goes_on and _misfit(last + first) < _misfit(last) + _misfit(first) + MIN_CORNER_MISFIT:
             starts = starts[1:]
     return _fit_vertices(stroke, starts, joined and len(starts) > 2)
 
@@ -49,7 +49,7 @@ def _divide(stroke: ResampledStroke, sums: np.ndarray, loop: ResumableLoop) -> n
     # what is usual is rounded, so that it seldom changes while a line grows
     usual = 2.0 ** np.round(np.log2(np.median(stroke.trust)))
     rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
-    corner = DETAIL * np.clip(2.0 / rest, 0.25, 1.0)
+    corner = MIN_CORNER_MISFIT * np.clip(2.0 / rest, 0.25, 1.0)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     first, states = loop.resume(np.column_stack([x, y, stroke.weights, corner]), 2)
     best = np.append(0.0, states[:, 0])

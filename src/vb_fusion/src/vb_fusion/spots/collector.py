@@ -25,7 +25,9 @@ class CollectorParams(Parameters):
     stamp_tolerance: float = param(
         0.05, "s", low=0.0, high=10.0, doc="a spot this much older than the state still counts as seen in it"
     )
-    seeing_s: float = param(0.5, "s", above=0.0, high=10.0, doc="a camera sees the spot if it did so within this time")
+    seen_timeout_s: float = param(
+        0.5, "s", above=0.0, high=10.0, doc="a camera sees the spot if it did so within this time"
+    )
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,9 @@ class Collector:
 
     def cameras_seeing(self, now: float) -> List[str]:
         """Returns the names of the cameras that see the spot at a time [s]."""
-        return sorted(camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= self._params.seeing_s)
+        return sorted(
+            camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= self._params.seen_timeout_s
+        )
 
     @property
     def counts(self) -> tuple:

@@ -16,11 +16,10 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import spsolve
 
-from vb_fusion.stroke.observations import LOCALISATION, TREMOR, Observations, time_bins
+from vb_fusion.stroke.observations import LOCALISATION_ERROR, TREMOR, Observations, time_bins
 
-KEPT = math.exp(
-    -1.0 / 10.0
-)  # of a robot's error is the same a second later: localisation corrects itself within metres
+# share of a robot's error that is the same a second later: localisation corrects itself within metres
+ERROR_CORRELATION = math.exp(-1.0 / 10.0)
 
 
 def remove_offsets(seen: Observations) -> Observations:
@@ -58,11 +57,13 @@ def _prior_weight(unknown: int, seconds: np.ndarray) -> csr_matrix:
         seconds: (S, R) which of them are robots', one row per second.
     """
     before, after = seconds[:-1], seconds[1:]
-    prior = (0.5 * TREMOR / LOCALISATION) ** 2
-    tie = prior / (1.0 - KEPT**2)  # of an offset to KEPT of the one a second before
+    prior = (0.5 * TREMOR / LOCALISATION_ERROR) ** 2
+    tie = prior / (1.0 - ERROR_CORRELATION**2)  # of an offset to its correlated part of a second before
     held = np.ones(unknown)
     held[seconds[:1]] = prior
     held[after] = tie
-    held[before] += tie * KEPT**2
-    pairs = csr_matrix((np.full(after.size, -tie * KEPT), (before.ravel(), after.ravel())), shape=(unknown, unknown))
+    held[before] += tie * ERROR_CORRELATION**2
+    pairs = csr_matrix(
+        (np.full(after.size, -tie * ERROR_CORRELATION), (before.ravel(), after.ravel())), shape=(unknown, unknown)
+    )
     return diags(held) + pairs + pairs.T

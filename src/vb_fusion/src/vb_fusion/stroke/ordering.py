@@ -14,8 +14,8 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from vb_fusion.stroke.observations import TREMOR
 
-SITE = 1.2 * TREMOR  # [m] of the lattice: wider than a line trembles, narrower than a border's slots
-LONELY = 0.15  # of the usual company: strays have less
+SITE_SPACING = 1.2 * TREMOR  # [m] of the lattice: wider than a line trembles, narrower than a border's slots
+MIN_COMPANY = 0.15  # of the usual company: strays have less
 
 
 def order_points(points: np.ndarray, widest_gap: float) -> np.ndarray:
@@ -28,13 +28,13 @@ def order_points(points: np.ndarray, widest_gap: float) -> np.ndarray:
     Returns:
         Indices of the points that belong to the stroke, in the order of its path; empty if there is none.
     """
-    cell = np.floor(points / SITE).astype(np.int64)
+    cell = np.floor(points / SITE_SPACING).astype(np.int64)
     cell -= cell.min(axis=0)
     _, site = np.unique(cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1], return_inverse=True)
     count = np.bincount(site)
     at = np.column_stack([np.bincount(site, points[:, k]) / count for k in range(2)])
     tree = cKDTree(at)
-    pairs = tree.query_pairs(2.0 * SITE, output_type="ndarray")
+    pairs = tree.query_pairs(2.0 * SITE_SPACING, output_type="ndarray")
     capped = np.minimum(count, 3.0 * np.median(count))
     company = (
         capped
@@ -42,7 +42,7 @@ def order_points(points: np.ndarray, widest_gap: float) -> np.ndarray:
         + np.bincount(pairs[:, 1], capped[pairs[:, 0]], len(at))
     )
     usual = np.median(company[company > 2.0]) if (company > 2.0).any() else 1.0
-    at = at[company >= LONELY * usual]
+    at = at[company >= MIN_COMPANY * usual]
     path = _longest_path(at, widest_gap)
     if len(path) < 2:
         return np.zeros(0, dtype=int)

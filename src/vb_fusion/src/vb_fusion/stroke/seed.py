@@ -17,10 +17,10 @@ from vb_fusion.resumable_loop import ResumableLoop
 from vb_fusion.stroke.observations import TIME_BIN, TREMOR, make_observations, merge_observations
 from vb_fusion.stroke.track import find_best_steps, find_places, trace_path
 
-HAND = 1.5 * TREMOR  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
+HAND_RADIUS = 1.5 * TREMOR  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 MIN_SPOTS = 3
-PLACE = 1.0  # what a place counts that nobody saw before
-KNOWN = 0.2  # what a place counts that was seen before the seed was asked for
+NEW_PLACE_GAIN = 1.0  # what a place counts that nobody saw before
+KNOWN_PLACE_GAIN = 0.2  # what a place counts that was seen before the seed was asked for
 
 
 def extract_seed(
@@ -60,24 +60,24 @@ def extract_seed(
     if before is not None and len(before) >= MIN_SPOTS:
         # balanced trees take longer to make than to ask
         floor = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
-        known = floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND)[0][:, 0]
-        gains[np.isfinite(known)] = KNOWN
+        known = floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0]
+        gains[np.isfinite(known)] = KNOWN_PLACE_GAIN
     if places is not None:
         gains *= places.cameras / (1.0 + TIME_BIN * earlier)
-        gain, previous = find_best_steps(at, places.stamps, gains, np.inf, PLACE, ResumableLoop())
+        gain, previous = find_best_steps(at, places.stamps, gains, np.inf, NEW_PLACE_GAIN, ResumableLoop())
         path = trace_path(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
     dwelt = np.bincount(spot[path], gains[path])[spot[path]]
     # on its way it dwells nowhere for half as long
     last = int(np.argmax(dwelt)) if places is None else int(np.flatnonzero(dwelt >= 0.5 * dwelt.max())[-1])
     middle = at[path[last]]
     for _ in range(5):
-        inside = np.linalg.norm(at[path] - middle, axis=1) <= HAND
+        inside = np.linalg.norm(at[path] - middle, axis=1) <= HAND_RADIUS
         middle = at[path[inside]].mean(axis=0)
     return middle
 
 
 def _spots_of_floor(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Groups places (P, 2) [m] into spots of floor a HAND wide.
+    """Groups places (P, 2) [m] into spots of floor of HAND_RADIUS.
 
     Returns:
         (P,) which spot of floor each place belongs to; (P,) how many places were there before it.
@@ -88,7 +88,7 @@ def _spots_of_floor(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     for place, point in enumerate(at):
         away = np.hypot(*(middles[:count] - point).T) if count else np.array([np.inf])
         spot[place] = int(np.argmin(away))
-        if away[spot[place]] > HAND:
+        if away[spot[place]] > HAND_RADIUS:
             spot[place], middles[count] = count, point
             count += 1
         earlier[place] = seen[spot[place]]

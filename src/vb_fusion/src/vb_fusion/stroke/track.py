@@ -4,10 +4,10 @@ The pointer is one thing that moves through time. What was seen within a moment 
 track is the sequence of places that explains the most floor with the least effort. In metres:
 
     gain  = the floor that a place adds: staying and coming back add nothing more, and what is there for longer than
-            a REST counts less and less. Places that are passed at one speed add the path between them
-    cost  = distance^2 / (time * BRISK) between places: a gap that was crossed at the speed of a hand is cheap, a pause
-            is free. Hands flick, too: beyond a TREMOR the cost grows with the logarithm only, as the likelihood of
-            an error with heavy tails does. So a rest behind a flick belongs to the stroke, and a stray does not pay
+            MAX_REST counts less and less. Places that are passed at one speed add the path between them
+    cost  = distance^2 / (time * UNSEEN_SPEED) between places: a gap that was crossed at the speed of a hand is cheap, a
+            pause is free. Hands flick, too: beyond a TREMOR the cost grows with the logarithm only, as the likelihood
+            of an error with heavy tails does. So a rest behind a flick belongs to the stroke, and a stray does not pay
 
 The best track is found by dynamic programming, place by place in the order of time. The branches that it leaves are
 the other strokes.
@@ -24,12 +24,13 @@ from scipy.spatial import cKDTree
 from vb_fusion.resumable_loop import ResumableLoop
 from vb_fusion.stroke.observations import TIME_BIN, TREMOR, Observations, time_bins
 
-FLOOR = 2.0 * TREMOR  # [m] width of the floor that a place covers
-BRISK = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
-BLINK = 3.0 * TIME_BIN  # [s] a pointer that moves is seen again within it
-REST = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
+PLACE_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a place covers
+UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
+MAX_BLINK = 3.0 * TIME_BIN  # [s] a pointer that moves is seen again within it
+MAX_REST = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
-CROWD = 10  # places of one moment, the strongest ones: looking back reaches further than a BLINK, whatever glitters
+# places of one moment, the strongest ones: looking back reaches further than MAX_BLINK, whatever glitters
+MAX_SIMULTANEOUS_PLACES = 10
 
 
 @dataclass(frozen=True)
@@ -72,13 +73,13 @@ class PointerTrack:
 
 
 def find_places(seen: Observations) -> Places:
-    """Finds the places of each time bin: where cameras saw most, at most a CROWD of them."""
+    """Finds the places of each time bin: where cameras saw most, at most a MAX_SIMULTANEOUS_PLACES of them."""
     moment_of = time_bins(seen.stamps)
     group = moment_of.copy()
     # apart where there is a gap along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((seen.points[:, axis], group))
-        new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > FLOOR)
+        new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > PLACE_WIDTH)
         group[order] = np.concatenate([[0], np.cumsum(new)])
     weights = np.bincount(group, seen.weights)
     x, y, time = (np.bincount(group, seen.weights * values) / weights for values in (*seen.points.T, seen.stamps))
@@ -87,7 +88,7 @@ def find_places(seen: Observations) -> Places:
     witnesses = np.unique(np.column_stack([group, seen.cameras]), axis=0)[:, 0]
     # equal weights are sums in another order elsewhere
     order = np.lexsort((y, x, -np.round(weights, 6), moment))
-    order = order[np.arange(len(order)) - np.searchsorted(moment[order], moment[order]) < CROWD]
+    order = order[np.arange(len(order)) - np.searchsorted(moment[order], moment[order]) < MAX_SIMULTANEOUS_PLACES]
     order = order[np.lexsort((y[order], x[order], time[order], moment[order]))]
     return Places(np.column_stack([x, y])[order], time[order], moment[order], np.bincount(witnesses)[order])
 
@@ -117,7 +118,7 @@ def find_tracks(
         free[line] = False
         if len(line) > 1:
             tracks.append(PointerTrack(points[line], _beside(seen, points[line], stamps[line]), float(worth[end])))
-            free[free] = cKDTree(points[line]).query(points[free])[0] > FLOOR
+            free[free] = cKDTree(points[line]).query(points[free])[0] > PLACE_WIDTH
         worth = _from_branch(gain, previous, free)
     return tracks
 
@@ -126,7 +127,7 @@ def _beside(seen: Observations, line: np.ndarray, times: np.ndarray) -> np.ndarr
     """Returns the indices of the observations beside a line of places at their own time."""
     first, last = np.searchsorted(seen.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))
     there = np.column_stack([np.interp(seen.stamps[first:last], times, axis) for axis in line.T])
-    return first + np.flatnonzero(np.hypot(*(seen.points[first:last] - there).T) <= FLOOR)
+    return first + np.flatnonzero(np.hypot(*(seen.points[first:last] - there).T) <= PLACE_WIDTH)
 
 
 def _from_branch(gain: np.ndarray, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -143,7 +144,7 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
 
     Places count for the four nodes of a lattice about them, by how near they are: continuous in place.
     """
-    scaled = points / FLOOR
+    scaled = points / PLACE_WIDTH
     cell = np.floor(scaled).astype(np.int64)
     part = scaled - cell
     cell -= cell.min(axis=0)
@@ -158,11 +159,11 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     node[order] = np.cumsum(first) - 1
     company = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0)
     # a place alone has 4/9 of its own company on average
-    new = 0.5 * FLOOR / np.maximum(0.75 * company, 1.0)
-    # a thing that is not seen for longer than a BLINK was not there
-    there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, BLINK)))
+    new = 0.5 * PLACE_WIDTH / np.maximum(0.75 * company, 1.0)
+    # a thing that is not seen for longer than a MAX_BLINK was not there
+    there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, MAX_BLINK)))
     stay = there[node].reshape(4, -1).max(axis=0)
-    gains = np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, REST / stay) ** 2
+    gains = np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, MAX_REST / stay) ** 2
     # in tenths of a millimetre, so that what stays for long has got its gain for good; never quite nothing
     return np.round(gains, 4) + 1e-5
 
@@ -183,7 +184,7 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
             straight = np.exp(-((off / np.maximum(0.3 * way, TREMOR)) ** 2))
             # two places and one of them again are no row: the middle one is in the middle of the time
             row = np.maximum(way - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
-            row[(whole > BLINK) | (2.0 * way > BRISK * whole)] = 0.0
+            row[(whole > MAX_BLINK) | (2.0 * way > UNSEEN_SPEED * whole)] = 0.0
             # the row's ends too, where the stroke may begin or end
             for part, much in ((first, 0.5), (at, 1.0), (last, 0.5)):
                 swept[part] = np.maximum(swept[part], much * row)
@@ -206,8 +207,8 @@ def find_best_steps(
     origin = np.maximum(earlier, 0)
     way = np.hypot(*(points[first:, None] - points[origin]).transpose(2, 0, 1))
     time = stamps[first:, None] - stamps[origin]
-    possible = (earlier >= 0) & (time > 0.0) & ((way <= widest_gap + TREMOR) | (time <= BLINK))
-    effort = np.maximum(way - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, BLINK) * BRISK)
+    possible = (earlier >= 0) & (time > 0.0) & ((way <= widest_gap + TREMOR) | (time <= MAX_BLINK))
+    effort = np.maximum(way - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, MAX_BLINK) * UNSEEN_SPEED)
     effort = flick * np.log1p(effort / flick)
     effort[~possible] = np.inf
     best = states[:, 0]

@@ -32,7 +32,7 @@ class Issue:
 def make_issue(severity: int, code: str, **values: Any) -> Issue:
     """Makes an issue with the English sentence for its code."""
     words = {key: str(value) for key, value in values.items()}
-    return Issue(severity, code, sentences.say(code, words), words)
+    return Issue(severity, code, sentences.translate(code, words), words)
 
 
 class IntegrationError(CodedError):

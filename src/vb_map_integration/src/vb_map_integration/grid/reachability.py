@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from vb_core import masks
-from vb_core.grid_map import OCCUPIED_FROM, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 
 # larger maps are checked in coarser cells: the answer is about doors and rooms, and needed at once
 MAX_CELLS = 2_000_000
@@ -34,7 +34,7 @@ def check_reachability(
     robot: Optional[Sequence[float]] = None,
     radius_m: float = 0.18,
     min_component_m2: float = 0.1,
-    occupied_threshold: int = OCCUPIED_FROM,
+    occupied_threshold: int = OCCUPIED_THRESHOLD,
 ) -> Reachability:
     """Counts the parts of the free space, and finds the goals in a different part than the robot.
 
@@ -87,7 +87,7 @@ def _labels_near(grid: GridMap, labels: np.ndarray, point: Sequence[float], radi
         return np.array([], dtype=int)
     if labels[row, column]:
         return labels[row : row + 1, column]
-    if grid.data[row, column] < 0 or grid.data[row, column] >= OCCUPIED_FROM:
+    if grid.data[row, column] < 0 or grid.data[row, column] >= OCCUPIED_THRESHOLD:
         return np.array([], dtype=int)
     reach = int(radius) + 1
     top, left = max(0, row - reach), max(0, column - reach)

@@ -7,7 +7,7 @@ from typing import Iterable, Optional
 import cv2
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED_FROM, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.places.registration import Transform
 
@@ -26,8 +26,8 @@ def draw_map_overlay(
         borders: in the new map's frame.
     """
     image = np.full((*new.shape, 3), _UNKNOWN, np.uint8)
-    image[(new.data >= 0) & (new.data < OCCUPIED_FROM)] = _FREE
-    image[new.data >= OCCUPIED_FROM] = _WALL
+    image[(new.data >= 0) & (new.data < OCCUPIED_THRESHOLD)] = _FREE
+    image[new.data >= OCCUPIED_THRESHOLD] = _WALL
     scale = max(1, min(6, _MAX_PIXELS // max(new.shape)))
     image = np.repeat(np.repeat(image, scale, axis=0), scale, axis=1)
 
@@ -35,7 +35,7 @@ def draw_map_overlay(
         return np.rint((new.world_to_grid(points) + 0.5) * scale).astype(np.int32)
 
     if old is not None:
-        rows_columns = np.argwhere(old.data >= OCCUPIED_FROM)
+        rows_columns = np.argwhere(old.data >= OCCUPIED_THRESHOLD)
         where = pixels(transform.apply(old.cell_to_world(rows_columns)))
         inside = (where >= 0).all(axis=1) & (where < (image.shape[1], image.shape[0])).all(axis=1)
         where = where[inside]

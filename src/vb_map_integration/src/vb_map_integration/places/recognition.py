@@ -12,7 +12,7 @@ from typing import Dict, List, Optional
 
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED_FROM, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.storage.database import Database, KnownMap
 from vb_map_integration.places.registration import (
     IDENTITY,
@@ -76,13 +76,13 @@ class Recognizer:
             before: the map before it, while this program has been running.
             verdict: what that was recognised as; decides only where to look first.
         """
-        known = self._database.map_of(map_id)
+        known = self._database.find_map(map_id)
         if known is not None:
             return Recognition(known.place, known.transform)
         candidates = self._candidates()
         if not candidates:
             return Recognition()
-        floor = int(np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_FROM)))
+        floor = int(np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_THRESHOLD)))
         wall_map = WallMap(grid)
         continued = before is not None and recognition.place in candidates and is_extension(before, grid)
         if (
@@ -175,10 +175,10 @@ def is_extension(before: GridMap, after: GridMap) -> bool:
     column, row = np.rint(offset).astype(int)
     if np.abs(offset - (column, row)).max() > 1e-3:
         return False
-    rows, columns = np.nonzero(before.data >= OCCUPIED_FROM)
+    rows, columns = np.nonzero(before.data >= OCCUPIED_THRESHOLD)
     rows, columns = rows + row, columns + column
     inside = (rows >= 0) & (columns >= 0) & (rows < after.shape[0]) & (columns < after.shape[1])
-    same = np.count_nonzero(after.data[rows[inside], columns[inside]] >= OCCUPIED_FROM)
+    same = np.count_nonzero(after.data[rows[inside], columns[inside]] >= OCCUPIED_THRESHOLD)
     return len(rows) > 0 and same >= _CONTINUED * len(rows)
 
 

@@ -22,7 +22,7 @@ from typing import List, NamedTuple, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED_FROM, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 
 # [m] a wall is found again if one is this near: two cells of a usual map, and SLAM's bends of a few centimetres
 TOLERANCE_M = 0.12
@@ -138,8 +138,8 @@ class WallMap:
     def __init__(self, grid: GridMap) -> None:
         self.grid = grid
         cells = np.ascontiguousarray(grid.data)
-        occupied = (cells >= OCCUPIED_FROM).astype(np.uint8)
-        free = ((cells >= 0) & (cells < OCCUPIED_FROM)).astype(np.uint8)
+        occupied = (cells >= OCCUPIED_THRESHOLD).astype(np.uint8)
+        free = ((cells >= 0) & (cells < OCCUPIED_THRESHOLD)).astype(np.uint8)
         self.free = free
         near_free = cv2.dilate(free, np.ones((3, 3), np.uint8))
         surface = occupied & near_free
@@ -186,7 +186,7 @@ class WallMap:
         c, s = math.cos(self.grid.origin[2]), math.sin(self.grid.origin[2])
         return found[:, 0], found[:, 1:] @ np.array([[c, s], [-s, c]])
 
-    def knows(self, points: np.ndarray) -> np.ndarray:
+    def is_known(self, points: np.ndarray) -> np.ndarray:
         """Tells (N,) bool at which points (N, 2) [m] the map knows the floor, or the wall beside it."""
         return self.grid.with_data(self._known.view(np.int8)).values_at(points, outside=0) != 0
 
@@ -198,7 +198,7 @@ class WallMap:
             return np.zeros((0, 2))
         return self.grid.grid_to_world(where[:: max(1, len(where) // 2000), 0].astype(float))
 
-    def evidence(self, centre: np.ndarray, cell: float) -> np.ndarray:
+    def draw_evidence(self, centre: np.ndarray, cell: float) -> np.ndarray:
         """Draws (n, n) float32 round a centre [m]: positive at walls, slightly negative on free floor, 0 where unknown."""
         side = 2 * int(math.ceil(self.radius(centre) / cell)) + 5
         middle = side // 2
@@ -275,7 +275,7 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
     """Searches the most promising transforms, the best first."""
     extent = max(old.radius(old.centre), new.radius(new.centre))
     cell = max(_COARSE_M, 2.0 * extent / _COARSE_CELLS)
-    a, b = old.evidence(old.centre, cell), new.evidence(new.centre, cell)
+    a, b = old.draw_evidence(old.centre, cell), new.draw_evidence(new.centre, cell)
     size = cv2.getOptimalDFTSize(len(a) + len(b))
 
     def spectrum(image: np.ndarray) -> np.ndarray:
@@ -356,12 +356,12 @@ def _explained(old: WallMap, new: WallMap, transform: Transform) -> _Explained:
     shares, lengths, balances, overlaps = [], [], [], []
     for one, other, motion in ((old, new, transform), (new, old, transform.inverse)):
         points = motion.apply(one.walls[one.is_structure])
-        expected = points[other.knows(points)]
+        expected = points[other.is_known(points)]
         found = other.look_up(expected)[0] < TOLERANCE_M + other.grid.resolution / 2.0
         hits = int(found.sum())
         shares.append(hits / max(1, len(expected)))
         lengths.append(hits * one.grid.resolution)
         balances.append((2 * hits - len(expected)) * one.grid.resolution)
         floor = one.floor
-        overlaps.append(float(other.knows(motion.apply(floor)).mean()) if len(floor) else 0.0)
+        overlaps.append(float(other.is_known(motion.apply(floor)).mean()) if len(floor) else 0.0)
     return _Explained(min(shares), max(overlaps), min(lengths), float(np.mean(balances)))

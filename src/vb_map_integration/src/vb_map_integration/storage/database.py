@@ -388,7 +388,7 @@ class Database:
         rows = self._main.execute(f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps ORDER BY id")
         return [_map_from_row(row) for row in rows]
 
-    def map_of(self, map_id: str) -> Optional[KnownMap]:
+    def find_map(self, map_id: str) -> Optional[KnownMap]:
         """Reads the map of a fingerprint; None if it is not known."""
         row = self._main.execute(
             f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps WHERE fingerprint = ?", (map_id,)
@@ -399,7 +399,7 @@ class Database:
         self, grid: Optional[GridMap], map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
     ) -> int:
         """Keeps a map, as a new place (place 0) or as another map of one; returns the place's number."""
-        known = self.map_of(map_id)
+        known = self.find_map(map_id)
         last = self._main.execute("SELECT coalesce(max(id), 0) FROM maps").fetchone()[0]
         number = known.id if known else int(last) + 1
         place = place or number
@@ -418,12 +418,12 @@ class Database:
         self._write(statements, out, [digest])
         return place
 
-    def name_of(self, place: int) -> str:
+    def get_name(self, place: int) -> str:
         """Returns a place's name; "" if it has none."""
         row = self._main.execute("SELECT name FROM maps WHERE id = ?", (place,)).fetchone()
         return "" if row is None else str(row[0])
 
-    def place_named(self, name: str) -> int:
+    def find_place(self, name: str) -> int:
         """Returns the place of a name; 0 if there is none."""
         row = self._main.execute("SELECT id FROM maps WHERE name = ? AND name <> '' AND id = place", (name,)).fetchone()
         return 0 if row is None else int(row[0])
@@ -433,7 +433,7 @@ class Database:
         row = self._main.execute(f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps WHERE id = ?", (place,)).fetchone()
         if row is None or row[2] == name:
             return
-        if self.place_named(name) not in (0, place):
+        if self.find_place(name) not in (0, place):
             raise CodedError("name_taken", name=name)
         new = (*row[:2], name, *row[3:])
         digest = _digest(*new)
@@ -498,7 +498,7 @@ class Database:
 
         Args:
             kind: "new" (what was undone is forgotten), "undo", "redo", or "quiet" (no place in the history).
-            request_id: a repetition of the request finds its border with `border_of_request`.
+            request_id: a repetition of the request finds its border with `find_border_of_request`.
 
         Raises:
             CodedError: "cannot_write"; then nothing was changed.
@@ -573,7 +573,7 @@ class Database:
         """Prepares the change that repeats what was undone last; raises CodedError "nothing_to_redo"."""
         return self._newest(place, "redo")[1]
 
-    def border_of_request(self, request_id: str) -> str:
+    def find_border_of_request(self, request_id: str) -> str:
         """Returns the id of the border that a request made; "" if it is new."""
         row = self._main.execute("SELECT border FROM requests WHERE id = ?", (request_id,)).fetchone()
         return "" if row is None or not request_id else str(row[0])

@@ -13,7 +13,7 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-from vb_core.grid_map import OCCUPIED_FROM, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.map_files import write_map
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_files import borders_to_yaml
@@ -74,7 +74,7 @@ class MapRecording:
             "trigger": describe_trigger(self._borders, borders),
             "map": path.name,
             "borders": beside.name,
-            "occupied_cells": int(np.count_nonzero(grid.data >= OCCUPIED_FROM)),
+            "occupied_cells": int(np.count_nonzero(grid.data >= OCCUPIED_THRESHOLD)),
             **extra,
         }
         try:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Dict, Hashable, List, Mapping, Optional, Tuple
 
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
-from vb_robot.spots import LOST_AFTER
+from vb_robot.spots import LOST_TIMEOUT
 from vb_robot.poses import Pose, pose_distance
 
 MIN_INTERVAL = 1.5  # [s] between two goals: each one costs navigation a new plan
@@ -26,7 +26,7 @@ MIN_SPOT_MOVE = 0.3  # [m] how far the spot must have moved since the goal was c
 MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] how far a new place must be from the present goal
 FAILED_RADIUS, FAILED_MEMORY = 0.5, 20.0  # [m, s] around a place that failed, nothing is tried for this long
 # What a place promises, and within which time [s]: move_base itself needs 40 s to give up.
-WAITS = {"sent": 4.0, "active": 15.0, "seen": 3.0}
+PROGRESS_TIMEOUTS = {"sent": 4.0, "active": 15.0, "seen": 3.0}
 STUCK_DISTANCE = 0.10  # [m] less is no progress
 BLIND_TRIES = 2  # so often, until a camera sees the spot again: the laser may be off
 PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
@@ -57,7 +57,7 @@ class DispatchInputs:
     @property
     def lost(self) -> bool:
         """Whether no camera sees the spot."""
-        return self.time_since_seen > LOST_AFTER
+        return self.time_since_seen > LOST_TIMEOUT
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class RobotRecord:
         self.searched = self.searched if inputs.lost else 0.0
         if self.goal is not None:
             what = status.goal.value
-            late = status.running and self._awaits(now, what, status.pose) > WAITS[what]
+            late = status.running and self._awaits(now, what, status.pose) > PROGRESS_TIMEOUTS[what]
             if status.goal is GoalStatus.FAILED or late:
                 self._fail(now, self.goal.pose)
             elif status.goal is GoalStatus.PREEMPTED:
@@ -184,7 +184,7 @@ class RobotRecord:
             self._unfit_since = None
             if under_way is None and self._failures(blind=True) < BLIND_TRIES:
                 waited = min(inputs.time_since_seen, self._awaits(now, "seen", robot))
-                if waited >= WAITS["seen"]:
+                if waited >= PROGRESS_TIMEOUTS["seen"]:
                     # something hides the spot from there, or it is farther along the line than it is thought to be
                     self.searched = 0.0 if self._failures(blind=True) else planner.searched(robot)
                     self._fail(now, robot, blind=True)

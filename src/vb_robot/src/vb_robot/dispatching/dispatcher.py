@@ -13,7 +13,7 @@ from vb_core.notices import Notice, Severity
 from vb_robot import spots
 from vb_robot.dispatching.dispatch import DispatchInputs, Fleet, RobotStatus
 from vb_robot.dispatching.drawing import BlindSpots, DrawingState
-from vb_robot.spots import LOST_AFTER, Sightings
+from vb_robot.spots import LOST_TIMEOUT, Sightings
 from vb_robot.clearance_map import ClearanceMap, Window, bounding_window, crop
 from vb_robot.floor_view import FloorView
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
@@ -43,7 +43,7 @@ class RobotMap:
             grids = {which: crop(grid, window) for which, grid in self._maps.items()}
             self._terrain = window, ClearanceMap(grids["borders"], self._radius, grids.get("physical"), edge=False)
         terrain = self._terrain[1]
-        return ViewpointPlanner(terrain, self.view, drawing.aimed(terrain, unseen), others)
+        return ViewpointPlanner(terrain, self.view, drawing.with_target(terrain, unseen), others)
 
 
 class Dispatcher:
@@ -105,7 +105,7 @@ class Dispatcher:
         drawing = self._drawing(now) if wanted else None
         time_since_seen = known.time_since_seen(now)
         if known.newest() is None and drawing is not None and not drawing.seeding:
-            time_since_seen = 2.0 * LOST_AFTER  # started again in the middle of a drawing
+            time_since_seen = 2.0 * LOST_TIMEOUT  # started again in the middle of a drawing
         seeing = {}
         for name, status in robots.items():
             others = [place for other, its in robots.items() if other != name for place in its.places()]
@@ -118,7 +118,7 @@ class Dispatcher:
         if drawing is not None and known.state == spots.BORDER:
             able = any(status.server and planner is not None for status, planner in seeing.values())
             newest = known.newest()
-            self.notice = self._notice(newest is None or now - newest.stamp > LOST_AFTER, drawing, able)
+            self.notice = self._notice(newest is None or now - newest.stamp > LOST_TIMEOUT, drawing, able)
         return goals
 
     def _drawing(self, now: float) -> Optional[DrawingState]:
@@ -151,5 +151,5 @@ class Dispatcher:
             "spot_unseen_robot_comes" if lost else "spot_ahead_unseen",
             Severity.INFO,
             robot=serving or "",
-            values={"who": sentences.robot(serving or "")},
+            values={"who": sentences.robot_value(serving or "")},
         )

@@ -20,10 +20,10 @@ HORIZON = 2.0  # [m] how far the line is extrapolated to where no stationary cam
 # Beyond the edge of what they see people notice that nobody sees the spot, and hold still. A quick hand is farther by
 # then: the robot looks at the middle of the stretch that it may have come, as long as both ends are in view.
 MIN_LOOKAHEAD, REACTION, HALF_VIEW = 0.3, 1.2, 0.6  # [m] at least, [s] until the hand rests, [m] at most
-BESIDE = 1.0  # [m] unseen floor counts this near to the spot on any side
+NEARBY = 1.0  # [m] unseen floor counts this near to the spot on any side
 MIN_GAP = 0.15  # [m] narrower shadows, as of a table's leg, do not count
 MIN_LINE = 0.3  # [m] a shorter line does not count yet
-NOTHING = np.zeros((0, 2))
+NO_POINTS = np.zeros((0, 2))
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class DrawingState:
         closed: whether the chain is a polygon.
         seeding: the spot marks the side to be restricted: stay off that side.
         ordered: whether the chain's points are in the order of the line.
-        watched: a stationary camera sees the spot, so that there is no need for a robot to take risks.
+        seen_by_stationary: a stationary camera sees the spot, so a robot need not take risks.
         focus: (2,) [m] what the robot should look at. None: the spot.
         stretch: (K, 2) [m] what it should see if it can: where the line probably goes on while no stationary camera
             sees it. It leads past the focus; the part up to there must be seen.
@@ -45,14 +45,14 @@ class DrawingState:
     """
 
     spot: Optional[np.ndarray] = None
-    chain: np.ndarray = field(default_factory=lambda: NOTHING)
+    chain: np.ndarray = field(default_factory=lambda: NO_POINTS)
     velocity: Optional[np.ndarray] = None
     closed: bool = False
     seeding: bool = False
     ordered: bool = True
     seen_by_stationary: bool = False
     focus: Optional[np.ndarray] = None
-    stretch: np.ndarray = field(default_factory=lambda: NOTHING)
+    stretch: np.ndarray = field(default_factory=lambda: NO_POINTS)
     searched: float = 0.0
 
     @property
@@ -66,7 +66,7 @@ class DrawingState:
         return self.spot if self.focus is None else self.focus
 
     @property
-    def must_see(self) -> np.ndarray:
+    def required_points(self) -> np.ndarray:
         """The places (K, 2) [m] that a viewpoint must show; a spot that no stationary camera sees is among them."""
         wanted = [self.look_at, *self.stretch[:1]]
         if self.searched > 0.0:
@@ -81,7 +81,7 @@ class DrawingState:
             length = max(length, float(np.dot(self.look_at - self.spot, self.direction)))
         return self.spot + np.linspace(0.0, length, 6)[:, None] * self.direction
 
-    def aimed(self, terrain: ClearanceMap, unseen: Optional["BlindSpots"]) -> "DrawingState":
+    def with_target(self, terrain: ClearanceMap, unseen: Optional["BlindSpots"]) -> "DrawingState":
         """Returns the same with what a robot is to look at.
 
         While stationary cameras see the spot: the stretch on which they will lose it if it goes straight on, or else
@@ -90,13 +90,13 @@ class DrawingState:
         """
         if self.seeding:
             return self
-        spot, stretch = self.spot, NOTHING
+        spot, stretch = self.spot, NO_POINTS
         if self.direction is not None and (unseen is not None or not self.seen_by_stationary):
             # straight on, but not into a wall
             room = float(np.linalg.norm(terrain.ray_end(spot, self.direction) - spot)) - 0.05
             stretch = spot + np.arange(0.0, min(HORIZON, max(0.0, room)) + 1e-9, STEP)[:, None] * self.direction
             if self.seen_by_stationary and unseen is not None:
-                stretch = unseen.first_of(stretch)
+                stretch = unseen.first_unseen_part(stretch)
         elif not self.seen_by_stationary:
             stretch = spot[None]
         if len(stretch):
@@ -149,15 +149,15 @@ class BlindSpots:
         return sample(self._grid, self.mask, points) > 0
 
     def nearest(self, point: np.ndarray) -> Optional[np.ndarray]:
-        """Finds the nearest place (2,) [m] that no stationary camera sees, not farther than BESIDE."""
-        cell, centre = nearest_cell(self._grid, self.mask, point, BESIDE)
+        """Finds the nearest place (2,) [m] that no stationary camera sees, not farther than NEARBY."""
+        cell, centre = nearest_cell(self._grid, self.mask, point, NEARBY)
         return None if cell is None else centre
 
-    def first_of(self, line: np.ndarray) -> np.ndarray:
+    def first_unseen_part(self, line: np.ndarray) -> np.ndarray:
         """Returns the first part (K, 2) [m] of a line (N, 2) that no stationary camera sees; empty if they see all of it."""
         hidden = self.at(line)
         if not hidden.any():
-            return NOTHING
+            return NO_POINTS
         begin = int(np.argmax(hidden))
         seen_again = np.flatnonzero(~hidden[begin:])
         return line[begin : begin + int(seen_again[0])] if len(seen_again) else line[begin:]

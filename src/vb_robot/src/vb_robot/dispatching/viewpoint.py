@@ -16,7 +16,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_robot.dispatching.drawing import STEP, DrawingState, KeepOutArea
-from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, ShortestPaths, clearance_grid, sample
+from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap, ShortestPaths, clearance_grid, sample
 from vb_robot.floor_view import FloorView
 from vb_robot.poses import Pose
 
@@ -65,7 +65,7 @@ class ViewpointPlanner:
         side = terrain.side_of(drawing.spot, drawing.chain, drawing.closed) if drawing.seeding else None
         # while the seed is shown its side is left: the border to come would lock the robot in
         self._off_side = (
-            None if side is None else (clearance_grid(side, terrain.grid.resolution) >= terrain.radius + STAND_MARGIN)
+            None if side is None else (clearance_grid(side, terrain.grid.resolution) >= terrain.radius + STOP_MARGIN)
         )
         lines = [drawing.line_ahead(LINE_AHEAD)]
         if len(drawing.chain):
@@ -123,7 +123,7 @@ class ViewpointPlanner:
     # ------------------------------------------------------------- one test for all poses
     def _shows(self, places: np.ndarray, yaws: np.ndarray) -> np.ndarray:
         """Tells (N,) bool which poses show what must be seen, off the line and off the seed's side."""
-        keep = self._seen(self.drawing.must_see, places, yaws, SEEN_MARGIN).all(axis=1)
+        keep = self._seen(self.drawing.required_points, places, yaws, SEEN_MARGIN).all(axis=1)
         gaps = np.linalg.norm(places[:, None, :] - self._line[None, :, :], axis=2).min(axis=1)
         keep &= gaps >= self.terrain.radius + LINE_MARGIN
         if self._off_side is not None:
@@ -146,7 +146,7 @@ class ViewpointPlanner:
         places, yaws, distances = _poses_round(look_at, robot)
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
         keep &= self.terrain.has_room_at(places)
-        apart = 2.0 * self.terrain.radius + STAND_MARGIN
+        apart = 2.0 * self.terrain.radius + STOP_MARGIN
         for x, y, radius in [*((*other, apart) for other in self._others), *avoid]:
             keep &= np.hypot(places[:, 0] - x, places[:, 1] - y) >= radius
         keep[keep] = self._shows(places[keep], yaws[keep])
@@ -176,7 +176,7 @@ class ViewpointPlanner:
         terrain, spot = self.terrain, self.drawing.spot
         if self._off_side is None or sample(terrain.grid, self._off_side, np.array([robot[:2]]))[0] > 0:
             return None
-        cells = np.argwhere(self._off_side & (terrain.clearance >= terrain.radius + STAND_MARGIN))
+        cells = np.argwhere(self._off_side & (terrain.clearance >= terrain.radius + STOP_MARGIN))
         places = terrain.grid.cell_to_world(cells)
         lengths = paths.lengths_to(places)
         if not np.isfinite(lengths).any():

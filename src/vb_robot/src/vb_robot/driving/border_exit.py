@@ -15,7 +15,7 @@ import numpy as np
 from vb_core import geometry
 from vb_robot.clearance_map import ClearanceMap, clearance_grid, crop
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest, steer
-from vb_robot.driving.workspace import LETHAL_FROM, Workspace
+from vb_robot.driving.workspace import LETHAL_THRESHOLD, Workspace
 from vb_robot.navigation_parameters import PATH_MARGIN
 from vb_robot.poses import Pose
 
@@ -26,7 +26,7 @@ MAP_MARGIN = 0.05  # [m] from mapped obstacles on the path
 MIN_AREA = 0.3  # [m^2] less room for the robot's centre is a gap between border and wall, not a goal
 PATIENCE, PROGRESS = 15.0, 0.05  # [s, m] if in that time the rest of the path has not become shorter, it gives up
 PINCHED_AFTER = 1.5  # [s] navigation has a goal and moves nothing: beside something it may find no path from here
-RETRY = 20.0  # [s] after it gave up: the person in the way may have gone
+RETRY_DELAY = 20.0  # [s] after it gave up: the person in the way may have gone
 WINDOW = 10.0  # [m] around the robot: no path out is that long
 
 
@@ -40,11 +40,11 @@ class ExitPlanner:
         room = MARGIN + 0.03 + posterior.resolution
         # the robot cuts corners by some centimetres; it keeps to the path only where there is no room for that
         self._terrains = [
-            ClearanceMap(physical, radius, travel_margin=MAP_MARGIN + spare, occupied=LETHAL_FROM)
+            ClearanceMap(physical, radius, travel_margin=MAP_MARGIN + spare, occupied=LETHAL_THRESHOLD)
             for spare in (0.08, 0.02)
         ]
         beyond = self._terrains[0].clearance
-        clearance = clearance_grid((posterior.data >= LETHAL_FROM) | (posterior.data < 0), posterior.resolution)
+        clearance = clearance_grid((posterior.data >= LETHAL_THRESHOLD) | (posterior.data < 0), posterior.resolution)
         fits = ((clearance >= radius + room) & (beyond >= radius + room)).astype(np.uint8)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(fits, connectivity=8)
         large = stats[:, cv2.CC_STAT_AREA] * posterior.resolution**2 >= MIN_AREA
@@ -126,7 +126,7 @@ class BorderExit:
             needed = goal and to_blocked < MARGIN
         else:
             needed = -self._radius < to_blocked < PATH_MARGIN + 0.02 and 0.0 <= now - self._idle_since >= PINCHED_AFTER
-        if not needed or not calm or 0.0 <= self._retry_at - now <= RETRY:
+        if not needed or not calm or 0.0 <= self._retry_at - now <= RETRY_DELAY:
             self._end()
             return None
         if self._planner is None:
@@ -150,6 +150,6 @@ class BorderExit:
         return VelocityRequest(*steer(bearing, min(MAX_SPEED, 0.8 * remaining + 0.03)))
 
     def _give_up(self, now: float, code: str) -> VelocityRequest:
-        self.failed, self._retry_at = code, now + RETRY
+        self.failed, self._retry_at = code, now + RETRY_DELAY
         self._end()
         return VelocityRequest(0.0, 0.0, code)

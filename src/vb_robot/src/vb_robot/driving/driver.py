@@ -23,7 +23,7 @@ from vb_robot.driving.turn_finisher import TurnFinisher
 from vb_robot.driving.workspace import Workspace
 from vb_robot.spots import DEFAULT, Sighting, Sightings
 
-CANCEL_EACH = 1.0  # [s] how often navigation's goals are cancelled while another one drives
+CANCEL_PERIOD = 1.0  # [s] how often navigation's goals are cancelled while another one drives
 ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of the driver's own behaviours: gentle beside people
 
 
@@ -153,7 +153,7 @@ class Driver:
             if driver != FOLLOW:
                 self.follower.stop()
             v, w, code = self.gate.limit(now, driver, request)
-            cancel = self.goal_active and driver == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
+            cancel = self.goal_active and driver == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
             if cancel:
                 self._cancelled_at = now
             # a robot that nobody drives any more is told once to stop, and one that stops on command all the time

@@ -23,7 +23,7 @@ INPUT_TIMEOUT = 0.5  # [s] after the last scan, state, pose or command the robot
 BASE_DELAY = 0.02  # [s] from a command to the wheels
 MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther ahead comes from another clock, and its age is not known
 POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation it is not known where the borders are
-OTHER_LIMIT = 1.0  # [s] after another node's command nothing is let through: two drivers at one wheel
+OTHER_PUBLISHER_HOLD = 1.0  # [s] after another node's command nothing is let through: two drivers at one wheel
 BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
 
 NONE, STOP, TELEOP, FOLLOW, EXIT_BORDER, NAVIGATION = "none", "stop", "teleop", "follow", "exit_border", "navigation"
@@ -147,7 +147,7 @@ class Gate:
         If that is nothing, it returns what is missing as a code; else "".
         """
         self._other_publishers = {
-            name: at for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_LIMIT
+            name: at for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_PUBLISHER_HOLD
         }
         # a person with a joystick beside the robot may have come because all else is lost
         alone = driver != TELEOP

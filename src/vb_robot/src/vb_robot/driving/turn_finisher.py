@@ -13,12 +13,12 @@ from typing import Optional, Tuple
 from vb_robot.driving.spot_follower import VelocityRequest
 from vb_robot.poses import Pose
 
-TO_AND_FRO = 3  # changes of direction; one or two are corrections
-SOON = 5.0  # [s] after the one before, or it is another turn
-SPOT = 0.05  # [m] a robot that has come farther drives
-SLOW = 0.03  # [m/s] DWA creeps while it turns
-TURN = 0.5  # [rad/s]
-ENOUGH = 0.6 * math.pi  # [rad] from facing away: the path is beside the robot, and on its way to be ahead
+MAX_REVERSALS = 3  # changes of direction; one or two are corrections
+REVERSAL_INTERVAL = 5.0  # [s] after the one before, or it is another turn
+MAX_DRIFT = 0.05  # [m] a robot that has come farther drives
+CREEP_SPEED = 0.03  # [m/s] DWA creeps while it turns
+TURN_RATE = 0.5  # [rad/s]
+FINISHED_ANGLE = 0.6 * math.pi  # [rad] from facing away: the path is beside the robot, and on its way to be ahead
 
 
 class TurnFinisher:
@@ -35,7 +35,12 @@ class TurnFinisher:
         Args:
             pose: (x, y, yaw) [m, m, rad]; without one nothing is kept up.
         """
-        if pose is None or abs(request.v) > SLOW or self._spot is None or math.dist(self._spot, pose[:2]) > SPOT:
+        if (
+            pose is None
+            or abs(request.v) > CREEP_SPEED
+            or self._spot is None
+            or math.dist(self._spot, pose[:2]) > MAX_DRIFT
+        ):
             self._spot = pose[:2] if pose is not None else None
             self._direction, self._changes, self._left = 0.0, 0, 0.0
             return request
@@ -45,11 +50,11 @@ class TurnFinisher:
             self._left -= abs(math.remainder(pose[2] - self._yaw, 2.0 * math.pi))
             self._yaw = pose[2]
             if self._left > 0.0:
-                return VelocityRequest(0.0, math.copysign(max(abs(request.w), TURN), self._direction))
+                return VelocityRequest(0.0, math.copysign(max(abs(request.w), TURN_RATE), self._direction))
         elif request.w * self._direction < 0.0:
-            self._changes = self._changes + 1 if 0.0 <= now - self._changed_at <= SOON else 1
+            self._changes = self._changes + 1 if 0.0 <= now - self._changed_at <= REVERSAL_INTERVAL else 1
             self._changed_at = now
-            if self._changes == TO_AND_FRO:
-                self._changes, self._left, self._yaw = 0, ENOUGH, pose[2]
+            if self._changes == MAX_REVERSALS:
+                self._changes, self._left, self._yaw = 0, FINISHED_ANGLE, pose[2]
         self._direction = math.copysign(1.0, request.w)
         return request

@@ -21,7 +21,7 @@ from vb_robot.clearance_map import clearance_grid, nearest_cell, sample
 from vb_robot.driving.safety import HORIZON, arc
 from vb_robot.poses import Pose
 
-LETHAL_FROM = 99  # [%] from this occupancy on a cell is never entered
+LETHAL_THRESHOLD = 99  # [%] from this occupancy on a cell is never entered
 # How far off the localisation may be. AMCL tells how far its particles are spread, and its pose, which is their mean,
 # is off by much less: at 96 of 100 updates by less than what robots keep with these values
 # (docs/results/robots_navigation.md). For the rest there is what navigation itself keeps.
@@ -29,7 +29,7 @@ STD_FACTOR = 0.75  # of the particles' standard deviation
 MIN_UNCERTAINTY = 0.05  # [m] also where no covariance is published
 MAX_UNCERTAINTY = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
 UNCERTAINTY_STEP = 0.025  # [m] a cell of most maps: with each step navigation gets another map
-UPDATES = 5  # of the localisation, half a metre of driving: for that long its largest uncertainty counts
+UNCERTAINTY_UPDATES = 5  # of the localisation, half a metre of driving: for that long its largest uncertainty counts
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class PoseUncertainty:
 
     def __init__(self) -> None:
         self.metres = MIN_UNCERTAINTY
-        self._last: Deque[float] = deque(maxlen=UPDATES)
+        self._last: Deque[float] = deque(maxlen=UNCERTAINTY_UPDATES)
 
     def add(self, covariance: np.ndarray) -> bool:
         """Takes the covariance (2, 2) [m^2] of x and y of one update; returns whether the uncertainty has changed."""
@@ -106,16 +106,16 @@ class Workspace:
         self.borders, self.physical, self._radius, self.known = borders, physical, radius, known
         # unknown (-1) that becomes occupied is restricted too
         self._restricted = borders.data > np.maximum(physical.data, 0)
-        self._lethal = self._restricted & (borders.data >= LETHAL_FROM)
+        self._lethal = self._restricted & (borders.data >= LETHAL_THRESHOLD)
         # the map's edge is neither a border nor an obstacle: the map ends there, the floor may go on
         self._to_restricted, self._to_lethal, self._to_physical = (
             clearance_grid(cells, borders.resolution, edge=False)
-            for cells in (self._restricted, self._lethal, physical.data >= LETHAL_FROM)
+            for cells in (self._restricted, self._lethal, physical.data >= LETHAL_THRESHOLD)
         )
         self.keep_out = borders.with_data(
             np.where((self._to_lethal < uncertainty) & (borders.data >= 0), np.int8(100), borders.data)
         )
-        self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_FROM, borders.resolution, edge=False)
+        self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution, edge=False)
 
     def contact_at(self, place) -> BorderContact:
         """Tells whether the round footprint at a place (2,) [m] touches the restricted area."""

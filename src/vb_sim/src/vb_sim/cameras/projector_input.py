@@ -31,9 +31,9 @@ class ProjectorInput:
         self._light: Optional[FloorLight] = None
         self._shown: List[Optional[FloorLight]] = [None] * len(views)
         if self._projector is not None:
-            rospy.Subscriber(names.PROJECTOR, Image, self._on_picture, queue_size=1, buff_size=2**24)
+            rospy.Subscriber(names.PROJECTOR, Image, self._on_image, queue_size=1, buff_size=2**24)
 
-    def _on_picture(self, message: Image) -> None:
+    def _on_image(self, message: Image) -> None:
         try:
             picture = image_array(message)
             if message.encoding != "rgb8":

@@ -21,7 +21,7 @@ from vb_sim.room.participant_model import ParticipantModel
 IsFloor = Callable[[np.ndarray], np.ndarray]
 RESOURCE = Path(__file__).resolve().parents[3] / "config" / "strokes.json"
 BIN = 0.02  # [m] of arc over which the pace is given: a pause is within one
-FURTHEST = 0.45  # [side] an overshoot or a gap leaves a separate side
+MAX_SIDE_DEVIATION = 0.45  # [side] an overshoot or a gap leaves a separate side
 
 
 class Tremor:
@@ -142,7 +142,11 @@ class Stroke:
                 continue
             if index < len(chain) - 2 and style.overshoot:
                 # beyond the corner or short of it, and from there on to the next one
-                share = float(np.clip(scale * style.overshoot[index % len(style.overshoot)], -FURTHEST, FURTHEST))
+                share = float(
+                    np.clip(
+                        scale * style.overshoot[index % len(style.overshoot)], -MAX_SIDE_DEVIATION, MAX_SIDE_DEVIATION
+                    )
+                )
                 corner = corner + straight * share
                 straight = corner - begin
                 length = float(np.linalg.norm(straight))
@@ -195,9 +199,9 @@ def _beyond(chain: np.ndarray, reach: float) -> np.ndarray:
     first, last = chain[1] - chain[0], chain[-1] - chain[-2]
     if reach >= 0.0:
         length = float(np.linalg.norm(first))
-        return np.vstack([chain, chain[-1] + first / length * min(reach, FURTHEST * length)])
+        return np.vstack([chain, chain[-1] + first / length * min(reach, MAX_SIDE_DEVIATION * length)])
     length = float(np.linalg.norm(last))
-    return np.vstack([chain[:-1], chain[-1] - last / length * min(-reach, FURTHEST * length)])
+    return np.vstack([chain[:-1], chain[-1] - last / length * min(-reach, MAX_SIDE_DEVIATION * length)])
 
 
 def _ends_on_floor(border: np.ndarray, is_floor: IsFloor, margin: float = 0.01) -> np.ndarray:

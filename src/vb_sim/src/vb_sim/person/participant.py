@@ -29,7 +29,7 @@ DEFAULT = "default"
 # codes of what the display says, and of what the interaction answers
 HOLD_STILL = "spot_unseen_robot_comes"
 CONFIRM_SAVE = "confirm_save"
-WORDS = ("define_border", "define_seed", "guide_robot", "save", "cancel")
+COMMANDS = ("define_border", "define_seed", "guide_robot", "save", "cancel")
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Perception:
         last_seen_by_robot: when the robot's camera did.
         has_seed: whether the display shows a seed point.
         state: name of the state that the display shows.
-        told_to_hold: when the display last said that a robot is coming and to hold still.
+        hold_requested: when the display last said that a robot is coming and to hold still.
         answer: to the command with the number `answered`.
     """
 
@@ -61,16 +61,18 @@ class Perception:
     last_seen_by_robot: float = -math.inf
     has_seed: bool = False
     state: str = DEFAULT
-    told_to_hold: float = -math.inf
+    hold_requested: float = -math.inf
     answer: Optional[CommandReply] = None
     answered: int = 0
 
     def read(self, codes: Collection[str]) -> None:
         """Reads the display, by the codes of its notices."""
         if HOLD_STILL in codes:
-            self.told_to_hold = self.now
+            self.hold_requested = self.now
 
-    def hear(self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool) -> None:
+    def note_spot(
+        self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool
+    ) -> None:
         """Takes note that some camera saw something.
 
         Args:
@@ -238,7 +240,7 @@ class Person:
         if place is not None:
             self.legs.go(place, self.robot_place())
 
-    def say(self, command: str, source: str = "participant") -> Step:
+    def give_command(self, command: str, source: str = "participant") -> Step:
         """Sends a command and waits for the answer, which is left in `last_answer`."""
         before, self.doing = self.doing, f"says {command.replace('_', ' ')}"
         yield from self.wait(self.model.speaking_time)
@@ -262,21 +264,21 @@ class Person:
             ParticipantGaveUp: if it stays without a good answer.
             DrawingSlip: if another command came out and changed something.
         """
-        yield from self._maybe_say_wrong_word(command, source)
+        yield from self._maybe_give_wrong_command(command, source)
         for _ in range(times):
-            yield from self.say(command, source)
+            yield from self.give_command(command, source)
             if self.last_answer.success:
                 return
             yield from self.wait(1.0)
         raise ParticipantGaveUp(f"{command} was not taken: {self.last_answer.message} [{self.last_answer.code}]")
 
-    def _maybe_say_wrong_word(self, command: str, source: str) -> Step:
+    def _maybe_give_wrong_command(self, command: str, source: str) -> Step:
         """Now and then another command is said, understood or pressed; the person sees on the display what it did.
 
         Raises:
             DrawingSlip: if the state is another one now, so that the person starts over.
         """
-        others = [word for word in WORDS if word != command]
+        others = [word for word in COMMANDS if word != command]
         wrong, other = (
             self._slips_of_the_tongue.random() < self.model.wrong_word,
             self._slips_of_the_tongue.integers(len(others)),
@@ -284,7 +286,7 @@ class Person:
         if not wrong or command == "cancel":
             return
         before = self.percept.state
-        yield from self.say(others[int(other)], source)
+        yield from self.give_command(others[int(other)], source)
         yield from self.look()
         yield from self.react()
         if self.percept.state != before:
@@ -383,7 +385,7 @@ class ParticipantScript:
             course.close()
             outcome, self.reason = "gave_up", str(reason)
             person.spot = None
-            yield from person.say("cancel", self.source)
+            yield from person.give_command("cancel", self.source)
         person.spot = None
         person.doing = "walks away"
         away = person.legs.find_place_near(person.legs.here, 0.8, 1.5, person.rng)
@@ -440,7 +442,7 @@ class ParticipantScript:
 
     def _save(self) -> Step:
         for _ in range(4):
-            yield from self.person.say("save", self.source)
+            yield from self.person.give_command("save", self.source)
             if self.person.last_answer.code == CONFIRM_SAVE:
                 # the display shows what would be restricted: looks at it, and means it
                 yield from self.person.react()

@@ -102,7 +102,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         began = person.percept.now
         aside = False
         while person.unseen_for() > FEEDBACK_GAP and person.percept.now - began < person.model.patience:
-            told = person.percept.now - person.percept.told_to_hold < person.model.patience
+            told = person.percept.now - person.percept.hold_requested < person.model.patience
             if not aside and not told and person.percept.now - began > 2.0 and person.spot is not None:
                 # perhaps the person's body is in the way; one who was told to wait for the robot knows better
                 aside = True

@@ -8,7 +8,7 @@ import numpy as np
 
 from vb_core import geometry
 
-FOLLOWS_AT = 1.0  # [m] the distance from the spot to which the robot drives
+FOLLOWING_DISTANCE = 1.0  # [m] the distance from the spot to which the robot drives
 STEP = 0.05  # [m]
 
 
@@ -27,9 +27,9 @@ def simulate_follower(spots: np.ndarray, robot: np.ndarray) -> np.ndarray:
     for spot in spots:
         to_spot = spot - place
         distance = float(np.linalg.norm(to_spot))
-        if distance > FOLLOWS_AT:
-            place = place + to_spot / distance * (distance - FOLLOWS_AT)
-        distances.append(min(distance, FOLLOWS_AT))
+        if distance > FOLLOWING_DISTANCE:
+            place = place + to_spot / distance * (distance - FOLLOWING_DISTANCE)
+        distances.append(min(distance, FOLLOWING_DISTANCE))
     return np.array(distances)
 
 

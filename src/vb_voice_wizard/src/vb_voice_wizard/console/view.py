@@ -56,17 +56,17 @@ class ConsoleContent:
 
     def words(self, code: str, **values: Any) -> str:
         """Returns the words for a code in the operator's language."""
-        return sentences.say(code, values, self.language)
+        return sentences.translate(code, values, self.language)
 
     def sentence(self, said: Any) -> str:
         """Returns what a message with code, values and English sentence says, in the operator's language."""
         return (
-            sentences.say(said.code, mapping_from_values(said.values), self.language, said.message)
+            sentences.translate(said.code, mapping_from_values(said.values), self.language, said.message)
             if said.code
             else said.message
         )
 
-    def say(self, clock: str, text: str, style: str) -> None:
+    def add_message(self, clock: str, text: str, style: str) -> None:
         """Adds a message with the time of day, unless it repeats the last one."""
         if not self.messages or self.messages[-1][1:] != (text, style):
             self.messages.append((clock, text, style))

@@ -25,8 +25,8 @@ class AnswerCache:
         self._patience_s = patience_s
         self._lock = threading.Lock()
         self._answers: "collections.OrderedDict[str, Future]" = collections.OrderedDict()
-        for identity, success, code, values, said in remembered:
-            self._slot(str(identity)).set_result(Answer(bool(success), str(code), dict(values), str(said)))
+        for identity, success, code, values, sentence in remembered:
+            self._slot(str(identity)).set_result(Answer(bool(success), str(code), dict(values), str(sentence)))
 
     def carry_out(self, identity: str, do: Callable[[], Answer]) -> Answer:
         """Carries out a command with this id unless it was before, and returns its answer; "" means no id."""
@@ -56,7 +56,7 @@ class AnswerCache:
         with self._lock:
             known: Dict[str, Future] = dict(self._answers)
         given = [(identity, slot.result()) for identity, slot in known.items() if slot.done() and not slot.exception()]
-        return [[identity, one.success, one.code, dict(one.values), one.said] for identity, one in given]
+        return [[identity, one.success, one.code, dict(one.values), one.sentence] for identity, one in given]
 
     def _slot(self, identity: str) -> "Future[Answer]":
         slot: "Future[Answer]" = Future()

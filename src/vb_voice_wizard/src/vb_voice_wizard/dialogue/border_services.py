@@ -34,17 +34,19 @@ class BorderServices:
     Args:
         occupancy: of every border.
         wait_s, answer_s: [s] wall time, how long to wait for an absent service, and for its answer.
-        told: returns all that people are told now.
+        list_notices: returns all present notices.
 
     Every method raises CodedError: "no_service" if the service is absent (nothing was sent), "no_response" if it
     did not answer (the request may have been done or not), or the service's own error.
     """
 
-    def __init__(self, occupancy: float, wait_s: float, answer_s: float, told: Callable[[], List[Notice]]) -> None:
+    def __init__(
+        self, occupancy: float, wait_s: float, answer_s: float, list_notices: Callable[[], List[Notice]]
+    ) -> None:
         self._occupancy = occupancy
         self._wait_s = wait_s
         self._answer_s = answer_s
-        self._told = told
+        self._list_notices = list_notices
 
     def fetch_drawn_border(self, interaction_id: str) -> VirtualBorder:
         """Fetches the border as drawn, ready to be added.
@@ -54,7 +56,7 @@ class BorderServices:
         request = GetDrawnBorderRequest(interaction_id=interaction_id)
         response = self._ask(names.GET_DRAWN_BORDER, GetDrawnBorder, request, "$border_fusion")
         if response.code == "no_spots":
-            for notice in self._told():
+            for notice in self._list_notices():
                 if notice.camera and notice.severity is Severity.ERROR:
                     raise CodedError(notice.code, **notice.values)
         _check(response)

@@ -12,7 +12,7 @@ from vb_core.notices import Notice
 PERIOD_S = 0.5  # between two previews: faster than people read
 RETRY_S = 2.0  # after which a service that did not answer is called again
 TOLERANCE_M = 0.02  # a vertex or seed that moved less causes no visible change: a cell of the map
-SHARE = 0.25  # of the time that previews may take: the same computer searches the images
+MAX_TIME_SHARE = 0.25  # of the time that previews may take: the same computer searches the images
 
 
 def _nothing() -> np.ndarray:
@@ -46,7 +46,7 @@ class PreviewInputs:
         """Whether there is something to preview."""
         return bool(self.interaction_id) and len(self.chain) > 0 and len(self.seed) > 0
 
-    def like(self, other: "PreviewInputs") -> bool:
+    def is_equivalent(self, other: "PreviewInputs") -> bool:
         """Tells whether a preview of the other one would look the same."""
         if self.interaction_id != other.interaction_id or self.complete != other.complete:
             return False
@@ -73,7 +73,7 @@ class PreviewScheduler:
         """Returns the time [s] until this situation needs a preview; 0: now; None: never while it stays as it is."""
         if self._shown is None or situation.interaction_id != self._shown.interaction_id:
             return 0.0
-        if situation.like(self._shown):
+        if situation.is_equivalent(self._shown):
             return None if self._retry_at is None else max(0.0, self._retry_at - now)
         return max(0.0, self._not_before - now)
 
@@ -87,4 +87,4 @@ class PreviewScheduler:
         """
         self._shown = situation
         self._retry_at = None if answered else now + RETRY_S
-        self._not_before = max(started + PERIOD_S, now + (now - started) * (1.0 / SHARE - 1.0))
+        self._not_before = max(started + PERIOD_S, now + (now - started) * (1.0 / MAX_TIME_SHARE - 1.0))

@@ -28,12 +28,12 @@ class Previewer:
 
     Args:
         services: those to call.
-        told: returns all that people are told now; a warning in it is an issue of the preview, like those of the
+        list_notices: returns all present notices; a warning among them is an issue of the preview, like those of the
             border's check.
     """
 
-    def __init__(self, services: BorderServices, told: Callable[[], List[Notice]]) -> None:
-        self._services, self._told = services, told
+    def __init__(self, services: BorderServices, list_notices: Callable[[], List[Notice]]) -> None:
+        self._services, self._list_notices = services, list_notices
         self._pace = PreviewScheduler()
         self._condition = threading.Condition()
         self._situation = PreviewInputs()
@@ -52,7 +52,7 @@ class Previewer:
         """
         with self._condition:
             self._held = saving
-            self._warnings.update(self._told())
+            self._warnings.update(self._list_notices())
             if interaction_id != self._situation.interaction_id:
                 self._warnings.start()
                 self._situation = PreviewInputs(interaction_id, borders=self._situation.borders)
@@ -89,7 +89,7 @@ class Previewer:
             chain=array_from_points(message.chain),
             seed=array_from_points([message.seed] if message.has_seed else []),
             code=message.code if refused else "seed_not_drawn",
-            message=message.message if refused else sentences.say("seed_not_drawn"),
+            message=message.message if refused else sentences.translate("seed_not_drawn"),
             values=tuple(mapping_from_values(message.values).items()) if refused else (),
         )
 

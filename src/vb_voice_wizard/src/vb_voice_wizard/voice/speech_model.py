@@ -55,7 +55,7 @@ class SpeechModel:
         )
         self._rarity = _RARITY * self._written(np.zeros(16000, np.int16))
 
-    def evidence(self, pcm: np.ndarray) -> np.ndarray:
+    def log_likelihood_ratios(self, pcm: np.ndarray) -> np.ndarray:
         """Returns (M,), for each text the logarithm of how much more probable an utterance makes it.
 
         Args:
