@@ -24,7 +24,7 @@ from typing import Any, Dict, List, Tuple
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from homes import Home, corridor_home, draw_map, furnished  # noqa: E402
+from simulated_homes import Home, corridor_home, draw_map, furnished  # noqa: E402
 from result_table import revision, write_table  # noqa: E402
 
 from vb_core.errors import CodedError  # noqa: E402

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How soon the smart display shows what happens, in the simulated lab under its whole load.
 
-    python3 bench/display_latency.py [--spot-rate 25] [--projector]
+    python3 bench/display_latency.py [--projector]
 
 Starts simulation.launch with RViz on a virtual screen, plays the participant itself (draws round the carpet, points
 at it, says save), and writes out/bench/display_latency.json:
@@ -20,7 +20,6 @@ import argparse
 import contextlib
 import json
 import os
-import signal
 import sys
 import threading
 import time
@@ -225,10 +224,6 @@ def main() -> int:
         ):
             print(f"the lab did not come up:\n{launch.tail()}", file=sys.stderr)
             return 1
-            former = pid_of("/display_markers")
-            os.kill(former, signal.SIGTERM)
-            wait_until(lambda: pid_of("/display_markers") not in (0, former), 60.0)
-            wait_until(lambda: len(observer.stripes) > 1, 30.0)  # it draws again
         before, started = cpu_seconds("/display_markers"), time.monotonic()
         saved = draw(observer, world)
         used = (cpu_seconds("/display_markers") - before) / (time.monotonic() - started)

@@ -2,7 +2,7 @@
 """Measures the memory of every process of a running lab, as one table.
 
     bench/lab_memory.py                        # starts the simulated lab with three cameras and a robot, writes docs/results
-    bench/lab_memory.py --label before --out /tmp/before.csv
+    bench/lab_memory.py --label before --out before.csv
 
 RSS counts pages that processes share once for each of them, PSS in equal parts: the sum of the PSS is what the computer
 must have. The simulator's nodes and RViz are listed, but no part of the sum: a real lab does not have the first, and

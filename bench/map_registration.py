@@ -21,7 +21,7 @@ from typing import Any, Dict, List
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from homes import corridor_home, draw_map, furnished, split_home  # noqa: E402
+from simulated_homes import corridor_home, draw_map, furnished, split_home  # noqa: E402
 from result_table import revision, write_table  # noqa: E402
 
 from vb_evaluation.statistics import proportion  # noqa: E402

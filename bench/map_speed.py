@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Integration and changes beside an older revision's, in turns, so that what else the computer does meets both.
 
-    git archive REVISION src | tar -x -C /tmp/before
-    . scripts/env.sh && python3 bench/map_speed.py --before /tmp/before
+    git archive REVISION src | tar -x -C before
+    . scripts/env.sh && python3 bench/map_speed.py --before before
 
 One process of each revision does the same operation, now the one, now the other; the ratio is that of the medians of
 wall time. Writes docs/results/map-speed.csv.

@@ -215,7 +215,7 @@ class Lab:
     def _on_driver(self, message) -> None:
         self._late += message.code.endswith("_lost") or message.code == "clock_stopped"
 
-    def drive(self, goal, path_from=None):
+    def drive(self, goal):
         """Sends the robot to a goal; returns what was driven, and the row of results that all drives have."""
         self.pace.missed(), self._errors.clear()
         self._late, began = 0, time.monotonic()

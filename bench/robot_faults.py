@@ -24,11 +24,11 @@ from pathlib import Path
 import numpy as np
 
 from result_table import revision
-from robot_stand import NAVIGATION_HZ, SCAN_HZ, DrivenRobot, Every, standin_navigator
+from driver_rig import NAVIGATION_HZ, SCAN_HZ, DrivenRobot, Every, standin_navigator
 from vb_core.robot_profile import RobotProfile
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
-from vb_robot.clearance_map import OCCUPIED, clearance_grid
+from vb_robot.clearance_map import BLOCKED_THRESHOLD, clearance_grid
 from vb_robot.driving.gate import RATE
 from vb_robot.spots import DEFAULT, GUIDE, Sighting
 from vb_sim.room.floor_plan import physical_map
@@ -63,7 +63,9 @@ class Run:
         self.rng = np.random.default_rng(seed)
         self.body, self.guided = self.lab.robots[0], guided
         if guided:
-            clearance = clearance_grid((posterior.data >= OCCUPIED) | (posterior.data < 0), posterior.resolution)
+            clearance = clearance_grid(
+                (posterior.data >= BLOCKED_THRESHOLD) | (posterior.data < 0), posterior.resolution
+            )
             middle = np.unravel_index(int(np.argmax(clearance)), clearance.shape)
             x, y = posterior.cell_to_world(np.array([middle]))[0]
             yaw = self.rng.uniform(-math.pi, math.pi)

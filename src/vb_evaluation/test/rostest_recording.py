@@ -57,7 +57,7 @@ class RecordingTest(unittest.TestCase):
             rospy.rostime.wallsleep(0.05)
         self.fail(f"{what} did not happen within {DEADLINE:.0f} s")
 
-    def say(self, command: str) -> None:
+    def give_command(self, command: str) -> None:
         reply = self.command(command=command, source="test")
         self.assertTrue(reply.success, reply.message)
 
@@ -74,16 +74,16 @@ class RecordingTest(unittest.TestCase):
         rospy.wait_for_service(names.COMMAND, DEADLINE)
         rospy.wait_for_service(names.ADD_BORDER, DEADLINE)
         # the point set and the recorder listen
-        self.wait(self.heard, "the connection of fusion and recorder")
+        self.wait(self.is_subscribed, "the connection of fusion and recorder")
         self.wait(lambda: Recording(self.folder).maps, "the record of the physical map")
         corners = np.vstack([SQUARE, SQUARE[:1]])
         outline = np.vstack(
             [np.linspace(a, b, 60, endpoint=False) for a, b in zip(corners[:-1], corners[1:])] + [corners[:1]]
         )
-        self.say("define_border")
+        self.give_command("define_border")
         self.wait(lambda: self.state.name == "border", "the state Border")
         self.draw(outline)
-        self.say("define_seed")
+        self.give_command("define_seed")
         self.wait(lambda: self.state.name == "seed", "the state Seed")
         self.draw(np.tile(SQUARE.mean(axis=0), (20, 1)))
         self.wait(self.saved, "the save")
@@ -118,7 +118,7 @@ class RecordingTest(unittest.TestCase):
         self.assertGreater(float(row["jaccard"]), 0.93)
         self.assertGreater(float(row["time_border_s"]), 0.0)
 
-    def heard(self) -> bool:
+    def is_subscribed(self) -> bool:
         listeners = dict(rosgraph.Master("/test").getSystemState()[1]).get(names.SPOTS, [])
         return {"/border_fusion", "/recorder"} <= set(listeners) and self.spots.get_num_connections() >= len(listeners)
 

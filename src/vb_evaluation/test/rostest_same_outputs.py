@@ -59,7 +59,7 @@ class Session:
                 raise AssertionError("waited in vain")
             rospy.sleep(0.02)
 
-    def say(self, command):
+    def give_command(self, command):
         """Gives a command."""
         answer = commands.send(commands.make_request(command, "test", 10.0))
         self.answers.append((command, answer.success, answer.code))
@@ -84,15 +84,15 @@ class Session:
         )
         self.wait_until(lambda: self.grid is not None)
         border, seed = recorded_spots(), np.tile([2.0, 1.7], (25, 1))
-        self.say("define_border")
+        self.give_command("define_border")
         self.wait_until(lambda: self.state.name == "border")
         self.show(border)
         self.wait_until(lambda: self.progress is not None and self.progress.border_spots == len(border))
-        self.say("define_seed")
+        self.give_command("define_seed")
         self.wait_until(lambda: self.state.name == "seed")
         self.show(seed)
         self.wait_until(lambda: self.progress.seed_spots == len(seed))
-        self.say("save")
+        self.give_command("save")
         self.wait_until(
             lambda: self.borders is not None and self.borders.borders and grid_from_message(self.grid).data.any()
         )

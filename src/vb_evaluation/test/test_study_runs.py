@@ -44,7 +44,7 @@ def test_the_same_whatever_was_run_before():
     assert len(first.spots) > 10 and np.allclose(first.path, again.path, atol=1e-6)
 
 
-def tell(document, sources, job):
+def make_row(document, sources, job):
     """What a worker of these tests does instead of a run: a row that depends on job and configuration."""
     study = config.study_of(document, sources)
     varied = study.changed(job.changes) if job.changes else study
@@ -57,12 +57,12 @@ def tell(document, sources, job):
 def test_the_same_with_any_number_of_processes_and_after_an_interruption(tmp_path):
     jobs = plan.main_jobs(STUDY, 2)
     for folder, processes in (("one", 1), ("two", 2)):
-        assert campaign.conduct(STUDY, jobs, tmp_path / folder, processes, console=QUIET, work=tell) == 0
+        assert campaign.conduct(STUDY, jobs, tmp_path / folder, processes, console=QUIET, work=make_row) == 0
     one, two = ((tmp_path / folder / "runs.csv").read_bytes() for folder in ("one", "two"))
     assert one == two and one.count(b"\n") == 13
     # as if the power had failed in the middle of the last row
     (tmp_path / "one" / "runs.csv").write_bytes(one[: one.rstrip(b"\n").rfind(b"\n") + 12])
-    assert campaign.conduct(STUDY, jobs, tmp_path / "one", 1, console=QUIET, work=tell) == 0
+    assert campaign.conduct(STUDY, jobs, tmp_path / "one", 1, console=QUIET, work=make_row) == 0
     assert (tmp_path / "one" / "runs.csv").read_bytes() == one
 
 
@@ -113,11 +113,11 @@ def test_a_cluster_gives_the_same_rows(tmp_path):
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster:
         assert (
             campaign.conduct(
-                study, jobs, tmp_path / "far", 2, console=QUIET, scheduler=cluster.scheduler_address, work=tell
+                study, jobs, tmp_path / "far", 2, console=QUIET, scheduler=cluster.scheduler_address, work=make_row
             )
             == 0
         )
-    assert campaign.conduct(study, jobs, tmp_path / "here", 1, console=QUIET, work=tell) == 0
+    assert campaign.conduct(study, jobs, tmp_path / "here", 1, console=QUIET, work=make_row) == 0
     for file in ("runs.csv", "worlds.csv", "draws.csv"):
         assert (tmp_path / "far" / file).read_bytes() == (tmp_path / "here" / file).read_bytes()
 
@@ -129,7 +129,7 @@ def test_a_curve_repeats_no_run_that_the_study_has(tmp_path):
 
     def work(document, sources, job):
         done.append(job)
-        return tell(document, sources, job)
+        return make_row(document, sources, job)
 
     assert campaign.conduct(STUDY, jobs, tmp_path, console=QUIET, work=work) == 0
     assert (
@@ -148,7 +148,7 @@ def test_no_scheduler_is_one_line(tmp_path):
 
 @pytest.mark.parametrize("name", ["runs.csv", "curves.csv", "worlds.csv"])
 def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(campaign, "row_of", lambda study, job: (tell(study.document, study.sources, job).row, None))
+    monkeypatch.setattr(campaign, "row_of", lambda study, job: (make_row(study.document, study.sources, job).row, None))
     path = tmp_path / "short.yaml"
     path.write_text("design: {worlds: 2}\n")
     study = config.load(path)

@@ -55,7 +55,7 @@ class Screen:
             else:
                 self.markers[marker.ns, marker.id] = marker
 
-    def says(self, namespace):
+    def text_of(self, namespace):
         found = sorted((key[1], marker.text) for key, marker in list(self.markers.items()) if key[0] == namespace)
         return " ".join(text for _, text in found)
 
@@ -84,41 +84,43 @@ class DisplayMarkersTest(unittest.TestCase):
         cls.grid = GridMap(cells, 0.05, (-2.0, 1.0, 0.0))
         cls.map.publish(message_from_grid(cls.grid, rospy.Time.now()))
 
-    def say(self, **changes):
+    def publish_state(self, **changes):
         message = InteractionState(name="default", commands=["define_border"], last_success=True)
         for key, value in changes.items():
             setattr(message, key, value)
         self.state.publish(message)
 
     def test_1_words_follow_the_state(self):
-        self.say()
-        wait_until(lambda: self.screen.says("words/state") == "Ready", "the default state's title")
-        self.say(
+        self.publish_state()
+        wait_until(lambda: self.screen.text_of("words/state") == "Ready", "the default state's title")
+        self.publish_state(
             name="seed",
             commands=["save", "cancel"],
             border_s=70.0,
             interaction_id="i",
-            last_message="The map integrator does not answer; say save again in a moment.",
+            last_message="The map integrator does not answer; publish_state save again in a moment.",
             last_success=False,
         )
-        wait_until(lambda: self.screen.says("words/state") == "Seed", "the seed state's title")
-        self.assertEqual([self.screen.says(f"words/say/{number}") for number in range(3)], ["save", "cancel", ""])
-        self.assertEqual(self.screen.says("words/elapsed"), "1:10")
-        self.assertIn("say save again", self.screen.says("words/answer"))
-        self.say(
+        wait_until(lambda: self.screen.text_of("words/state") == "Seed", "the seed state's title")
+        self.assertEqual(
+            [self.screen.text_of(f"words/publish_state/{number}") for number in range(3)], ["save", "cancel", ""]
+        )
+        self.assertEqual(self.screen.text_of("words/elapsed"), "1:10")
+        self.assertIn("publish_state save again", self.screen.text_of("words/answer"))
+        self.publish_state(
             name="seed", interaction_id="i", stopped=True, last_code="stopped", last_message="English, and not read."
         )
-        wait_until(lambda: self.screen.says("words/state") == "Stopped", "the stop")
-        wait_until(lambda: self.screen.says("words/answer").startswith("Stopped: no robot"), "the code's sentence")
-        self.say(name="border", interaction_id="i", last_message="Draw.")
-        wait_until(lambda: self.screen.says("words/answer") == "Draw.", "an answer with fewer words")
+        wait_until(lambda: self.screen.text_of("words/state") == "Stopped", "the stop")
+        wait_until(lambda: self.screen.text_of("words/answer").startswith("Stopped: no robot"), "the code's sentence")
+        self.publish_state(name="border", interaction_id="i", last_message="Draw.")
+        wait_until(lambda: self.screen.text_of("words/answer") == "Draw.", "an answer with fewer words")
         # words are beside the map, not on it: the map goes from (-2, 1) to (6, 6)
         for marker in self.screen.has("words/state") + self.screen.has("words/answer"):
             position = marker.pose.position
             self.assertTrue(position.x > 6.0 or position.y < 1.0)
 
     def test_2_drawing_belongs_to_its_interaction(self):
-        self.say(name="border", interaction_id="i7")
+        self.publish_state(name="border", interaction_id="i7")
         drawn = BorderProgress(
             interaction_id="i7",
             cameras=["red", "robot"],
@@ -135,8 +137,8 @@ class DisplayMarkersTest(unittest.TestCase):
         self.assertEqual(len(points.points), 2)
         self.assertNotEqual(points.colors[0], points.colors[1])
         self.assertEqual(len(self.screen.has("drawing/seed")), 3)
-        self.assertEqual(self.screen.says("words/seen/0"), "robot")
-        self.say()
+        self.assertEqual(self.screen.text_of("words/seen/0"), "robot")
+        self.publish_state()
         wait_until(lambda: not self.screen.has("drawing/chain"), "the end of the chain")
         self.assertFalse(self.screen.has("drawing/points") or self.screen.has("drawing/seed"))
 
@@ -152,7 +154,9 @@ class DisplayMarkersTest(unittest.TestCase):
             area_m2=1.0,
         )
         self.borders.publish(borders=[border])
-        wait_until(lambda: self.screen.says("borders/label/0") == "Teppich \u00fc 1.00 m\u00b2", "the border's label")
+        wait_until(
+            lambda: self.screen.text_of("borders/label/0") == "Teppich \u00fc 1.00 m\u00b2", "the border's label"
+        )
         self.assertEqual(len(self.screen.has("borders/outline")[0].points), 6)
         cells = self.grid.data.copy()
         cells[20:40, 40:80] = 100
@@ -167,7 +171,9 @@ class DisplayMarkersTest(unittest.TestCase):
 
     def test_3_preview_belongs_to_its_interaction(self):
         self.posterior.publish(message_from_grid(self.grid, rospy.Time.now()))
-        self.say(name="seed", interaction_id="i8", commands=["save", "cancel"], last_message="Point at the side.")
+        self.publish_state(
+            name="seed", interaction_id="i8", commands=["save", "cancel"], last_message="Point at the side."
+        )
         cells = np.zeros_like(self.grid.data)
         cells[50:70, 20:60] = 100
         preview = BorderPreviewArray(
@@ -193,27 +199,27 @@ class DisplayMarkersTest(unittest.TestCase):
         )
         self.assertEqual((rows.min(), rows.max(), columns.min(), columns.max()), (50, 69, 20, 59))
         wait_until(
-            lambda: self.screen.says("words/notice/1") == "Save would restrict 2.00 m\u00b2.", "its size in words"
+            lambda: self.screen.text_of("words/notice/1") == "Save would restrict 2.00 m\u00b2.", "its size in words"
         )
-        self.assertEqual(self.screen.says("words/notice/2"), "Note: the free space would fall into 2 parts")
+        self.assertEqual(self.screen.text_of("words/notice/2"), "Note: the free space would fall into 2 parts")
         # a code that no catalogue has yet: its own sentence, and no word of it matters
         inside = Notice("robot_where_it_should_not_be", Severity.WARNING, message="A robot: Carpet!")
 
-        def said():
+        def is_shown():
             self.notices.publish(source="/monitor", notices=[message_from_notice(inside)])
-            return self.screen.says("words/notice/1") == "A robot: Carpet!"
+            return self.screen.text_of("words/notice/1") == "A robot: Carpet!"
 
-        wait_until(said, "the robot's standing")
+        wait_until(is_shown, "the robot's standing")
         self.assertTrue(self.screen.has("words/notice/1/plate"))
         self.notices.publish(source="/monitor", notices=[])
         wait_until(
-            lambda: self.screen.says("words/notice/1").startswith("Save would"), "the end of the robot's standing"
+            lambda: self.screen.text_of("words/notice/1").startswith("Save would"), "the end of the robot's standing"
         )
-        self.say(last_message="Saved.", last_outcome="saved")
+        self.publish_state(last_message="Saved.", last_outcome="saved")
         wait_until(lambda: not len(orange()[0]) and not self.screen.has("words/notice/2"), "the end of the preview")
 
     def test_4_spots_come_and_fade(self):
-        self.say(name="border", interaction_id="i")
+        self.publish_state(name="border", interaction_id="i")
         wait_until(lambda: self.spots.get_num_connections(), "the subscriber")
 
         def point():
@@ -264,15 +270,15 @@ class DisplayMarkersTest(unittest.TestCase):
         self.assertAlmostEqual(view["X"], layout.view.centre[0], 2)
 
     def test_5_a_newcomer_gets_everything(self):
-        self.say(name="guide", interaction_id="i", commands=["cancel"])
-        wait_until(lambda: self.screen.says("words/state") == "Guide", "the guide state's title")
+        self.publish_state(name="guide", interaction_id="i", commands=["cancel"])
+        wait_until(lambda: self.screen.text_of("words/state") == "Guide", "the guide state's title")
         # two subscribers of one process share a connection: only a new connection makes a newcomer
         self.screen.subscriber.unregister()
         another = Screen()
-        wait_until(lambda: another.says("words/state") == "Guide" and another.has("robot/body"), "everything")
+        wait_until(lambda: another.text_of("words/state") == "Guide" and another.has("robot/body"), "everything")
         robot = another.has("robot/body")[0]
         self.assertEqual((robot.header.frame_id, robot.frame_locked), ("base_link", True))
-        self.assertEqual(another.says("words/say/0"), "cancel")
+        self.assertEqual(another.text_of("words/publish_state/0"), "cancel")
         another.subscriber.unregister()
 
 

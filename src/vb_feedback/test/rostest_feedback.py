@@ -30,30 +30,30 @@ class FeedbackTest(unittest.TestCase):
         wait_until(lambda: cls.state.get_num_connections() and cls.spots.get_num_connections(), "the node")
         wait_until(lambda: all(subscriber.get_num_connections() for subscriber in cls.subscribers), "its topics")
 
-    def say(self, second, **values):
+    def publish_state(self, second, **values):
         message = InteractionState(last_success=True, last_answered=rospy.Time(second))
         for key, value in values.items():
             setattr(message, key, value)
         self.state.publish(message)
 
-    def heard(self, *expected):
-        wait_until(lambda: len(self.sounds) >= len(expected), f"{expected}, heard {self.sounds}")
+    def expect_sounds(self, *expected):
+        wait_until(lambda: len(self.sounds) >= len(expected), f"{expected}, got {self.sounds}")
         self.assertEqual(self.sounds, list(expected))
 
     def test_light_and_sound_of_an_interaction(self):
-        self.say(1, name="default")
+        self.publish_state(1, name="default")
         wait_until(lambda: len(self.lights) == 1, "the light of the default state")
-        self.say(2, name="border")
-        self.heard("border")
+        self.publish_state(2, name="border")
+        self.expect_sounds("border")
         wait_until(lambda: len(self.lights) == 2, "another light")
         self.assertNotEqual(self.lights[0], self.lights[1])
         for _ in range(5):
             self.spots.publish(LaserSpot(camera="red"))
-        self.heard("border", "tick")
-        self.say(3, name="border", last_success=False)
-        self.say(3, name="border", last_success=False)
-        self.say(4, name="border", last_success=False)
-        self.say(5, name="default", last_outcome="saved")
+        self.expect_sounds("border", "tick")
+        self.publish_state(3, name="border", last_success=False)
+        self.publish_state(3, name="border", last_success=False)
+        self.publish_state(4, name="border", last_success=False)
+        self.publish_state(5, name="default", last_outcome="saved")
         wait_until(lambda: self.sounds and self.sounds[-1] == "success", "success")
         tones = [sound for sound in self.sounds if sound != "tick"]
         self.assertEqual(tones, ["border", "error", "error", "success"])

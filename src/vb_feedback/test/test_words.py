@@ -65,7 +65,7 @@ def test_letters_can_be_read_from_three_metres(extent, message, notices, least):
     assert min(angle.values()) > 10.0
 
 
-def said(shapes):
+def texts_of(shapes):
     found = {}
     for shape in shapes:
         if shape.kind == TEXT:
@@ -75,7 +75,7 @@ def said(shapes):
 
 def test_state_and_commands_are_shown():
     layout = fit_view(LAB, 16 / 9)
-    found = said(words(layout, PanelContent("seed", 65.0, ("save", "cancel"), True, "Yes.", ("red",), NOTICES[:1])))
+    found = texts_of(words(layout, PanelContent("seed", 65.0, ("save", "cancel"), True, "Yes.", ("red",), NOTICES[:1])))
     assert found == {
         "words/state": "Seed",
         "words/elapsed": "1:05",
@@ -92,7 +92,7 @@ def test_state_and_commands_are_shown():
 def test_an_answer_that_stands_as_a_notice_is_said_once():
     layout = fit_view(LAB, 16 / 9)
     stopped, more = PanelNotice("Stopped: no robot drives.", True), PanelNotice("The spot is seen.")
-    found = said(words(layout, PanelContent("seed", 1.0, (), True, stopped.text, (), (stopped, more))))
+    found = texts_of(words(layout, PanelContent("seed", 1.0, (), True, stopped.text, (), (stopped, more))))
     assert [found[name] for name in found if "answer" in name or "notice" in name] == [stopped.text, more.text]
 
 
@@ -110,5 +110,5 @@ def test_a_refusal_stands_out_for_every_eye():
 def test_a_usual_sentence_is_not_cut():
     layout = fit_view(LAB, 16 / 9)
     sentence = " ".join(["word"] * 34)
-    found = said(words(layout, PanelContent("seed", 1.0, (), True, sentence, (), NOTICES[:1])))
+    found = texts_of(words(layout, PanelContent("seed", 1.0, (), True, sentence, (), NOTICES[:1])))
     assert found["words/answer"] == sentence

@@ -100,7 +100,7 @@ class InputMethodsTest(unittest.TestCase):
         message.header.frame_id = frame
         self.clicks.publish(message)
 
-    def said(self, *words):
+    def wait_for_log(self, *words):
         wait_until(lambda: all(word in self.status.message.data for word in words), f"the status with {words}")
 
     def stored(self, count):
@@ -124,7 +124,7 @@ class InputMethodsTest(unittest.TestCase):
         border = self.stored(1)[0]
         self.assertEqual((border.kind, len(border.points)), (border.POLYGON, 4))
         wait_until(lambda: self.restricted() == 400, "1 m2 in the map")
-        self.said("added", "first point")
+        self.wait_for_log("added", "first point")
         wait_until(lambda: [marker.action for marker in self.drawn.message.markers] == [3], "nothing drawn any more")
 
     def test_clicks_make_a_separating_curve(self):
@@ -140,9 +140,9 @@ class InputMethodsTest(unittest.TestCase):
         self.assertIn("too_few_points", refused.message)
         for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (3.0, 3.0)):
             self.click(x, y)
-        self.said("4 point(s)")
+        self.wait_for_log("4 point(s)")
         self.assertTrue(rospy.ServiceProxy("/clicked_border/remove_last", Trigger)().success)
-        self.said("3 point(s)")
+        self.wait_for_log("3 point(s)")
         self.assertTrue(rospy.ServiceProxy("/clicked_border/close", Trigger)().success)
         self.click(0.9, 0.5)
         self.assertEqual(len(self.stored(1)[0].points), 3)
@@ -163,12 +163,14 @@ class InputMethodsTest(unittest.TestCase):
     def test_refused_clicks_change_nothing(self):
         count = self.maps.count
         self.click(float("nan"), 0.0)
-        self.said(sentences.translate("bad_points", {}))
+        self.wait_for_log(sentences.translate("bad_points", {}))
         self.click(0.0, 0.0, "nowhere")
-        self.said("no transform")
+        self.wait_for_log("no transform")
         for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 0.0), (50.0, 50.0)):
             self.click(x, y)
-        self.said("refused [seed_outside_map]", "restricted")  # the clicks are still there: only the seed is missing
+        self.wait_for_log(
+            "refused [seed_outside_map]", "restricted"
+        )  # the clicks are still there: only the seed is missing
         self.assertEqual((self.maps.count, self.borders.message.borders), (count, []))
         self.click(0.7, 0.3)
         self.stored(1)

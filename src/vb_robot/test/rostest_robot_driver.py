@@ -113,7 +113,7 @@ class DriverTest(unittest.TestCase):
     def holds(self, code):
         return wait_until(lambda: self.drivers.get("", ("", ""))[1] == code and self.stimulus.velocity == (0.0, 0.0))
 
-    def said(self, code, robot=""):
+    def has_notice(self, code, robot=""):
         return any((code, robot) in codes for codes in self.notices.values())
 
     def test_follows_the_spot_and_stops_when_the_manager_is_silent(self):
@@ -121,10 +121,10 @@ class DriverTest(unittest.TestCase):
         self.assertEqual(self.drivers[""][0], "follow")
         self.stimulus.silent = True
         self.assertTrue(self.holds("state_lost"), str(self.drivers))
-        self.assertTrue(wait_until(lambda: self.said("robot_state_lost")))
+        self.assertTrue(wait_until(lambda: self.has_notice("robot_state_lost")))
         self.stimulus.silent = False
         self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] > 0.1))
-        self.assertTrue(wait_until(lambda: not self.said("robot_state_lost")))
+        self.assertTrue(wait_until(lambda: not self.has_notice("robot_state_lost")))
 
     def test_a_driver_that_starts_again_while_the_manager_is_away_stays_stopped(self):
         self.assertTrue(wait_until(self.is_stopped), str(self.drivers))
@@ -145,9 +145,9 @@ class DriverTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
         self.assertTrue(wait_until(self.is_stopped), str(self.drivers))
         self.assertTrue(self.holds("stopped"))
-        self.assertTrue(wait_until(lambda: self.said("robot_stopped")))
-        self.assertTrue(wait_until(lambda: self.said("stop_not_remembered", "ada")))
-        self.assertFalse(self.said("stop_not_remembered"))
+        self.assertTrue(wait_until(lambda: self.has_notice("robot_stopped")))
+        self.assertTrue(wait_until(lambda: self.has_notice("stop_not_remembered", "ada")))
+        self.assertFalse(self.has_notice("stop_not_remembered"))
         self.stop.publish(Bool(False))
         self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
         self.assertTrue(wait_until(lambda: not os.path.exists(rospy.get_param("/robot_driver/stop_file"))))
@@ -184,24 +184,24 @@ class DriverTest(unittest.TestCase):
         self.put(self.stimulus, (4.5, 2.5, 0.0))
         self.put(self.ada, (4.4, 2.4, 0.0))
         for robot in ("", "ada"):
-            self.assertTrue(wait_until(lambda: self.said("robot_inside_border", robot)), robot)
+            self.assertTrue(wait_until(lambda: self.has_notice("robot_inside_border", robot)), robot)
         self.put(self.ada, (1.0, 4.0, 0.0))
-        self.assertTrue(wait_until(lambda: not self.said("robot_inside_border", "ada")))
-        self.assertTrue(self.said("robot_inside_border", ""), "that the other has left clears nothing")
+        self.assertTrue(wait_until(lambda: not self.has_notice("robot_inside_border", "ada")))
+        self.assertTrue(self.has_notice("robot_inside_border", ""), "that the other has left clears nothing")
 
     def test_leaves_by_itself_after_the_drawing(self):
         self.stimulus.set_state(SEED)
         self.put(self.ada, (4.15, 2.5, 3.1))
         self.publish_border()
-        self.assertTrue(wait_until(lambda: self.said("robot_inside_border", "ada")))
+        self.assertTrue(wait_until(lambda: self.has_notice("robot_inside_border", "ada")))
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
         # only a border that comes while the robot is there is left: until now the driver may have seen the map
         # before it saw where the robot had been put, which is a robot that somebody took into a border
         self.publish_border()
         self.stimulus.set_state(DEFAULT)
-        self.assertTrue(wait_until(lambda: self.said("robot_leaves_border", "ada")))
+        self.assertTrue(wait_until(lambda: self.has_notice("robot_leaves_border", "ada")))
         self.assertTrue(wait_until(lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0)))
-        self.assertTrue(wait_until(lambda: not self.said("robot_inside_border", "ada")))
+        self.assertTrue(wait_until(lambda: not self.has_notice("robot_inside_border", "ada")))
 
     def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):
         cells, localisation = [], PoseWithCovarianceStamped()
@@ -230,7 +230,7 @@ class DriverTest(unittest.TestCase):
 
         def answered():
             self.goals.publish(goal)
-            return self.said("goal_in_border")
+            return self.has_notice("goal_in_border")
 
         self.assertTrue(wait_until(answered))
 

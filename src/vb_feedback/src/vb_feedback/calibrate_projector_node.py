@@ -78,10 +78,10 @@ class CalibrateProjector:
             _MARKERS,
         )
 
-    def _show(self, picture: np.ndarray) -> None:
-        self._publisher.publish(image_message(picture, "rgb8", rospy.Time.now(), FRAME))
+    def _show(self, image: np.ndarray) -> None:
+        self._publisher.publish(image_message(image, "rgb8", rospy.Time.now(), FRAME))
         if self._window is not None:
-            self._window.show(picture)
+            self._window.show(image)
 
     def _on_click(self, message: PointStamped) -> None:
         point = (message.point.x, message.point.y)

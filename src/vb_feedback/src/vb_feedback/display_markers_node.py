@@ -104,7 +104,7 @@ class DisplayMarkers:
         self._made: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
         self._overlaid: Tuple[Any, ...] = (None, None, None)
         self._layout: Layout = fit_view(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
-        self._told = NoticeListener(self._changed)
+        self._notice_listener = NoticeListener(self._changed)
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
@@ -213,7 +213,7 @@ class DisplayMarkers:
     def _draw(self) -> bool:
         """Sends what changed; returns whether something goes on changing by itself."""
         with self._lock:
-            known = replace(self._known, spots=tuple(self._spots), held=tuple(self._told.current()))
+            known = replace(self._known, spots=tuple(self._spots), held=tuple(self._notice_listener.current()))
             newcomers, self._newcomers = self._newcomers, []
         grid = known.posterior or known.physical
         if grid is not None:

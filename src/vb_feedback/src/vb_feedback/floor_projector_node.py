@@ -58,12 +58,14 @@ class FloorProjector:
 
     Args:
         params: see config/floor_projector.yaml.
-        picture: the renderer.
+        floor_image: the renderer.
         window: shows; None: only the topic.
     """
 
-    def __init__(self, params: ProjectorParams, picture: FloorImage, window: Optional[ProjectorWindow] = None) -> None:
-        self._picture = picture
+    def __init__(
+        self, params: ProjectorParams, floor_image: FloorImage, window: Optional[ProjectorWindow] = None
+    ) -> None:
+        self._floor_image = floor_image
         self._window = window
         self._period = 1.0 / params.max_rate
         self._lock = threading.Lock()
@@ -149,10 +151,10 @@ class FloorProjector:
         self._shown = (content, preview)
         if preview is not None:
             content = replace(content, region=self._region(preview))
-        picture = self._picture.render(content)
-        self._publisher.publish(image_message(picture, "rgb8", rospy.Time.now(), FRAME))
+        image = self._floor_image.render(content)
+        self._publisher.publish(image_message(image, "rgb8", rospy.Time.now(), FRAME))
         if self._window is not None:
-            self._window.show(picture)
+            self._window.show(image)
 
 
 def _build() -> FloorProjector:

@@ -18,7 +18,7 @@ from vb_core.ros.cameras import camera_from_info
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid
 from vb_core.ros.transforms import TransformLookup
-from vb_robot.clearance_map import OCCUPIED
+from vb_robot.clearance_map import BLOCKED_THRESHOLD
 from vb_robot.coverage import floor_seen
 
 START_DELAY = rospy.Duration(10.0)
@@ -64,7 +64,7 @@ class CameraCoverageNode:
         self._transforms = TransformLookup()
         self._publisher = rospy.Publisher(names.COVERAGE, OccupancyGridArray, queue_size=1, latch=True)
         self._beat = node.WakeTimer(CHECK_PERIOD)
-        self._worker = node.Worker(self._beat, lambda _woken: self._look())
+        self._worker = node.Worker(self._beat, lambda _woken: self._update())
         self._subscribers = [
             rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, queue_size=1),
             *(
@@ -83,7 +83,7 @@ class CameraCoverageNode:
         self._map_message = message
         self._beat.set()
 
-    def _look(self) -> None:
+    def _update(self) -> None:
         """Computes what has changed since the last look."""
         if self._map_message is not self._map_taken:
             self._map_taken = self._map_message
@@ -93,7 +93,7 @@ class CameraCoverageNode:
             return
         for name, packed in list(self._infos.items()):
             try:
-                self._look_at(name, CameraInfo().deserialize(packed._buff), self._map)
+                self._update_camera(name, CameraInfo().deserialize(packed._buff), self._map)
             except CodedError as error:
                 # during start-up a transform may be missing for a moment
                 if rospy.Time.now() - self._started > START_DELAY:
@@ -103,7 +103,7 @@ class CameraCoverageNode:
             self._published = key
             self._publish(self._map, {name: entry[1] for name, entry in self._seen.items()})
 
-    def _look_at(self, name: str, info: CameraInfo, grid: GridMap) -> None:
+    def _update_camera(self, name: str, info: CameraInfo, grid: GridMap) -> None:
         camera = camera_from_info(info)
         pose = self._transforms.lookup(
             names.MAP_FRAME, info.header.frame_id or f"{name}_optical_frame", rospy.Time(0), 0.0
@@ -113,7 +113,7 @@ class CameraCoverageNode:
             self._seen[name] = (numbers, floor_seen(grid, camera, pose))
 
     def _publish(self, grid: GridMap, seen: Dict[str, np.ndarray]) -> None:
-        floor = (grid.data >= 0) & (grid.data < OCCUPIED)
+        floor = (grid.data >= 0) & (grid.data < BLOCKED_THRESHOLD)
         values = np.where(floor, sum(seen.values(), np.zeros(grid.shape, np.int8)), np.int8(-1))
         self._publisher.publish(message_from_grid(grid.with_data(values), rospy.Time.now()))
         share = float((values[floor] > 0).mean()) if floor.any() else 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_robot.clearance_map import OCCUPIED
+from vb_robot.clearance_map import BLOCKED_THRESHOLD
 from vb_robot.floor_view import FloorView
 
 IMAGE_MARGIN = 8.0  # [px] a spot nearer to the image's edge is cut off by it
@@ -32,7 +32,7 @@ def floor_seen(grid: GridMap, camera: CameraModel, T_map_camera: np.ndarray) -> 
     if eye[2] <= 0.0:
         raise CodedError("bad_camera_pose", f"the camera must be above the map's floor, it is at z = {eye[2]:.2f} m")
     seen = np.zeros(grid.shape, dtype=bool)
-    cells = np.argwhere(grid.data < OCCUPIED)
+    cells = np.argwhere(grid.data < BLOCKED_THRESHOLD)
     places = grid.cell_to_world(cells)
     margin = IMAGE_MARGIN / np.array([camera.width, camera.height])
     inside = FloorView(camera, T_map_camera, math.inf).sees(places, margin)
@@ -56,5 +56,5 @@ def _hidden(grid: GridMap, places: np.ndarray, eye: np.ndarray) -> np.ndarray:
         cells = grid.world_to_cell(places[open_rays] + along * units[open_rays])
         inside = grid.contains_cells(cells)
         open_rays, cells = open_rays[inside], cells[inside]
-        hidden[open_rays] = grid.data[cells[:, 0], cells[:, 1]] >= OCCUPIED
+        hidden[open_rays] = grid.data[cells[:, 0], cells[:, 1]] >= BLOCKED_THRESHOLD
     return hidden

@@ -82,18 +82,18 @@ class Answer:
     """The answer to the person: whether it was done, and the code and values of the sentence.
 
     Attributes:
-        sentence: another node's English sentence, whose code our catalogue may not have.
+        said: another node's English sentence, whose code our catalogue may not have.
     """
 
     success: bool
     code: str
     values: Mapping[str, str] = field(default_factory=dict)
-    sentence: str = ""
+    said: str = ""
 
     @property
     def message(self) -> str:
         """The sentence in English."""
-        return sentences.translate(self.code, self.values, default=self.sentence)
+        return sentences.translate(self.code, self.values, default=self.said)
 
     @staticmethod
     def refusal(error: CodedError) -> "Answer":

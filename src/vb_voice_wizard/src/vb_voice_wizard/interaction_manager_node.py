@@ -186,7 +186,7 @@ class InteractionManager:
             if command != STOP and not order.expires.is_zero() and now > order.expires.to_sec():
                 answer = interaction.expired(command, order.source, now)
             else:
-                doubtful = self._preview.is_doubtful(interaction.interaction_id)
+                doubtful = self._preview.has_warning(interaction.interaction_id)
                 answer = interaction.command(command, order.source, now, order.uncertain, doubtful)
             if command == STOP or (command == RESUME and answer.success):
                 # also a resume that changes nothing here: robots may hold a stop that this node has not heard

@@ -252,7 +252,7 @@ class StagedLab:
         self._cameras: Sequence[str] = ()
         self._map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
         self._plan = rospy.Publisher(PLAN, PathMessage, queue_size=1, latch=True)
-        self._told = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=1)
+        self._notices_publisher = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=1)
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=50)
         self._transforms = tf2_ros.TransformBroadcaster()
         self._map.publish(message_from_grid(floor_plan.physical_map(world), rospy.Time.now()))
@@ -291,7 +291,7 @@ class StagedLab:
     def _move(self) -> None:
         while self._running:
             now = rospy.Time.now()
-            self._told.publish(source="/screenshots", notices=self._notices)
+            self._notices_publisher.publish(source="/screenshots", notices=self._notices)
             self._transforms.sendTransform(
                 transform_message(geometry.pose2d_transform(*self._robot), names.MAP_FRAME, "base_link", now)
             )

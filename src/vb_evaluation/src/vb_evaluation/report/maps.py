@@ -23,7 +23,7 @@ MIN_WIDTH_PX = 640
 HOLE = np.ones((7, 7), np.uint8)  # [cells] the union's outline does not go round the feet of furniture
 
 
-def picture(
+def draw_map(
     prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None, start: Optional[Sequence[float]] = None
 ) -> str:
     """Draws a ground truth, or what a person restricted against it, as a data URI.
@@ -61,9 +61,9 @@ def picture(
 def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[str]]:
     """Draws representative maps: per scenario the ground truth and, by method, the completed run nearest to the median.
 
-    A picture is a data URI and its caption. Notes say why a map is missing or does not agree with runs.csv.
+    An image is a data URI and its caption. Notes say why a map is missing or does not agree with runs.csv.
     """
-    pictures: List[Tuple[str, str]] = []
+    images: List[Tuple[str, str]] = []
     notes: List[str] = []
     try:
         prior = read_map(study.folder / "maps" / "physical.yaml")
@@ -73,7 +73,7 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
         title = study.scenario_title(scenario)
         try:
             truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
-            pictures.append((picture(prior, truth, start=study.meta.get("robot_start")), f"{title}: ground truth"))
+            images.append((draw_map(prior, truth, start=study.meta.get("robot_start")), f"{title}: ground truth"))
             for method in study.methods:
                 row = nearest_to_median(study, scenario, method)
                 if row is None:
@@ -86,15 +86,15 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
                         f"{RUNS}, line {row.name}: the map {row['map']} gives a Jaccard index of {score:.3f}, "
                         f"the line says {row.jaccard:.3f}."
                     )
-                pictures.append(
+                images.append(
                     (
-                        picture(prior, truth, drawn),
+                        draw_map(prior, truth, drawn),
                         f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}",
                     )
                 )
         except CodedError as error:
             notes.append(f"{scenario}: {error.message}.")
-    return pictures, notes
+    return images, notes
 
 
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:

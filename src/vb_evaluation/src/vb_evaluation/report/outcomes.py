@@ -165,7 +165,7 @@ def accuracy(study: StudyResults) -> Section:
                 }
             )
         panels.append((charts.boxes(cells, "jaccard", "Jaccard index", True), f"{title} (diamond: the paper's median)"))
-    pictures, notes = maps.representatives(study)
+    images, notes = maps.representatives(study)
     columns = {**_WHICH, "median": "Median", "least": "Smallest", "paper": "Paper", "runs": "Runs"}
     blocks: List[Any] = [
         Text(("Restricted cells against those that were asked for, over completed runs.",)),
@@ -180,7 +180,7 @@ def accuracy(study: StudyResults) -> Section:
         Grid("accuracy", columns, rows, {"median": 3, "least": 3, "paper": 3}),
         *effect_sizes.test_blocks(study, "jaccard", "", True),
     ]
-    if pictures:
+    if images:
         blocks += [
             Text(
                 (
@@ -188,7 +188,7 @@ def accuracy(study: StudyResults) -> Section:
                     "(green), restricted beyond the ground truth (red), union (blue outline).",
                 )
             ),
-            Figure(pictures),
+            Figure(images),
         ]
     return Section("accuracy", "Jaccard index", [*blocks, Text(tuple(notes), "list")] if notes else blocks)
 

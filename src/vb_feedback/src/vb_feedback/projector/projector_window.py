@@ -38,11 +38,11 @@ class ProjectorWindow:
         if self._trouble:
             raise CodedError("no_window", self._trouble)
 
-    def show(self, picture: np.ndarray) -> None:
+    def show(self, image: np.ndarray) -> None:
         """Shows (H, W, 3) uint8 rgb, as soon as the window looks for it."""
-        height, width = picture.shape[:2]
+        height, width = image.shape[:2]
         # PPM is what Tk reads without any other library
-        data = b"P6 %d %d 255\n" % (width, height) + np.ascontiguousarray(picture).tobytes()
+        data = b"P6 %d %d 255\n" % (width, height) + np.ascontiguousarray(image).tobytes()
         with self._lock:
             self._next = data
 

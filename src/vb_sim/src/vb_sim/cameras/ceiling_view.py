@@ -82,14 +82,14 @@ class CeilingView:
         self._noisy = noise
         self._rng = make_generator(seed, f"ceiling camera {camera.name}")
         background = self._draw_background(floor, mesh)
-        self._pictures = self._noisy_pictures(background)
+        self._images = self._noisy_images(background)
         size = (self.model.width // _HALF, self.model.height // _HALF)
         self._albedo = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
         self._noise_tile = self._make_noise_tile()
         self._chosen = 0
         self._undo: List[Tuple[slice, slice, np.ndarray]] = []
         self._sprites: Dict[str, Tuple[Tuple, Optional[_Sprite]]] = {}
-        # of the projector's light, once there is one: the pictures without it, what it changed, pixels to its picture's
+        # of the projector's light, once there is one: the images without it, what it changed, pixels to its image's
         self._unlit: Optional[List[np.ndarray]] = None
         self._light_area = (slice(0, 0), slice(0, 0))
         self._light_maps: Optional[Tuple[np.ndarray, np.ndarray]] = None
@@ -125,23 +125,23 @@ class CeilingView:
         shade = self._optics.exposure_gain * (1.0 - self._optics.vignetting * radius2 / corner)
         return np.clip(image * shade[..., None] + 0.5, 0, 255).astype(np.uint8)
 
-    def _noisy_pictures(self, background: np.ndarray) -> List[np.ndarray]:
+    def _noisy_images(self, background: np.ndarray) -> List[np.ndarray]:
         clean = np.ascontiguousarray(pixels.encode(background, self.encoding))
         if not self._noisy:
             return [clean.copy()]
         values = clean.astype(np.float32)
         values *= 1.0 + self._noise.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
         sigma = self._noise.sigma(values).astype(np.float32)
-        pictures = []
+        images = []
         for _ in range(self._noise.frames):
             noisy = values + sigma * self._rng.standard_normal(values.shape, dtype=np.float32)
-            pictures.append(np.clip(noisy + 0.5, 0, 255).astype(np.uint8))
-        return pictures
+            images.append(np.clip(noisy + 0.5, 0, 255).astype(np.uint8))
+        return images
 
     def _make_noise_tile(self) -> np.ndarray:
         """Noise of a mid-grey surface, shifted to above zero, larger than the image to be cut from anywhere."""
         shape = (self.model.height + 64, self.model.width + 64)
-        if self._pictures[0].ndim == 3:
+        if self._images[0].ndim == 3:
             shape += (3,)
         noise = float(self._noise.sigma(100.0)) * self._rng.standard_normal(shape, dtype=np.float32)
         return np.clip(noise + _NOISE_OFFSET + 0.5, 0, 255).astype(np.uint8)
@@ -156,15 +156,15 @@ class CeilingView:
         rows, columns = self._light_area
         full = (slice(2 * rows.start, 2 * rows.stop), slice(2 * columns.start, 2 * columns.stop))
         if light is None or self._light_maps is None:
-            for picture, unlit in zip(self._pictures, self._unlit):
-                picture[full] = unlit
+            for image, unlit in zip(self._images, self._unlit):
+                image[full] = unlit
             return
         added = cv2.multiply(
             self._albedo[rows, columns], light.on_floor(*self._light_maps), scale=light.strength / 255.0
         )
         layer = pixels.encode_doubled(cv2.bitwise_and(added, added, mask=self._light_mask), self.encoding)
-        for picture, unlit in zip(self._pictures, self._unlit):
-            cv2.add(unlit, layer, dst=picture[full])
+        for image, unlit in zip(self._images, self._unlit):
+            cv2.add(unlit, layer, dst=image[full])
 
     def _prepare_light(self, light: FloorLight) -> None:
         """Notes which part of the images a projector can light, at half the resolution, and what they are without."""
@@ -177,7 +177,7 @@ class CeilingView:
         free = self._floor_free[_HALF // 2 :: _HALF, _HALF // 2 :: _HALF]
         self._light_mask = np.ascontiguousarray(free[rows, columns])
         self._unlit = [
-            picture[2 * top : 2 * (top + height), 2 * left : 2 * (left + width)].copy() for picture in self._pictures
+            image[2 * top : 2 * (top + height), 2 * left : 2 * (left + width)].copy() for image in self._images
         ]
 
     # ------------------------------------------------------------- moving parts
@@ -189,9 +189,9 @@ class CeilingView:
         self._body, self._hand_height = models.body, models.hand_height
 
     def _clean(self) -> None:
-        picture = self._pictures[self._chosen]
+        image = self._images[self._chosen]
         for rows, columns, saved in reversed(self._undo):
-            picture[rows, columns] = saved
+            image[rows, columns] = saved
         self._undo.clear()
 
     def frame(self, snapshot: Snapshot, draw: Optional[np.random.Generator] = None) -> np.ndarray:
@@ -205,25 +205,25 @@ class CeilingView:
         self._clean()
         if draw is not None:
             self._rng = draw
-            self._chosen = int(draw.integers(len(self._pictures)))
-        elif len(self._pictures) > 1:
+            self._chosen = int(draw.integers(len(self._images)))
+        elif len(self._images) > 1:
             # any but the last one, so that no frame repeats the one before
-            self._chosen = (self._chosen + int(self._rng.integers(1, len(self._pictures)))) % len(self._pictures)
-        picture = self._pictures[self._chosen]
+            self._chosen = (self._chosen + int(self._rng.integers(1, len(self._images)))) % len(self._images)
+        image = self._images[self._chosen]
         sprites = self._moving(snapshot)
         for sprite in sprites:
-            self._blend(picture, sprite)
+            self._blend(image, sprite)
         if snapshot.around.lit:
-            self._undo.append((slice(None), slice(None), picture.copy()))
-            disturbances.relight(picture, snapshot.around, self.model, self.pose)
+            self._undo.append((slice(None), slice(None), image.copy()))
+            disturbances.relight(image, snapshot.around, self.model, self.pose)
         if snapshot.laser is not None:
-            self._add_spot(picture, snapshot, sprites)
+            self._add_spot(image, snapshot, sprites)
         for glint in snapshot.around.glints:
             area = disturbances.glint_area(glint, self.model, self.pose)
             if area is not None:
-                self._undo.append((*area[0], picture[area[0]].copy()))
-                disturbances.add_glint(picture, glint, area, self.encoding, snapshot.around.exposure)
-        return picture
+                self._undo.append((*area[0], image[area[0]].copy()))
+                disturbances.add_glint(image, glint, area, self.encoding, snapshot.around.exposure)
+        return image
 
     def _moving(self, snapshot: Snapshot) -> List[_Sprite]:
         sprites = []
@@ -328,8 +328,8 @@ class CeilingView:
         limit = 3.0 * max(self.model.width, self.model.height)
         return outline if np.abs(outline).max() < limit else np.zeros((0, 2))
 
-    def _blend(self, picture: np.ndarray, sprite: _Sprite) -> None:
-        part = picture[sprite.rows, sprite.columns]
+    def _blend(self, image: np.ndarray, sprite: _Sprite) -> None:
+        part = image[sprite.rows, sprite.columns]
         self._undo.append((sprite.rows, sprite.columns, part.copy()))
         mixed = cv2.multiply(part, sprite.keep, scale=1.0 / 255.0)
         cv2.add(mixed, sprite.color, dst=mixed)
@@ -366,7 +366,7 @@ class CeilingView:
         spot = self.spot(snapshot) if snapshot.laser is not None else None
         return 0.0 if spot is None else self.spot_visible(spot.center, self._moving(snapshot))
 
-    def _add_spot(self, picture: np.ndarray, snapshot: Snapshot, sprites: Sequence[_Sprite]) -> None:
+    def _add_spot(self, image: np.ndarray, snapshot: Snapshot, sprites: Sequence[_Sprite]) -> None:
         spot = self.spot(snapshot)
         if spot is None:
             return
@@ -380,7 +380,7 @@ class CeilingView:
         light = pixels.apply_color_filters(spot.light, weights, self.encoding, spot.column, spot.row)
         rows = slice(spot.row, spot.row + spot.light.shape[0])
         columns = slice(spot.column, spot.column + spot.light.shape[1])
-        part = picture[rows, columns]
+        part = image[rows, columns]
         self._undo.append((rows, columns, part.copy()))
         if self._noisy:
             sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / self._noise.full_well_e))

@@ -56,7 +56,7 @@ class FrameSchedule:
 
     def due(self, now: float) -> List[Tuple[int, float]]:
         """Images (camera index, stamp [s]) to deliver now, oldest first."""
-        pictures = []
+        images = []
         for index, (period, phase) in enumerate(zip(self._periods, self._phases)):
             newest = int((now - self._latency_s - phase) / period + 1e-6)
             following = self._next[index]
@@ -69,9 +69,9 @@ class FrameSchedule:
             for number in range(following, newest + 1):
                 # before its first frame the camera is not there yet
                 if number * period + phase > 0:
-                    pictures.append((index, number * period + phase))
+                    images.append((index, number * period + phase))
             self._next[index] = max(following, newest + 1)
-        return sorted(pictures, key=lambda picture: picture[1])
+        return sorted(images, key=lambda image: image[1])
 
     def wait(self, now: float) -> float:
         """Returns how long [s] it is until the next image is due."""

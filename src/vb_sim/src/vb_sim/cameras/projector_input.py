@@ -35,13 +35,13 @@ class ProjectorInput:
 
     def _on_image(self, message: Image) -> None:
         try:
-            picture = image_array(message)
+            image = image_array(message)
             if message.encoding != "rgb8":
-                raise CodedError("bad_image", f"the projector's picture must be rgb8, it is {message.encoding}")
+                raise CodedError("bad_image", f"the projector's image must be rgb8, it is {message.encoding}")
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
             return
-        self._light = floor_light(picture, self._projector, self._optics)
+        self._light = floor_light(image, self._projector, self._optics)
 
     def update(self, index: int) -> None:
         """Lets the newest light shine in a view, before its next frame; from the thread that takes the frames."""

@@ -85,22 +85,20 @@ class SceneConditions:
         return self.light * self.exposure != 1.0 or bool(self.sun)
 
 
-def relight(picture: np.ndarray, around: SceneConditions, camera: CameraModel, T_map_optical: np.ndarray) -> None:
+def relight(image: np.ndarray, around: SceneConditions, camera: CameraModel, T_map_optical: np.ndarray) -> None:
     """Applies lamps, exposure and sun to an image without laser, (H, W) or (H, W, 3) uint8, in place."""
     if around.sun:
         outline = geometry.resample_chain(np.array([*around.sun, around.sun[0]], dtype=float), 0.05)
         _brighten(
-            picture,
-            _project(np.column_stack([outline, np.zeros(len(outline))]), camera, T_map_optical),
-            around.sun_gain,
+            image, _project(np.column_stack([outline, np.zeros(len(outline))]), camera, T_map_optical), around.sun_gain
         )
     gain = around.light * around.exposure
     if gain != 1.0:
-        cv2.convertScaleAbs(picture, picture, alpha=gain)
+        cv2.convertScaleAbs(image, image, alpha=gain)
 
 
-def _brighten(picture: np.ndarray, outline: np.ndarray, gain: float) -> None:
-    height, width = picture.shape[:2]
+def _brighten(image: np.ndarray, outline: np.ndarray, gain: float) -> None:
+    height, width = image.shape[:2]
     outline = outline[np.isfinite(outline).all(axis=1)]
     if len(outline) < 3:
         return
@@ -112,7 +110,7 @@ def _brighten(picture: np.ndarray, outline: np.ndarray, gain: float) -> None:
     cv2.fillPoly(mask, [np.round((outline - low) * (1 << _SHIFT)).astype(np.int32)], gain - 1.0, cv2.LINE_8, _SHIFT)
     # the sun is not a point: its shadows have soft edges
     mask = 1.0 + cv2.GaussianBlur(mask, (0, 0), 1.5)
-    part = picture[low[1] : high[1], low[0] : high[0]]
+    part = image[low[1] : high[1], low[0] : high[0]]
     part[...] = np.minimum(part * (mask if part.ndim == 2 else mask[..., None]) + 0.5, 255.0)
 
 
@@ -134,14 +132,14 @@ def glint_area(
 
 
 def add_glint(
-    picture: np.ndarray, glint: Glint, area: Tuple[Rectangle, np.ndarray, float], encoding: str, exposure: float
+    image: np.ndarray, glint: Glint, area: Tuple[Rectangle, np.ndarray, float], encoding: str, exposure: float
 ) -> None:
     """Adds a glint to an image (H, W) or (H, W, 3) uint8, in place."""
     (rows, columns), middle, sigma = area
     u = np.arange(columns.start, columns.stop) - middle[0]
     v = np.arange(rows.start, rows.stop) - middle[1]
     light = glint.brightness * exposure * np.exp(-0.5 * (u[None, :] ** 2 + v[:, None] ** 2) / sigma**2)
-    part = picture[rows, columns]
+    part = image[rows, columns]
     part[...] = np.minimum(
         part + pixels.apply_color_filters(light, np.ones(3), encoding, columns.start, rows.start) + 0.5, 255.0
     )

@@ -54,23 +54,23 @@ def render_floor(world: World, seed: int, resolution: float = 0.0025) -> FloorTe
     rng = make_generator(seed, "floor")
     texture = FloorTexture(np.zeros((height, width, 3), np.uint8), resolution, origin)
     brightness = _brightness(world.floor, (height, width), resolution, rng)
-    picture = brightness[..., None] * np.array(world.floor.color, np.float32)
+    image = brightness[..., None] * np.array(world.floor.color, np.float32)
     for patch in world.patches:
         if patch.kind == "snippets":
-            _snippets(picture, texture, patch, rng)
+            _snippets(image, texture, patch, rng)
         else:
-            _carpet(picture, texture, patch, rng)
-    _contact_shadows(picture, texture, world)
+            _carpet(image, texture, patch, rng)
+    _contact_shadows(image, texture, world)
     for light in world.lights:
         column, row = texture.pixels(np.array([[light.x, light.y]]))[0]
         reach = 2.0 * light.radius / resolution
         rows = slice(max(0, int(row - reach)), max(0, int(row + reach)))
         columns = slice(max(0, int(column - reach)), max(0, int(column + reach)))
-        part = picture[rows, columns]
+        part = image[rows, columns]
         y, x = np.ogrid[rows.start : rows.start + part.shape[0], columns.start : columns.start + part.shape[1]]
         distance = ((x - column) ** 2 + (y - row) ** 2) * (resolution / light.radius) ** 2
         part += (light.brightness * np.exp(-0.7 * distance**1.5))[..., None].astype(np.float32)
-    return FloorTexture(np.clip(picture + 0.5, 0, 255).astype(np.uint8), resolution, origin)
+    return FloorTexture(np.clip(image + 0.5, 0, 255).astype(np.uint8), resolution, origin)
 
 
 def _noise(shape: Tuple[int, int], step: Tuple[float, float], rng: np.random.Generator) -> np.ndarray:
@@ -110,12 +110,12 @@ def _brightness(floor: Floor, shape: Tuple[int, int], resolution: float, rng: np
     return result * (1.0 - min(1.0, 1.8 * floor.contrast) * gap)
 
 
-def _local(picture: np.ndarray, texture: FloorTexture, patch: FloorPatch):
+def _local(image: np.ndarray, texture: FloorTexture, patch: FloorPatch):
     """The part of the image that contains a patch, and (x, y) [m] of its pixels in the patch's own axes."""
     corners = texture.pixels(patch.footprint())
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
     high = np.maximum(np.ceil(corners.max(axis=0)).astype(int) + 1, low)
-    part = picture[low[1] : high[1], low[0] : high[0]]
+    part = image[low[1] : high[1], low[0] : high[0]]
     rows, columns = np.indices(part.shape[:2], dtype=np.float32)
     dx = (columns + low[0] + 0.5) * texture.resolution + texture.origin[0] - patch.x
     dy = (rows + low[1] + 0.5) * texture.resolution + texture.origin[1] - patch.y
@@ -123,8 +123,8 @@ def _local(picture: np.ndarray, texture: FloorTexture, patch: FloorPatch):
     return part, c * dx + s * dy, c * dy - s * dx
 
 
-def _carpet(picture: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:
-    part, x, y = _local(picture, texture, patch)
+def _carpet(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:
+    part, x, y = _local(image, texture, patch)
     if part.size == 0:
         return
     half = np.array(patch.size) / 2.0
@@ -145,7 +145,7 @@ def _carpet(picture: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: 
     part[rim] *= 0.75
 
 
-def _snippets(picture: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:
+def _snippets(image: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:
     c, s = math.cos(math.radians(patch.yaw)), math.sin(math.radians(patch.yaw))
     for _ in range(patch.count):
         at = (rng.random(2) - 0.5) * np.array(patch.size)
@@ -157,14 +157,14 @@ def _snippets(picture: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng
         outline = texture.pixels(corners @ np.array([[c, s], [-s, c]]) + (patch.x, patch.y))
         shade = float(rng.uniform(1.0 - patch.contrast, 1.0))
         color = tuple(shade * value for value in patch.color)
-        cv2.fillConvexPoly(picture, np.round(outline * 16 + 12).astype(np.int32), (0.0, 0.0, 0.0), cv2.LINE_8, 4)
-        cv2.fillConvexPoly(picture, np.round(outline * 16).astype(np.int32), color, cv2.LINE_8, 4)
+        cv2.fillConvexPoly(image, np.round(outline * 16 + 12).astype(np.int32), (0.0, 0.0, 0.0), cv2.LINE_8, 4)
+        cv2.fillConvexPoly(image, np.round(outline * 16).astype(np.int32), color, cv2.LINE_8, 4)
 
 
-def _contact_shadows(picture: np.ndarray, texture: FloorTexture, world: World) -> None:
+def _contact_shadows(image: np.ndarray, texture: FloorTexture, world: World) -> None:
     """Darkens the floor beside things on it."""
     step = 8
-    small = (picture.shape[0] // step + 1, picture.shape[1] // step + 1)
+    small = (image.shape[0] // step + 1, image.shape[1] // step + 1)
     occluder = np.zeros(small, np.float32)
     outlines = [wall_outline(wall) for wall in world.walls] + [thing.footprint() for thing in world.furniture]
     weights = [1.0] * len(world.walls) + [0.55 if thing.kind == "table" else 1.0 for thing in world.furniture]
@@ -182,4 +182,4 @@ def _contact_shadows(picture: np.ndarray, texture: FloorTexture, world: World) -
         occluder, (0, 0), 0.22 / cell
     )
     grown = cv2.resize(shade, (small[1] * step, small[0] * step), interpolation=cv2.INTER_LINEAR)
-    picture *= (1.0 - 0.5 * grown[: picture.shape[0], : picture.shape[1]])[..., None]
+    image *= (1.0 - 0.5 * grown[: image.shape[0], : image.shape[1]])[..., None]

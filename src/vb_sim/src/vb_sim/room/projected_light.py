@@ -64,9 +64,9 @@ class FloorLight:
         return cv2.remap(self.linear, columns_rows, fractions, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
 
 
-def floor_light(picture: np.ndarray, projector: Projector, optics: Optics) -> FloorLight:
+def floor_light(image: np.ndarray, projector: Projector, optics: Optics) -> FloorLight:
     """Turns a projector's image (H, W, 3) uint8 rgb into light."""
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], np.float32)
     floor = np.array(projector.corners, dtype=float)
     middle = floor.mean(axis=0)
@@ -75,4 +75,4 @@ def floor_light(picture: np.ndarray, projector: Projector, optics: Optics) -> Fl
     # the scale of a homography is free: above 0 is in front of the projector
     matrix = matrix / (matrix[2] @ [*middle, 1.0])
     ambient_lux = optics.ambient_w_m2 * _CHANNELS * _LUMENS_PER_WATT
-    return FloorLight(cv2.LUT(picture, _LINEAR), matrix, projector.lumens / projector.area_m2() / ambient_lux)
+    return FloorLight(cv2.LUT(image, _LINEAR), matrix, projector.lumens / projector.area_m2() / ambient_lux)

@@ -56,7 +56,7 @@ class AnswerCache:
         with self._lock:
             known: Dict[str, Future] = dict(self._answers)
         given = [(identity, slot.result()) for identity, slot in known.items() if slot.done() and not slot.exception()]
-        return [[identity, one.success, one.code, dict(one.values), one.sentence] for identity, one in given]
+        return [[identity, one.success, one.code, dict(one.values), one.said] for identity, one in given]
 
     def _slot(self, identity: str) -> "Future[Answer]":
         slot: "Future[Answer]" = Future()

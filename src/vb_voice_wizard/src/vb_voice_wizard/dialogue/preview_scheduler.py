@@ -69,22 +69,22 @@ class PreviewScheduler:
         self._not_before = float("-inf")
         self._retry_at: Optional[float] = None
 
-    def wait_s(self, situation: PreviewInputs, now: float) -> Optional[float]:
-        """Returns the time [s] until this situation needs a preview; 0: now; None: never while it stays as it is."""
-        if self._shown is None or situation.interaction_id != self._shown.interaction_id:
+    def wait_s(self, inputs: PreviewInputs, now: float) -> Optional[float]:
+        """Returns the time [s] until these inputs need a preview; 0: now; None: never while they stay as they are."""
+        if self._shown is None or inputs.interaction_id != self._shown.interaction_id:
             return 0.0
-        if situation.is_equivalent(self._shown):
+        if inputs.is_equivalent(self._shown):
             return None if self._retry_at is None else max(0.0, self._retry_at - now)
         return max(0.0, self._not_before - now)
 
-    def done(self, situation: PreviewInputs, started: float, now: float, answered: bool) -> None:
+    def done(self, inputs: PreviewInputs, started: float, now: float, answered: bool) -> None:
         """Notes that a preview was made.
 
         Args:
-            situation: of what.
+            inputs: what was previewed.
             started, now: [s] when work on it began and ended.
             answered: False if a service did not answer: it is tried again.
         """
-        self._shown = situation
+        self._shown = inputs
         self._retry_at = None if answered else now + RETRY_S
         self._not_before = max(started + PERIOD_S, now + (now - started) * (1.0 / MAX_TIME_SHARE - 1.0))

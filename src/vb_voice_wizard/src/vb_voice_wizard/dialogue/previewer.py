@@ -36,12 +36,12 @@ class Previewer:
         self._services, self._list_notices = services, list_notices
         self._pace = PreviewScheduler()
         self._condition = threading.Condition()
-        self._situation = PreviewInputs()
+        self._inputs = PreviewInputs()
         self._warnings = DrawingWarnings()
         self._progress: Optional[BorderProgress] = None
         self._held = False
         self._closed = False
-        self._doubtful_of = ""
+        self._warned_of = ""
         self._publisher = rospy.Publisher(names.PREVIEW, BorderPreviewArray, queue_size=1, latch=True)
         node.Worker(self, self._make)
 
@@ -53,17 +53,17 @@ class Previewer:
         with self._condition:
             self._held = saving
             self._warnings.update(self._list_notices())
-            if interaction_id != self._situation.interaction_id:
+            if interaction_id != self._inputs.interaction_id:
                 self._warnings.start()
-                self._situation = PreviewInputs(interaction_id, borders=self._situation.borders)
+                self._inputs = PreviewInputs(interaction_id, borders=self._inputs.borders)
                 self._take_progress()
-            self._situation = dataclasses.replace(self._situation, warnings=self._warnings.all)
+            self._inputs = dataclasses.replace(self._inputs, warnings=self._warnings.all)
             self._condition.notify()
 
-    def is_doubtful(self, interaction_id: str) -> bool:
+    def has_warning(self, interaction_id: str) -> bool:
         """Tells whether saving would succeed, but with a warning in its preview."""
         with self._condition:
-            return bool(interaction_id) and (self._doubtful_of == interaction_id or bool(self._situation.warnings))
+            return bool(interaction_id) and (self._warned_of == interaction_id or bool(self._inputs.warnings))
 
     def on_progress(self, message: BorderProgress) -> None:
         """Takes what was drawn so far."""
@@ -76,16 +76,16 @@ class Previewer:
         """Takes the borders in the map; they are sent again whenever the map changes."""
         with self._condition:
             borders = (message.header.stamp.to_sec(), message.revision)
-            self._situation = dataclasses.replace(self._situation, borders=borders)
+            self._inputs = dataclasses.replace(self._inputs, borders=borders)
             self._condition.notify()
 
     def _take_progress(self) -> None:
         message = self._progress
-        if message is None or not message.interaction_id or message.interaction_id != self._situation.interaction_id:
+        if message is None or not message.interaction_id or message.interaction_id != self._inputs.interaction_id:
             return
         refused = message.code != "ok"
-        self._situation = dataclasses.replace(
-            self._situation,
+        self._inputs = dataclasses.replace(
+            self._inputs,
             chain=array_from_points(message.chain),
             seed=array_from_points([message.seed] if message.has_seed else []),
             code=message.code if refused else "seed_not_drawn",
@@ -95,12 +95,12 @@ class Previewer:
 
     # ------------------------------------------------------------------ work
     def take(self) -> Optional[PreviewInputs]:
-        """Waits for a situation that needs a preview; None once closed. For the worker only."""
+        """Waits for inputs that need a preview; None once closed. For the worker only."""
         with self._condition:
             while not self._closed:
-                wait_s = None if self._held else self._pace.wait_s(self._situation, time.monotonic())
+                wait_s = None if self._held else self._pace.wait_s(self._inputs, time.monotonic())
                 if wait_s == 0.0:
-                    return self._situation
+                    return self._inputs
                 self._condition.wait(wait_s)
         return None
 
@@ -110,38 +110,38 @@ class Previewer:
             self._closed = True
             self._condition.notify()
 
-    def _make(self, situation: PreviewInputs) -> None:
+    def _make(self, inputs: PreviewInputs) -> None:
         started, answered = time.monotonic(), True
-        preview = self._empty(situation, situation.code, situation.message, dict(situation.values))
-        if situation.complete:
+        preview = self._empty(inputs, inputs.code, inputs.message, dict(inputs.values))
+        if inputs.complete:
             try:
-                preview = self._look(situation)
+                preview = self._compute(inputs)
             except CodedError as error:
                 answered = error.code not in UNANSWERED
-                preview = self._empty(situation, error.code, error.message, error.values)
+                preview = self._empty(inputs, error.code, error.message, error.values)
         with self._condition:
             # an interaction that ended or is being saved meanwhile has nothing to show any more
-            if self._situation.interaction_id == situation.interaction_id and not self._held:
+            if self._inputs.interaction_id == inputs.interaction_id and not self._held:
                 self._publisher.publish(preview)
                 doubtful = preview.available and preview.success and preview.issues
-                self._doubtful_of = situation.interaction_id if doubtful else ""
-                self._pace.done(situation, started, time.monotonic(), answered)
+                self._warned_of = inputs.interaction_id if doubtful else ""
+                self._pace.done(inputs, started, time.monotonic(), answered)
 
-    def _look(self, situation: PreviewInputs) -> BorderPreviewArray:
-        border = self._services.fetch_drawn_border(situation.interaction_id)
+    def _compute(self, inputs: PreviewInputs) -> BorderPreviewArray:
+        border = self._services.fetch_drawn_border(inputs.interaction_id)
         answer = self._services.preview(border)
         border.area_m2 = answer.area_m2
-        preview = self._empty(situation, answer.code, answer.message)
+        preview = self._empty(inputs, answer.code, answer.message)
         preview.values = answer.values
         preview.available, preview.success = True, answer.success
-        preview.issues = [*answer.issues, *map(_issue, situation.warnings)]
+        preview.issues = [*answer.issues, *map(_issue, inputs.warnings)]
         preview.border, preview.region = border, answer.region
         preview.area_m2, preview.free_parts = answer.area_m2, answer.free_parts
         return preview
 
     @staticmethod
-    def _empty(situation: PreviewInputs, code: str, message: str, values: Mapping[str, Any] = {}) -> BorderPreviewArray:
-        preview = BorderPreviewArray(interaction_id=situation.interaction_id, code=code, message=message)
+    def _empty(inputs: PreviewInputs, code: str, message: str, values: Mapping[str, Any] = {}) -> BorderPreviewArray:
+        preview = BorderPreviewArray(interaction_id=inputs.interaction_id, code=code, message=message)
         preview.values = values_from_mapping(values)
         preview.header.stamp = rospy.Time.now()
         preview.header.frame_id = names.MAP_FRAME

@@ -2,7 +2,7 @@
 """Converts strokes that people drew in the air with a finger into the file that bench/extraction.py reads.
 
     git clone https://github.com/Mehous/TestingFramework
-    python3 bench/strokes_in_air.py TestingFramework/src/datasets air.json
+    python3 bench/convert_air_strokes.py TestingFramework/src/datasets air.json
     python3 bench/extraction.py --people air.json --only people --methods robust
 
 The repository holds 3DTCGS (13 people), 3DMadLabSD (10 people) and SHREC 2019 (people unnamed), recorded by a Leap

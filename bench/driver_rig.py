@@ -1,4 +1,4 @@
-"""A stand for the robot's driver: the pure parts of driver and navigation without nodes, whose inputs can be taken away."""
+"""A test rig for the robot's driver: the pure parts of driver and navigation without nodes, whose inputs can be taken away."""
 
 from __future__ import annotations
 
