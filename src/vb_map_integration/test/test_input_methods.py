@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_map_integration.borders import editing
 from vb_map_integration.border import MAX_POINTS, VirtualBorder
@@ -185,6 +186,15 @@ def test_a_polygon_without_a_seed_restricts_its_inside():
 )
 def test_bad_geojson_is_refused(code, document):
     assert code_of(lambda: borders_from_geojson(document)) == code
+
+
+def test_the_reason_for_a_bad_file_is_in_the_readers_language():
+    with pytest.raises(CodedError) as caught:
+        borders_from_geojson(line([[0, 0], [1, 1]]))
+    assert sentences.translate(caught.value.code, caught.value.values, "de") == (
+        "Die Datei ist keine Datei mit Grenzen: eine trennende Linie braucht die Eigenschaft seed, [x, y], auf der gesperrten"
+        " Seite."
+    )
 
 
 # ----------------------------------------------------------------- costmaps

@@ -10,7 +10,7 @@ import math
 import os
 import re
 from pathlib import Path
-from typing import List, Optional
+from typing import Any, List, Optional
 
 import cv2
 import numpy as np
@@ -94,30 +94,30 @@ def read_map(path: Path) -> GridMap:
         description = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise _bad(path, error.strerror) from None
-    except (UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError):
-        raise _bad(path, "it is no YAML file") from None
+    except (UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError) as error:
+        raise _bad(path, "$file_format", format="YAML", detail=" ".join(str(error).split())) from None
     if not isinstance(description, dict):
-        raise _bad(path, "expected keys and values")
+        raise _bad(path, "$file_no_keys")
 
     def number(key: str, default: Optional[float] = None) -> float:
         found = description.get(key, default)
         if isinstance(found, bool) or not isinstance(found, (int, float)) or not math.isfinite(found):
-            raise _bad(path, f"{key}: expected a number, got {found!r}")
+            raise _wrong(path, key, "0.05", found)
         return float(found)
 
     mode = description.get("mode", "trinary")
     if mode not in ("trinary", "scale", "raw"):
-        raise _bad(path, f"mode: must be trinary, scale or raw, got {mode!r}")
+        raise _wrong(path, "mode", "trinary | scale | raw", mode)
     origin = description.get("origin")
     if not (isinstance(origin, list) and len(origin) == 3 and all(type(value) in (int, float) for value in origin)):
-        raise _bad(path, f"origin: expected [x, y, yaw], got {origin!r}")
+        raise _wrong(path, "origin", "[x, y, yaw]", origin)
     name = description.get("image")
     if not isinstance(name, str) or not name or "\0" in name:
-        raise _bad(path, f"image: expected a file's name, got {name!r}")
+        raise _wrong(path, "image", "map.pgm", name)
     image = _read_image(path.parent / name)
     negate = description.get("negate", 0)
     if not isinstance(negate, (int, float)):
-        raise _bad(path, f"negate: must be 0 or 1, got {negate!r}")
+        raise _wrong(path, "negate", "0 | 1", negate)
     resolution = number("resolution")
     if mode == "raw":
         grey = _grey(image, colours_only=False)
@@ -140,8 +140,12 @@ def read_map(path: Path) -> GridMap:
         raise _bad(path, str(error)) from None
 
 
-def _bad(path: Path, why: Optional[str]) -> CodedError:
-    return CodedError("bad_map_file", file=str(path), reason=why)
+def _bad(path: Path, reason: Optional[str], **values: Any) -> CodedError:
+    return CodedError("bad_map_file", file=str(path), reason=reason, **values)
+
+
+def _wrong(path: Path, key: str, expected: str, found: Any) -> CodedError:
+    return _bad(path, "$file_value", key=key, expected=expected, found=repr(found))
 
 
 def _grey(image: np.ndarray, colours_only: bool) -> np.ndarray:
@@ -162,9 +166,9 @@ def _read_image(path: Path) -> np.ndarray:
     except cv2.error:  # for instance too large for OpenCV
         image = None
     if image is None:
-        raise _bad(path, "it is no image, or a damaged one")
+        raise _bad(path, "$file_no_image")
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
     if image.dtype != np.uint8:
-        raise _bad(path, f"its pixels are {image.dtype}, not whole numbers of 8 bits")
+        raise _bad(path, "$file_pixels", found=image.dtype)
     return image

@@ -40,12 +40,16 @@ def border_from_mapping(values: Any) -> VirtualBorder:
         CodedError: what `VirtualBorder` raises, or "bad_border_file" for missing or unknown keys.
     """
     if not isinstance(values, dict):
-        raise CodedError("bad_border_file", reason=f"a border has keys and values, got {values!r}")
+        raise CodedError("bad_border_file", reason="$file_value", key="borders", expected="{...}", found=repr(values))
     values = dict(values)
     kind = values.pop("kind", None)
     if kind not in (None, "polygon", "separating_curve", "virtual_wall"):
         raise CodedError(
-            "bad_border_file", reason=f"kind: must be polygon, separating_curve or virtual_wall, got {kind!r}"
+            "bad_border_file",
+            reason="$file_value",
+            key="kind",
+            expected="polygon | separating_curve | virtual_wall",
+            found=repr(kind),
         )
     try:
         if kind == "virtual_wall":
@@ -53,7 +57,7 @@ def border_from_mapping(values: Any) -> VirtualBorder:
             return VirtualBorder(wall=True, **values)
         return VirtualBorder(closed=None if kind is None else kind == "polygon", **values)
     except TypeError as error:
-        raise CodedError("bad_border_file", reason=f"a border's keys do not fit: {error}") from None
+        raise CodedError("bad_border_file", reason="$file_keys", detail=str(error)) from None
 
 
 def borders_to_yaml(borders: Sequence[VirtualBorder]) -> str:
@@ -81,8 +85,8 @@ def borders_from_yaml(text: str) -> Tuple[List[VirtualBorder], Dict[str, Any]]:
         if document is None:
             document = yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
-        raise CodedError("bad_border_file", reason=f"not valid YAML: {error}") from None
+        raise CodedError("bad_border_file", reason="$file_format", format="YAML", detail=str(error)) from None
     if not isinstance(document, dict) or not isinstance(document.get("borders"), list):
-        raise CodedError("bad_border_file", reason="the key 'borders' with a list is missing")
+        raise CodedError("bad_border_file", reason="$file_value", key="borders", expected="[...]", found="-")
     borders = [border_from_mapping(values) for values in document.pop("borders")]
     return borders, document

@@ -51,12 +51,12 @@ def borders_from_geojson(text: str) -> List[VirtualBorder]:
     try:
         document = json.loads(text)
     except ValueError as error:
-        raise CodedError("bad_border_file", reason=f"not valid JSON: {error}") from None
+        raise CodedError("bad_border_file", reason="$file_format", format="JSON", detail=str(error)) from None
     if not isinstance(document, dict):
-        raise CodedError("bad_border_file", reason="expected a FeatureCollection")
+        raise _wrong("type", "FeatureCollection", document)
     features = document.get("features") if document.get("type") == "FeatureCollection" else [document]
     if not isinstance(features, list):
-        raise CodedError("bad_border_file", reason="features: expected a list")
+        raise _wrong("features", "[...]", features)
     borders = []
     for number, feature in enumerate(features, 1):
         try:
@@ -66,16 +66,20 @@ def borders_from_geojson(text: str) -> List[VirtualBorder]:
     return borders
 
 
+def _wrong(key: str, expected: str, found: Any) -> CodedError:
+    return CodedError("bad_border_file", reason="$file_value", key=key, expected=expected, found=repr(found))
+
+
 def _border(feature: Any) -> VirtualBorder:
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
-        raise CodedError("bad_border_file", reason="expected an object of type Feature")
+        raise _wrong("type", "Feature", feature)
     geometry, properties = feature.get("geometry"), feature.get("properties")
     kind = geometry.get("type") if isinstance(geometry, dict) else None
     coordinates = geometry.get("coordinates") if isinstance(geometry, dict) else None
     if kind not in ("Polygon", "LineString") or not isinstance(coordinates, list):
-        raise CodedError("bad_border_file", reason=f"geometry: must be a Polygon or a LineString, got {kind!r}")
+        raise _wrong("geometry", "Polygon | LineString", kind)
     if kind == "Polygon" and len(coordinates) != 1:
-        raise CodedError("bad_border_file", reason=f"a border has one ring and no holes, got {len(coordinates)} rings")
+        raise CodedError("bad_border_file", reason="$file_holes", found=len(coordinates))
     points = _positions(coordinates[0] if kind == "Polygon" else coordinates)
     given = dict(properties) if isinstance(properties, dict) else {}
     wall = kind == "LineString" and given.get("kind") == "virtual_wall"
@@ -84,9 +88,7 @@ def _border(feature: Any) -> VirtualBorder:
     values.update(points=points, kind="virtual_wall" if wall else plain)
     if "seed" not in values and not wall:
         if kind == "LineString":
-            raise CodedError(
-                "bad_border_file", reason="properties: a separating curve needs a seed, [x, y], on the restricted side"
-            )
+            raise CodedError("bad_border_file", reason="$file_no_seed")
         values["seed"] = _point_inside(points)
     return border_from_mapping(values)
 
@@ -94,7 +96,7 @@ def _border(feature: Any) -> VirtualBorder:
 def _positions(values: Any) -> List[List[float]]:
     """The x and y of positions, whose height is left out; a ring's repeated first point goes with the rest."""
     if not isinstance(values, list):
-        raise CodedError("bad_border_file", reason=f"coordinates: expected a list of positions, got {values!r}")
+        raise _wrong("coordinates", "[[x, y], ...]", values)
     for value in values:
         numbers = (
             isinstance(value, list)
@@ -102,7 +104,7 @@ def _positions(values: Any) -> List[List[float]]:
             and all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in value)
         )
         if not numbers:
-            raise CodedError("bad_border_file", reason=f"coordinates: a position is [x, y] in metres, got {value!r}")
+            raise _wrong("coordinates", "[x, y]", value)
     return [value[:2] for value in values]
 
 
