@@ -160,6 +160,8 @@ PROMISED = (
     "vb_voice_wizard.interaction",
     "vb_evaluation.metrics",
 )
+# promised or not, these show how a stage is used
+EXAMPLES = (*PROMISED, "vb_robot.driving.gate", "vb_evaluation.study.plan")
 IMPORT_WITHOUT_ROS = """
 import importlib, sys
 
@@ -436,7 +438,7 @@ def test_a_command_that_does_not_exist_is_found():
 
 @pytest.mark.parametrize(
     "call",
-    [f"testmod(importlib.import_module('{module}'))" for module in PROMISED]
+    [f"testmod(importlib.import_module('{module}'))" for module in EXAMPLES]
     + [f"testfile({str(TOP / 'README.md')!r}, module_relative=False)"],
 )
 def test_examples_run(call):

@@ -1,5 +1,7 @@
 """The 2D occupancy grid map (OGM) as numpy sees it.
 
+Maps, costmaps and coverage have this form in all packages; `vb_core.ros.messages` converts it from and to ROS.
+
 >>> import numpy as np
 >>> grid = GridMap(np.zeros((40, 60), np.int8), resolution=0.05, origin=(-1.0, 0.0, 0.0))
 >>> grid.shape, grid.world_to_cell([0.0, 1.0])[0].tolist()   # (x, y) [m] to (row, column)

@@ -1,5 +1,7 @@
 """Computes the paper's measures (Sect. 5.5) and the proof that a border acts.
 
+Use it to compare a border in a map with the one that was meant, whatever drew it.
+
 >>> import numpy as np
 >>> wanted, drawn = np.zeros((10, 10), bool), np.zeros((10, 10), bool)
 >>> wanted[2:8, 2:8] = drawn[2:8, 2:5] = True

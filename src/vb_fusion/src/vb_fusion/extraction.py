@@ -1,5 +1,8 @@
 """From the spots of all cameras to one border. The idea: one stroke is one track through time.
 
+Use it for places on a floor, with the time at which they were seen, that somebody drew in one stroke: with gaps, strays
+and rests, from one camera or several.
+
 `ExtractionParams.robust()`, the default, in the order of the data, one module for each stage:
 
     stroke/observations    the spots, checked and put in the order of time

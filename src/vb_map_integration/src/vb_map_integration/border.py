@@ -1,5 +1,7 @@
 """The virtual border V = (P, s, delta) of the paper, Sect. 3.
 
+Everything that draws, stores, checks or shows a border passes it on in this form.
+
 >>> border = VirtualBorder(points=[(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)], seed=(1.5, 1.5), closed=True)
 >>> border.zone, border.enabled, border.points.shape
 ('keep_out', True, (4, 2))

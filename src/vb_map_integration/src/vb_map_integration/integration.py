@@ -3,6 +3,9 @@
 M_posterior is M_prior with the area on the seed's side of the border raised to delta. Physical obstacles keep
 their value; the prior itself is never changed.
 
+Use it to write one border into a map, or with `restricted_area` to see first what it would restrict. Several borders,
+undo, and maps that change are `integrator.MapIntegrator`.
+
 >>> import numpy as np
 >>> room = GridMap(np.zeros((60, 60), np.int8), resolution=0.05)      # 3 m x 3 m of free floor
 >>> border = VirtualBorder([(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)], seed=(1.5, 1.5), closed=True)

@@ -5,6 +5,9 @@ where the person left off and erases nothing. Only `cancel`, a completed `save` 
 interaction. `stop` comes before everything else and holds until `resume`.
 Time is injected, in seconds, and may pause or jump back.
 
+Use it to add an input method or to test one: a command's name goes in, an answer with a code comes out. The node
+`interaction_manager` wraps one instance.
+
 >>> interaction = Interaction()
 >>> interaction.command(DEFINE_BORDER, source="console", now=0.0).success
 True

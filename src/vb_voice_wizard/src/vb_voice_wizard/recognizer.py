@@ -1,10 +1,11 @@
 """Recognises the spoken commands and rejects everything else.
 
-The idea: endpointing finds the speech, and a network that knows people's speech says how much more
-probable the utterance makes each command than silence does (speech_model). Even odds against a word that
-sounds like it are enough to take a
-command: no score tells *undo* from *on to* in noise, so what acts on its own must be said again (interaction.py).
-Nothing is trained; bench/voice.py measures, and says which odds are even.
+The idea: endpointing finds the speech, and a network that knows people's speech says how much more probable the
+utterance makes each command than silence does (speech_model). Even odds against a word that sounds like it are enough
+to take a command: no score tells *undo* from *on to* in noise, so what acts on its own must be said again
+(interaction.py). Nothing is trained; bench/voice.py measures, and says which odds are even.
+
+Use it to tell which command, if any, a piece of speech is; `voice.endpointing` cuts a microphone's stream into pieces.
 
 >>> import numpy as np
 >>> recognizer = CommandRecognizer()

@@ -1,4 +1,14 @@
-"""Plans the runs of a study: its own, the curves, plausible worlds, and some with every image searched."""
+"""Plans the runs of a study: its own, the curves, plausible worlds, and some with every image searched.
+
+Use it to see what a study consists of before it is run. `runner.run(study, job.task)` carries out one of the runs,
+`make study` all.
+
+>>> from vb_evaluation.study import config
+>>> study = config.load()                                         # config/study.yaml
+>>> quick = jobs(study, "quick")                                  # one participant
+>>> len(quick), sorted({(job.task.scenario, job.task.method) for job in quick})[0]
+(6, ('carpet', 'nrs'))
+"""
 
 from __future__ import annotations
 

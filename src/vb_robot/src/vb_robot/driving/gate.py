@@ -3,6 +3,25 @@
 Whatever it depends on has one age limit: INPUT_TIMEOUT after the last message of any input the robot stops. The older
 the oldest input, the slower the robot, so that its brakes keep that promise from any speed. A message that is a little
 late, on a busy computer, slows the robot for a moment and does not stop it.
+
+Use it to put borders and a laser scanner between any source of velocities and a robot's base, with or without ROS:
+feed it whatever comes, and send what `limit` returns.
+
+>>> import numpy as np
+>>> from vb_core.grid_map import GridMap
+>>> gate, profile = Gate(RobotProfile()), RobotProfile()
+>>> wish = VelocityRequest(0.3, 0.0, "driving")                               # [m/s], [rad/s]
+>>> gate.limit(10.0, NAVIGATION, wish)                                        # nothing is known yet
+(0.0, 0.0, 'no_map')
+>>> floor = GridMap(np.zeros((100, 100), np.int8), resolution=0.05)           # 5 m x 5 m ...
+>>> borders = floor.with_data(np.tile(np.int8([0] * 60 + [100] * 40), (100, 1)))    # ... restricted from x = 3 m on
+>>> gate.workspace = Workspace(borders, floor, profile.radius)
+>>> nothing_near = np.full(360, 8.0)                                          # ranges [m], all round
+>>> gate.set_scan(Scan(nothing_near, -np.pi, np.radians(1.0), 0.1, 8.0, np.eye(4), profile.radius), stamp=10.0)
+>>> gate.note("state", 10.0)
+>>> gate.set_pose((2.0, 2.5, 0.0), stamp=10.0)
+>>> gate.limit(10.0, NAVIGATION, wish), gate.limit(10.6, NAVIGATION, wish)    # at once, and 0.6 s later
+((0.3, 0.0, 'driving'), (0.0, 0.0, 'scan_lost'))
 """
 
 from __future__ import annotations
