@@ -25,7 +25,7 @@ class CollectorParams(Parameters):
     stamp_tolerance: float = param(
         0.05, "s", low=0.0, high=10.0, doc="a spot this much older than the state still counts as seen in it"
     )
-    seen_timeout_s: float = param(
+    seen_timeout: float = param(
         0.5, "s", above=0.0, high=10.0, doc="a camera sees the spot if it did so within this time"
     )
 
@@ -168,7 +168,7 @@ class Collector:
     def cameras_seeing(self, now: float) -> List[str]:
         """Returns the names of the cameras that see the spot at a time [s]."""
         return sorted(
-            camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= self._params.seen_timeout_s
+            camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= self._params.seen_timeout
         )
 
     @property
