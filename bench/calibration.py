@@ -7,7 +7,7 @@
 A calibration draws where the person chose places and how wrong each was measured, runs calibrate_camera's fit with its
 rejection of outliers, and compares the floor points of the whole image with the truth. From points, places have the
 noise of detections; from images, pictures of the lab are rendered and searched for the spot or the board.
-What a person measures is assumed, see `Care`. The map is taken to be right: what it is off, the robot is off as well.
+What a person measures is assumed, see `Care`. The map is assumed to be right: its errors would be the robot's as well.
 Writes out/bench/calibration.json.
 """
 

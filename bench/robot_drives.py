@@ -10,7 +10,7 @@
 
 A robot type drives in the simulated lab (no cameras, no display) with move_base and AMCL as they are shipped here,
 through its driver. The judge sees where the robot truly is. Goals are drawn by a seed: in each scenario a chain of
-places such that the straight line from one to the next leads through the border's area where that is possible, driven
+places chosen so that, where possible, the straight line from one to the next crosses the border's area, driven
 forth and back, so that both directions come up.
 
 The idea: simulated time waits for those who drive and for AMCL (the simulator's ~lockstep), so that it runs as

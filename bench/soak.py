@@ -282,7 +282,7 @@ class Soak:
             self.tf.publish(TFMessage([transform_message(np.eye(4), "map", "base_link", stamp)]))
 
     def idle(self, seconds: float) -> None:
-        """Lets a while pass in which nobody does anything."""
+        """Lets some time pass without any action."""
         end = self.now + seconds
         while self.now < end:
             self.tick(1.0)
@@ -510,7 +510,7 @@ class Soak:
             self.tick(0.1)
             time.sleep(pace)
             if self.now - began > 3 * NOTICED_S:
-                raise Broken(f"nobody said {code} of camera {camera}")
+                raise Broken(f"no notice {code} about camera {camera}")
         return self.now - began
 
     def _taken_back(self, camera: str, code: str, pace: float = 0.01, limit: float = 3 * NOTICED_S) -> None:
@@ -520,7 +520,7 @@ class Soak:
             self.tick(0.1)
             time.sleep(pace)
             if self.now - began > limit:
-                raise Broken(f"{code} of camera {camera} is over and nobody says so")
+                raise Broken(f"notice {code} about camera {camera} was not withdrawn")
 
     def lights(self) -> None:
         """Switches the lights while a person draws: for a second and a half both cameras see spots everywhere."""
@@ -544,7 +544,7 @@ class Soak:
             self.tick(0.5)
             time.sleep(0.05)
             if self.now - began > 3 * NOTICED_S:
-                raise Broken(f"nobody said that camera {camera} has no pose")
+                raise Broken(f"no notice that camera {camera} has no pose")
         self.notice_delays.append(self.now - began)
         self._taken_back(camera, "camera_no_pose")
         self.interaction()

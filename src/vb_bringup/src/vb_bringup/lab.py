@@ -1,7 +1,7 @@
 """Judges whether a lab is ready, from what was observed. No ROS.
 
 Every check is one line: a subject, a state, and a code whose sentence (vb_core/languages) says what is wrong and how to
-fix it. What the lab's nodes tell people anyway is not measured again: their notices are lines too (`from_notice`).
+fix it. What the lab's nodes report anyway is not measured again: their notices are lines too (`from_notice`).
 `lab_observation` observes the running lab; this module only judges.
 """
 
@@ -55,7 +55,7 @@ class CheckLine:
 
 @dataclass(frozen=True)
 class CameraInfoObservation:
-    """A camera_info message; `focal` [px] is 0 for a lens that was never calibrated, `rectified` that of rectified images."""
+    """A camera_info message; `focal` [px] is 0 for an uncalibrated lens, `rectified` belongs to rectified images."""
 
     width: int
     height: int

@@ -1,4 +1,4 @@
-"""Node: tells people when a camera fails while they work, checks the whole lab whenever nodes came or went, and logs what is wrong."""
+"""Node: reports a camera that fails while people work; checks the lab whenever a node starts or stops; logs faults."""
 
 from __future__ import annotations
 

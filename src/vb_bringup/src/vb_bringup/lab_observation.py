@@ -253,7 +253,7 @@ class _CalibrationFiles:
 
 
 def _other_images(graph: NodeGraph, topic: str) -> List[str]:
-    """Lists topics of images beside one that nobody publishes: what the driver calls its images."""
+    """Lists image topics in the namespace of one that no node publishes: the driver may name its images differently."""
     name = topic.strip("/").split("/")[0]
     return sorted(
         other

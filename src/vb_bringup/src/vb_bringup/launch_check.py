@@ -213,7 +213,7 @@ def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -
     """Judges each argument by its kind, then what they ask for together.
 
     Raises:
-        CodedError: that of the kind; "launch_navigation_without_robot"
+        CodedError: as the kind raises it; "launch_navigation_without_robot"
     """
     without_robot = values.get("robot") in ("false", "0")
     for name, value in values.items():
@@ -225,7 +225,7 @@ def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -
 
 # ------------------------------------------------------------ what is there
 def declared_arguments(files: Iterable[Path]) -> List[str]:
-    """Lists the arguments that launch files declare and do not fix; not those of files that they include."""
+    """Lists the arguments that launch files declare and leave open; included files do not count."""
     names = []
     for path in files:
         pending = [ElementTree.parse(str(path)).getroot()]
@@ -302,7 +302,7 @@ def _lab_of(uri: str) -> Optional[int]:
 def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
     """Finds how roslaunch was called: names of the arguments, launch files, URI of the master that it will use.
 
-    All are empty if the process starts nothing, or is another program: a test has a master of its own.
+    All are empty if the process starts nothing, or is another program: a test runs its own master.
     """
     words = [os.fsdecode(word) for word in Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")[:-1]]
     start = next((index for index, word in enumerate(words[:3]) if os.path.basename(word) == "roslaunch"), None)

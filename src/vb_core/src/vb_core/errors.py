@@ -30,7 +30,7 @@ class CodedError(Exception):
         """Returns the same error, for a variable that outlives the handler.
 
         One that was raised holds all frames of its stack, and one of these holds the variable: that circle, with every
-        image in it, stays until the garbage collector comes by.
+        image in it, stays in memory until the next garbage collection.
         """
         return CodedError(self.code, self.message, **self.values)
 

@@ -1,4 +1,4 @@
-"""Writing files so that nobody finds half of anything in them."""
+"""Writes files so that a reader never finds half of one."""
 
 from __future__ import annotations
 

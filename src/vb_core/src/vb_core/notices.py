@@ -1,4 +1,4 @@
-"""Notices for people: each node publishes all of its own at once, and readers keep those that still hold."""
+"""Notices for people: each node publishes all its notices together, and readers keep those that still apply."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Severity(enum.IntEnum):
 
 @dataclass(frozen=True)
 class Notice:
-    """Something about a robot, a border or a camera; the fields are those of vb_msgs/Notice."""
+    """Something about a robot, a border or a camera, with the fields of vb_msgs/Notice."""
 
     code: str
     severity: Severity = Severity.INFO

@@ -87,7 +87,7 @@ class Parameters:
         return dataclasses.replace(self, **changes)
 
     def require_order(self, low: str, high: str) -> None:
-        """Checks that the value of one key is not above that of another; for `__post_init__` of a subclass.
+        """Checks that one key's value does not exceed another's; for `__post_init__` of a subclass.
 
         Raises:
             ParameterError: names the first key.

@@ -6,7 +6,7 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
     seed_missing: "{border} has no seed: point at the side that the robot should keep out of."
 
 A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", reason =
-"$robot_no_way_out". Its own values are those of the sentence in which it stands. At the beginning of a sentence it gets
+"$robot_no_way_out". It gets the same values as the sentence in which it stands. At the beginning of a sentence it gets
 a capital letter. The values border and borders are names of borders, see `border_name`.
 
 No program reads a sentence.
@@ -66,7 +66,7 @@ def robot_value(name: str) -> str:
 
 
 def border_name(name: str, language: str = ENGLISH) -> str:
-    """Returns a border's name, or several, as people read it: a border that nobody named is numbered in their language."""
+    """Returns a border's name, or several, as people read it: an unnamed border is numbered in their language."""
     return _UNNAMED.sub(
         lambda found: translate(f"unnamed_{found.group(1)}", {"number": found.group(2)}, language), name
     )

@@ -1,4 +1,4 @@
-"""Computes the paper's measures (Sect. 5.5) and the proof that a border acts.
+"""Computes the paper's measures (Sect. 5.5) and proves that a border is in force.
 
 Use it to compare a border in a map with the one that was meant, whatever drew it.
 
@@ -70,7 +70,7 @@ def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) ->
     """Measures how far the restricted area's boundary is from the requested one.
 
     A boundary consists of the edges between a cell inside and one outside, both of them free floor: where the area
-    ends at a wall nobody drew anything. From each edge's middle the distance to the nearest edge of the other
+    ends at a wall nothing was drawn. From each edge's middle the distance to the nearest edge of the other
     boundary is taken, in both directions, so that a part that is missing counts like one that is superfluous. The
     grid rounds each distance to about half a cell.
 

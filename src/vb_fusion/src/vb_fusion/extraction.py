@@ -188,9 +188,9 @@ def _join_tracks(
     """Joins tracks to one stroke.
 
     Returns:
-        The observations of the stroke, in the order in which the line runs; those of strokes that do not continue it.
+        The observations of the stroke, in the order in which the line runs, and the observations left out.
     """
-    # the widest is the line: going to and fro explains much, but makes no border
+    # the widest is the line: moving back and forth explains much floor, but is no border
     tracks = sorted(tracks, key=lambda track: bounding_diagonal(track.points), reverse=True)
     if not tracks or bounding_diagonal(tracks[0].points) <= 0.8 * params.min_exp:
         raise _no_line(seen, params)

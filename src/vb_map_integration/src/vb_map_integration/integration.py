@@ -132,7 +132,7 @@ def integrate(
         places: things whose being inside is worth a warning, for instance {"robot": (x, y)} [m] for "robot_inside".
 
     Raises:
-        IntegrationError: those of `restricted_area`.
+        IntegrationError: as `restricted_area`.
     """
     area = restricted_area(prior, border, params, places)
     posterior = np.array(prior.data, order="C")

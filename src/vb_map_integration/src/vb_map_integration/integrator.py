@@ -1,7 +1,7 @@
 """Physical map, borders, their database and the posterior map, kept together.
 
-Borders are kept in the frame of the map at which their place's first one was drawn; here they are moved into the frame
-of the current map. Which borders act, and why others do not, is decided in one place: `_recompute`.
+Borders are kept in the frame of the map on which their place's first border was drawn; here they are moved into the
+current map's frame. Which borders are in force, and why others are not, is decided in one place: `_recompute`.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class CheckResult:
 
     Attributes:
         area: what it would restrict.
-        issues: warnings, those of the integration first.
+        issues: warnings, the integration's first.
         reachability: parts of the free space and goals out of reach; None if not requested.
         layered_map: the map with it.
     """
@@ -231,7 +231,7 @@ class MapIntegrator:
 
     @property
     def needs_confirmation(self) -> bool:
-        """Whether the current map may show another place than that of the borders in force."""
+        """Whether the current map may show another place than the one to which the borders in force belong."""
         return not self._recognition.certain
 
     @property

@@ -1,4 +1,4 @@
-"""Shows which floor the stationary cameras see, and which none does."""
+"""Publishes which floor the stationary cameras see, and which none of them sees."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The map as a round robot sees it: clearance, lines of sight, shortest paths.
 
 The idea: only the floor around the line and the robot matters. `crop` cuts that window out of the map, so that the
-cost of a choice does not depend on the map's size; a robot from outside enters over the window's edge.
+cost of a choice does not depend on the map's size; a robot from outside enters at the window's edge.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Window = Tuple[float, float, float, float]
 
 
 def bounding_window(spot, *others) -> Window:
-    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m] and those of some points (N, 2) near it."""
+    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m] and the points (N, 2) near it."""
     spot = np.asarray(spot, dtype=float)
     points = np.vstack([spot[None], *(np.asarray(some, dtype=float).reshape(-1, 2) for some in others)])
     points = points[np.abs(points - spot).max(axis=1) <= MAX_WINDOW_REACH]
@@ -101,7 +101,7 @@ class ClearanceMap:
         grid: the posterior map: physical obstacles and borders.
         radius: [m] of the robot; on its paths it keeps `travel_margin` [m] more.
         physical: the map without borders, which decides what blocks the view; a border does not. None: `grid`.
-        edge: whether the map's edge is blocked; that of a window is not.
+        edge: whether the map's edge is blocked; a window's is not.
         occupied: [%] from this occupancy on a cell is blocked.
     """
 
@@ -261,7 +261,7 @@ class ShortestPaths:
     def path_to(self, goal) -> Optional[np.ndarray]:
         """Returns the path (N, 2) [m] to a goal (2,) [m], pulled tight like a string, at most 5 cm apart; None if there is none.
 
-        The search knows eight directions only; pulled tight, the path is close to that of a planner with costs.
+        The search uses eight directions only; pulled tight, the path is close to what a planner with costs finds.
         """
         goal = np.asarray(goal, dtype=float)
         if not np.isfinite(self.lengths_to(goal[None])[0]):

@@ -1,4 +1,4 @@
-"""Computes which floor a stationary camera sees, from its pose, its lens and what blocks its view."""
+"""Computes which floor a stationary camera sees, from its pose, its lens and the obstacles in its view."""
 
 from __future__ import annotations
 

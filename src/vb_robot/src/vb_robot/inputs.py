@@ -1,4 +1,4 @@
-"""What driver and dispatcher both listen to: spots, and what a robot's camera sees of the floor."""
+"""Inputs of both driver and dispatcher: spots, and the floor that a robot's camera sees."""
 
 from __future__ import annotations
 

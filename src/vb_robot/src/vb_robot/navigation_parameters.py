@@ -11,7 +11,7 @@ CELLS_BESIDE = 0.17  # [m] of cost beyond the radius: the robot leaves that much
 # controller's footprint touches something as soon as it or the localisation is off by 3 cm; from there DWA finds no
 # path any more, and no recovery frees it.
 PATH_MARGIN = 0.04
-SIM_TIME = 2.0  # [s] DWA looks ahead: with less it turns to and fro where a path bends round a border
+SIM_TIME = 2.0  # [s] DWA looks ahead: with less it turns back and forth where a path bends round a border
 
 
 def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:

@@ -47,7 +47,7 @@ class CeilingCamerasNode(CameraNode):
     Args:
         world: the world.
         models: figures of optics and noise.
-        cameras: those of the world's cameras to publish.
+        cameras: which of the world's cameras to publish.
         seed: of floor, noise and calibration errors.
         views: of the cameras, if drawn already.
     """

@@ -43,10 +43,10 @@ class Pacer:
 
 
 class Lockstep:
-    """Lets simulated time wait for those who drive a robot, so that a busy computer makes them slow and not late.
+    """Lets simulated time wait for the nodes that drive a robot, so that a busy computer never makes them late.
 
-    While all of them are heard, each must be heard once in every part of time that ends with `wait`. One that is silent
-    for `patience` has nothing to say: it is not waited for again until it is heard.
+    While all of them arrive, each must arrive once in every step that ends with `wait`. One that is silent for
+    `patience` has nothing to do: it is not waited for until it arrives again.
 
     Args:
         expected: who they are.
@@ -60,13 +60,13 @@ class Lockstep:
         self._condition = threading.Condition()
 
     def arrive(self, who: str) -> None:
-        """Takes note of a command; from any thread."""
+        """Notes that a node has sent a command; from any thread."""
         with self._condition:
             self._arrived.add(who)
             self._condition.notify_all()
 
     def wait(self) -> None:
-        """Ends a part of time: waits until everybody was heard in it."""
+        """Ends a step: waits until all have arrived in it."""
         with self._condition:
             if self._active:
                 self._condition.wait_for(lambda: self._arrived >= self._expected, self._patience)

@@ -1,4 +1,4 @@
-"""The simulated person as a node: sends commands through the same service as anyone, sees what a person sees."""
+"""The simulated person as a node: sends commands through the same service as real people, and sees what they see."""
 
 from __future__ import annotations
 

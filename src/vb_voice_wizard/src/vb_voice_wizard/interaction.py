@@ -1,7 +1,7 @@
 """The interaction between person and system as a state machine (paper, Sect. 4.2).
 
-Four states and nine commands. Every command is answered in every state; a repeated command goes on
-where the person left off and erases nothing. Only `cancel`, a completed `save` and a long silence end an
+Four states and nine commands. Every command is answered in every state; a repeated command
+continues where the person left off and erases nothing. Only `cancel`, a completed `save` and a long silence end an
 interaction. `stop` comes before everything else and holds until `resume`.
 Time is injected, in seconds, and may pause or jump back.
 
@@ -30,7 +30,7 @@ from vb_core.parameters import Parameters, param
 
 
 class State(enum.IntEnum):
-    """The states of the paper; the numbers are those of vb_msgs/InteractionState."""
+    """The paper's states, with the numbers of vb_msgs/InteractionState."""
 
     DEFAULT = 0
     BORDER = 1
@@ -130,7 +130,7 @@ def spoken_form(command: str) -> str:
     return command.replace("_", " ")
 
 
-# what outlives a restart of the node, besides what is not one number or text
+# what outlives a restart of the node, as far as it is one number or text
 _TIMES = ("started", "entered", "_active", "_counted_until", "last_answered")
 _TEXTS = ("interaction_id", "last_command", "last_source", "last_outcome", "last_border_id")
 
@@ -206,7 +206,7 @@ class Interaction:
         if name == STOP:
             return self._stop(source, now)
         if self.pending and name != RESUME:
-            # not remembered as the last answer: that of the current command will be
+            # not kept as the last answer: the current command's will be
             return Answer(False, "busy")
         if name not in COMMANDS:
             known = ", ".join(spoken_form(command) for command in COMMANDS)
@@ -216,7 +216,7 @@ class Interaction:
         self._active = now
         if self.state != State.DEFAULT:
             self._note(source)
-        # before anything is asked: nobody should confirm what is refused anyway
+        # before any question: nobody should confirm what is refused anyway
         refusal = self._check(name)
         if refusal is None:
             refusal = self._ask(name, now, uncertain, doubtful_border)

@@ -378,7 +378,7 @@ def _what_changed(before: Mapping[str, VirtualBorder], after: Mapping[str, Virtu
 
 
 def _drawn(border: VirtualBorder) -> Tuple:
-    """What a person can change of a border besides its switch."""
+    """Lists what a person can change about a border, apart from its switch."""
     return (
         border.name,
         [(point.x, point.y) for point in border.points],

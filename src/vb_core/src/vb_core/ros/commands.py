@@ -21,7 +21,7 @@ _STOP = "stop"
 
 
 def make_request(command: str, source: str, valid_s: float, uncertain: bool = False) -> CommandRequest:
-    """Makes the request for a command, with an id of its own and a time at which it expires.
+    """Makes the request for a command, with a unique id and a time at which it expires.
 
     Args:
         source: the input method that sends it.

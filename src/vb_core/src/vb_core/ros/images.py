@@ -44,7 +44,7 @@ def _format(encoding: str) -> Tuple[np.dtype, int]:
     elif general:
         kind, channels = _KINDS.get(general.group(1) + general.group(2), ""), int(general.group(3) or 1)
     if not kind:
-        raise CodedError("bad_image", f"cannot read an image with encoding '{encoding}': nobody knows it")
+        raise CodedError("bad_image", f"cannot read an image with the unknown encoding '{encoding}'")
     return np.dtype(kind), channels
 
 

@@ -1,4 +1,4 @@
-"""Notices to and from messages, a publisher that repeats them, and a listener that keeps those that hold."""
+"""Notices to and from messages, a publisher that repeats them, and a listener that keeps those that apply."""
 
 from __future__ import annotations
 

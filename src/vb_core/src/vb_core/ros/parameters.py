@@ -1,4 +1,4 @@
-"""Reading a node's private parameters, once, into a checked dataclass."""
+"""Reads a node's private parameters, once, into a checked dataclass."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading a robot's profile from the parameter server, where the launch files put it."""
+"""Reads a robot's profile from the parameter server, where the launch files put it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def read_radius(robot: str, default: float) -> float:
 
 
 def read(robot: str = "") -> RobotProfile:
-    """Reads the profile of a robot; returns that of a TurtleBot 2 if none is set.
+    """Reads a robot's profile; a TurtleBot 2's if none is set.
 
     Args:
         robot: its name, which is its namespace; empty for the node's own namespace.

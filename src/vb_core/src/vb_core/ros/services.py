@@ -1,4 +1,4 @@
-"""Calling other nodes' services without waiting for ever."""
+"""Calls other nodes' services without waiting forever."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Looking up transforms at the time of a message."""
+"""Looks up transforms at the time of a message."""
 
 from __future__ import annotations
 

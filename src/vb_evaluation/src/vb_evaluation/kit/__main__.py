@@ -78,7 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     argument = command("measure", _measure, "compute the measures of all recordings and the report")
     argument("protocol", type=_path)
     argument("--ground-truth", type=_path, required=True, help="folder of <scenario>.png")
-    argument("--map", type=_path, help="map_server's YAML of the physical map; without it that of the first recording")
+    argument("--map", type=_path, help="map_server's YAML of the physical map; default: the first recording's")
     argument("--out", type=_path, default=Path("out/study_people"))
     argument = command("replay", _replay, "put a recording through today's code and compare")
     argument("recordings", type=_path, nargs="+")

@@ -1,4 +1,4 @@
-"""Puts a recording through today's nodes and compares what they make of it with what was recorded.
+"""Replays a recording to today's nodes and compares their results with the recorded ones.
 
 The one idea: the recording is played to the live system's own nodes in one process (vb_evaluation.virtual_ros),
 started from the live system's launch files. So a replay has the nodes, parameters and rules of today, and

@@ -81,11 +81,11 @@ class NavigationCheck:
         """
         service = f"{self._move_base}/make_plan"
         try:
-            # that of a running move_base is there at once
+            # a running move_base offers it at once
             rospy.wait_for_service(service, timeout=2.0)
         except rospy.ROSException:
             raise CodedError(
-                "no_planner", f"nobody offers {service}: start move_base, or name it with --move-base"
+                "no_planner", f"no node offers {service}: start move_base, or name it with --move-base"
             ) from None
         observer, transforms = Observer(), TransformLookup()
         if not wait_until(lambda: observer.posterior is not None, 10.0):

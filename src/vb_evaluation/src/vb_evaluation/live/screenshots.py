@@ -2,7 +2,7 @@
 
     scripts/screenshots [--out docs/images/display] [--world file]
 
-The one idea: the pictures show the system itself. This script is the person: it moves a laser spot and gives
+The one idea: the screenshots show the system itself. This script is the person: it moves a laser spot and gives
 commands. Whatever the display shows of it comes from the live system's nodes, but for the cameras, whose spots are
 published here, and the robot, which is where this script says. It starts its own master and virtual screens, so it
 needs neither ROS running nor a display.
@@ -266,7 +266,7 @@ class StagedLab:
         self._thread.join()
 
     def is_watched(self) -> bool:
-        """Tells whether RViz listens: nobody else takes the path."""
+        """Tells whether RViz is subscribed: no other node takes the path."""
         return self._plan.get_num_connections() > 0
 
     def show(self, robot: Sequence[float], *notices: Notice, way: bool = False) -> None:

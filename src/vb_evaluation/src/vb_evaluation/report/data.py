@@ -93,8 +93,8 @@ class StudyResults:
 
     @property
     def scenarios(self) -> List[str]:
-        """Those of runs.csv; the paper's in its order, then others in that of study.json."""
-        # each participant has another order, so that of the rows means nothing
+        """The scenarios in runs.csv: the paper's in its order, then the others as in study.json."""
+        # each participant has another order, so the rows' order means nothing
         known = list(dict.fromkeys([*paper.PAPER, *(self.meta.get("scenarios") or {}), *self.runs.scenario]))
         return sorted(self.runs.scenario.unique(), key=known.index)
 

@@ -35,7 +35,7 @@ SECTIONS = (
     background.runs,
 )
 _SIZES = {
-    "quick": "A quick run, to see that all works: one person, so that there are no intervals.",
+    "quick": "A quick run, to check that everything works: one person, hence no intervals.",
     "default": "The default size: `make study SIZE=full` also says which assumption decides, has curves, and takes some hours.",
 }
 

@@ -14,7 +14,7 @@ class PaperFigures(NamedTuple):
     """The paper's figures for one scenario.
 
     Attributes:
-        speedup: mean time of robot only over that of the network robot system.
+        speedup: mean time with the robot only, divided by the mean time with the network robot system.
         jaccard: median by method.
         completeness: success rate 0 .. 1, the same for both methods.
         border_gain_s: [s] by which the Border state was shorter; None where the paper gives no figure.

@@ -62,7 +62,7 @@ class Job:
 
 
 def jobs(study: Study, size: str, only: Optional[str] = None) -> List[Job]:
-    """Lists all runs of a study; those of a size are among those of the next one.
+    """Lists all runs of a study; each size contains the runs of the smaller ones.
 
     Args:
         size: "quick" shows that all works; "default" answers the paper's questions with intervals; "full" also says

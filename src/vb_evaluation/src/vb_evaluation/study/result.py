@@ -1,4 +1,4 @@
-"""A run: which it was, what came out, and its measures (paper, Sect. 5.5), with what explains them."""
+"""A run: its task, its outcome, its measures (paper, Sect. 5.5), and what explains them."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ class Graph:
 
     @contextlib.contextmanager
     def installed(self) -> Iterator[None]:
-        """Makes rospy, and threading and time of all nodes' modules, those of this graph."""
+        """Replaces rospy, and threading and time in all nodes' modules, by this graph's."""
         before = rospy.rostime._rostime_initialized, rospy.rostime._rostime_current
         with replaced(self._replacements()):
             rospy.rostime.set_rostime_initialized(True)

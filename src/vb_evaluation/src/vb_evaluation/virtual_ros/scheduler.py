@@ -76,7 +76,7 @@ class Scheduler:
         if not isinstance(task, Task):
             raise RuntimeError("only a node can wait in a run within one process")
         if task.scheduler is not self:
-            # it would be ended as if its own run were over, and nobody would learn why it does not answer
+            # it would end as if its own run were over, and the reason why it does not answer would be lost
             raise RuntimeError("something was kept from an earlier run in this process: a lock, a queue or a function")
         if self.closed:
             raise greenlet.GreenletExit
@@ -122,7 +122,7 @@ class Scheduler:
 
     def _resume(self, task: Task, waits: int, woken: bool) -> None:
         if not task.dead and task.waits == waits:
-            task.waits += 1  # whatever else was to end this wait comes too late
+            task.waits += 1  # anything else that would end this wait comes too late
             task.switch(woken)
 
     def close(self) -> None:

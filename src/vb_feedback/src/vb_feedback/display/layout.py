@@ -237,7 +237,7 @@ _FONT = 0.84
 
 
 def transliterate(text: str) -> str:
-    """Writes a text in the characters that RViz can show: those of its font as they are, others transliterated (anyascii)."""
+    """Writes a text in characters that RViz can show: its font's as they are, all others transliterated (anyascii)."""
     composed = unicodedata.normalize("NFC", text)
     shown = "".join(letter if is_drawn(letter) else _transliterated(letter) for letter in composed)
     return " ".join(shown.split())

@@ -18,7 +18,7 @@ def overlay(
     """Stripes where borders restrict the map: any eye can tell a pattern from walls.
 
     Hard borders get stripes as broad as the gaps between them, soft ones narrower stripes. What saving now would
-    restrict is orange, and its stripes run the other way: nobody mistakes it for what is saved.
+    restrict is orange, and its stripes run the other way, so that it is not mistaken for what is saved.
 
     Args:
         physical, posterior: (H, W) int8, without and with the virtual borders.

@@ -1,1 +1,1 @@
-"""What is heard."""
+"""The sounds: which one, when, and how it is played."""

@@ -9,7 +9,7 @@ import numpy as np
 
 RATE = 48000  # [1/s] samples; native to sound cards
 
-# share of full scale of the loudest note: leaves room for whatever else plays
+# share of full scale of the loudest note: leaves room for other programs' sounds
 _PEAK = 0.6
 # [s] over which a note swells and fades: shorter clicks
 _FADE = 0.005

@@ -1,4 +1,4 @@
-"""Stage 5: the line through the stroke, as few straight sides as explain it.
+"""Stage 5: the line through the stroke, with the fewest straight sides that explain it.
 
 The stations are divided into sides, exactly, by dynamic programming: a corner is worth it if leaving it out would lose
 a detail larger than a hand's tremble, and sooner where the pointer stopped. Then the corners are moved to where the

@@ -50,7 +50,7 @@ def remove_offsets(seen: Observations) -> Observations:
 
 
 def _prior_weight(unknown: int, seconds: np.ndarray) -> csr_matrix:
-    """Weighs how firmly offsets are held: near zero, and those of robots near what they are a second before and after.
+    """Weighs how firmly offsets are held: near zero, and a robot's near its values a second before and after.
 
     Args:
         unknown: number of offsets.

@@ -76,7 +76,7 @@ def make_observations(
     at any hour.
 
     Args:
-        began: [s] the stamp from which the others count; that of the first spot if None.
+        began: [s] the stamp from which the others count; None: the first spot's.
 
     Raises:
         ExtractionError: "bad_points" if the shapes do not fit.

@@ -19,8 +19,8 @@ from vb_fusion.stroke.track import find_best_steps, find_places, trace_path
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 MIN_SPOTS = 3
-NEW_PLACE_GAIN = 1.0  # what a place counts that nobody saw before
-KNOWN_PLACE_GAIN = 0.2  # what a place counts that was seen before the seed was asked for
+NEW_PLACE_GAIN = 1.0  # weight of a place that was not seen before
+KNOWN_PLACE_GAIN = 0.2  # weight of a place that was seen before the seed was requested
 
 
 def extract_seed(
@@ -35,11 +35,11 @@ def extract_seed(
     """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last.
 
     A place that was seen before already counts less: something bright, or the end of the border. The longer light has
-    been at its place [s], the less it is new. Cameras that agree are each other's witnesses.
+    been at its place [s], the less it counts as new. Cameras that agree confirm each other.
 
     Args:
         points: (N, 2) [m], any order. Without stamps it is the place where most of them are.
-        before: (K, 2) [m] spots that were seen before the seed was asked for, those of the border.
+        before: (K, 2) [m] spots that were seen before the seed was requested: the border's.
 
     Returns:
         (2,) float64 [m].

@@ -26,7 +26,7 @@ from vb_fusion.stroke.observations import TIME_BIN, TREMOR, Observations, time_b
 
 PLACE_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a place covers
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
-MAX_BLINK = 3.0 * TIME_BIN  # [s] a pointer that moves is seen again within it
+MAX_BLINK = 3.0 * TIME_BIN  # [s] within which a moving pointer is seen again
 MAX_REST = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 # places of one moment, the strongest ones: looking back reaches further than MAX_BLINK, whatever glitters
@@ -158,7 +158,7 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     node = np.empty(len(order), dtype=np.int64)
     node[order] = np.cumsum(first) - 1
     company = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0)
-    # a place alone has 4/9 of its own company on average
+    # a place alone has, on average, 4/9 of its own company
     new = 0.5 * PLACE_WIDTH / np.maximum(0.75 * company, 1.0)
     # a thing that is not seen for longer than a MAX_BLINK was not there
     there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, MAX_BLINK)))

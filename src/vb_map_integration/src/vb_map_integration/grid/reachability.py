@@ -1,4 +1,4 @@
-"""What a robot can reach in a map, and what a border would cut off."""
+"""Finds what a robot can reach in a map, and what a border would cut off."""
 
 from __future__ import annotations
 

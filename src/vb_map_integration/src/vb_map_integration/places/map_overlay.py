@@ -1,4 +1,4 @@
-"""An image of two maps laid on each other, with the borders where they would be."""
+"""Draws two maps on top of each other, with the borders where they would be."""
 
 from __future__ import annotations
 

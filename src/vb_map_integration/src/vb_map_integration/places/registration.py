@@ -1,4 +1,4 @@
-"""Where an old map is in a new one: the transform between two maps of the same place, and how sure it is.
+"""Where an old map is in a new one: the transform between two maps of the same place, and how certain it is.
 
 The idea: walls decide. Wherever both maps know the floor, a wall in one must be a wall in the other; what only
 one of them has seen says nothing. Long connected walls carry the evidence, since furniture is moved and walls are not.

@@ -112,7 +112,7 @@ class KnownMap:
 
     Attributes:
         id: its number.
-        place: the number of the map at which the place's first border was drawn; its frame is that of the borders.
+        place: the number of the map on which the place's first border was drawn; the borders are in its frame.
         name: for people; only of that first map.
         fingerprint: see `fingerprint`.
         transform: from the place's frame to this map's.
@@ -698,7 +698,7 @@ def check_file(path: Path, options: str = "") -> Tuple[Optional[DatabaseSummary]
         count = connection.execute("SELECT count(*) FROM borders").fetchone()[0]
         state = DatabaseSummary(int(facts["revision"]), int(facts["next_number"]), total, int(count))
         if dict(_facts(state))["content"] != facts["content"]:
-            return None, "its rows are not those of its revision"
+            return None, "its rows do not belong to its revision"
         return state, ""
     except Exception as error:  # whatever a damaged file causes, it must not end the program
         return None, str(error) or type(error).__name__

@@ -14,7 +14,7 @@ from vb_map_integration.storage.database import FILE, Database, check_file, rest
 def repair_borders(arguments: Optional[List[str]] = None) -> int:
     """Prints what each file holds, repairs the database as map_integrator does at its start, and says what was lost."""
     parser = argparse.ArgumentParser(prog="repair_borders", description=repair_borders.__doc__)
-    parser.add_argument("folder", type=Path, help=f"that of {FILE}, for instance ~/.ros/virtual_borders/borders")
+    parser.add_argument("folder", type=Path, help=f"the folder of {FILE}, for instance ~/.ros/virtual_borders/borders")
     parser.add_argument("--from", dest="source", type=Path, help="a copy to go back to; present files are set aside")
     options = parser.parse_args(arguments)
     folder = options.folder.expanduser()

@@ -98,7 +98,7 @@ class BorderExit:
         self._end()
 
     def pause(self) -> None:
-        """Restarts the time limit: while another one drives, or nobody may, no progress is expected."""
+        """Restarts the time limit: while another source drives, or none may, no progress is expected."""
         self._shortest: Tuple[float, float] = math.inf, math.inf  # [m] of the path left at least, and since when [s]
 
     def compute_request(
@@ -107,7 +107,7 @@ class BorderExit:
         """Computes how the robot should move at a time [s]; None if it needs no help.
 
         Args:
-            calm: nobody draws or guides; goal: navigation has one; moves: it wants to move the robot.
+            calm: nobody draws or guides; goal: navigation has one; moves: navigation requests motion.
             held_by: what kept the last request from being granted, as a code.
         """
         workspace = self._workspace

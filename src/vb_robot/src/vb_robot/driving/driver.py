@@ -1,8 +1,8 @@
 """One driver per robot: decides who drives it now.
 
-The idea: several want to drive (a person with a joystick, the spot, the path out of a border, navigation), exactly one
-does, and every command passes one gate, see gate.py. In doubt the robot stops, and the driver tells people by a code
-who drives and why.
+The idea: several sources may request motion (a person with a joystick, the spot, the path out of a border, navigation);
+exactly one drives, and every command passes one gate (gate.py). In doubt the robot stops, and a code says who drives
+and why.
 
 Who drives, in order of priority: stop (it holds until resume), teleoperation, following the spot, leaving a border,
 navigation.
@@ -35,7 +35,7 @@ class Command:
         v, w: [m/s, rad/s]
         driver: who drives: "none", "stop", "teleop", "follow", "exit_border" or "navigation".
         code: "driving", or what holds the robot.
-        publish: whether to publish it: a robot that nobody drives is left alone.
+        publish: whether to publish it: a robot that no source drives is left alone.
         cancel: whether to cancel navigation's goals.
     """
 
@@ -156,7 +156,7 @@ class Driver:
             cancel = self.goal_active and driver == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
             if cancel:
                 self._cancelled_at = now
-            # a robot that nobody drives any more is told once to stop, and one that stops on command all the time
+            # when no source drives any more, one stop is published; while a stop is in force, it is repeated
             publish = driver != NONE or self._last.driver != NONE
             self._last = Command(v, w, driver, code, publish, cancel)
             return self._last

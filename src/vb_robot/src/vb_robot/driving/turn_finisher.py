@@ -1,8 +1,8 @@
-"""Keeps up a turn that navigation makes to and fro.
+"""Finishes turns that navigation makes back and forth.
 
-DWA compares where short turns end. A robot that faces away from its path ends as far from it whichever way it turns, so
-it turns to and fro on the spot, for minutes. The idea: a turn that changed its direction several times on one spot is
-finished in one direction; once the path is no longer behind the robot, DWA knows which way is better.
+DWA compares where short turns end. A robot that faces away from its path ends equally far from it whichever way it
+turns, so it turns back and forth on the spot, for minutes. The idea: a turn that has changed direction several times on
+one spot is finished in one direction; once the path is no longer behind the robot, DWA finds the better way.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ REVERSAL_INTERVAL = 5.0  # [s] after the one before, or it is another turn
 MAX_DRIFT = 0.05  # [m] a robot that has come farther drives
 CREEP_SPEED = 0.03  # [m/s] DWA creeps while it turns
 TURN_RATE = 0.5  # [rad/s]
-FINISHED_ANGLE = 0.6 * math.pi  # [rad] from facing away: the path is beside the robot, and on its way to be ahead
+FINISHED_ANGLE = 0.6 * math.pi  # [rad] after which a path that was behind the robot is beside it, and coming ahead
 
 
 class TurnFinisher:
-    """Passes navigation's requests on, and finishes turns that it makes to and fro."""
+    """Passes navigation's requests on, and finishes turns that it makes back and forth."""
 
     def __init__(self) -> None:
         self._spot: Optional[Tuple[float, float]] = None

@@ -1,4 +1,4 @@
-"""What the nodes of simulated cameras have in common: they hear where everything is, take images when due, and report."""
+"""What the nodes of simulated cameras share: they receive where everything is, take images when due, and report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A person who has nothing but the robot: guides it with the spot, draws before its camera, presses its buttons."""
+"""A person with the robot alone: guides it with the spot, draws in front of its camera, presses its buttons."""
 
 from __future__ import annotations
 

@@ -32,14 +32,14 @@ class Costmap:
     Attributes:
         grid: the map it was made of.
         costs: (H, W) uint8.
-        distance: (H, W) float32 [m] from each cell's centre to that of the nearest obstacle cell.
+        distance: (H, W) float32 [m] from each cell's centre to the nearest obstacle cell's.
     """
 
     def __init__(self, grid: GridMap, params: CostmapParams, obstacles: Optional[np.ndarray] = None) -> None:
         """Makes the costmap of a map.
 
         Args:
-            obstacles: (H, W) bool, cells that are obstacles beside those of the map.
+            obstacles: (H, W) bool, further obstacle cells beside the map's.
         """
         self.grid = grid
         self.params = params

@@ -227,7 +227,7 @@ _ROBOT = _stack(
 
 
 def robot_pieces(pose: Tuple[float, float, float], radius: float) -> BodyParts:
-    """Builds a robot of a TurtleBot 2's proportions: what it is drawn like fits into the cylinder of its profile."""
+    """Builds a robot with a TurtleBot 2's proportions, which fits into the cylinder of its profile."""
     scale = radius / _ROBOT_RADIUS
     parts = (_ROBOT.low, _ROBOT.high, _ROBOT.low_radii, _ROBOT.high_radii)
     return BodyParts(*(scale * part for part in parts), _ROBOT.yaws, _ROBOT.colors).move_to(*pose)

@@ -67,7 +67,7 @@ class SceneConditions:
 
     Attributes:
         light: of the room's lamps, as a multiple of what the world is drawn with; a laser stays as it is.
-        exposure: of the camera, as a multiple of what it is drawn with; a laser is brightened too.
+        exposure: of the camera, as a multiple of the drawn one; it brightens a laser too.
         sun: (x, y) [m] corners of the sun's patch on the floor, none without sun.
         sun_gain: how much brighter the floor is in the sun.
     """
@@ -81,7 +81,7 @@ class SceneConditions:
 
     @property
     def lit(self) -> bool:
-        """Whether the light differs from that of the drawn world."""
+        """Whether the light differs from the drawn world's."""
         return self.light * self.exposure != 1.0 or bool(self.sun)
 
 

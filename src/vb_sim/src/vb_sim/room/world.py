@@ -171,7 +171,7 @@ class CeilingCamera(Parameters):
 class Projector(Parameters):
     """A projector that shows its topic's images on the floor; dark without any.
 
-    Corners are where those of its image meet the floor: upper left, upper right, lower right, lower left.
+    Corners are where the image's corners meet the floor: upper left, upper right, lower right, lower left.
     """
 
     corners: tuple = param(((1.0, 3.0), (3.0, 3.0), (3.0, 1.0), (1.0, 1.0)), "m")
@@ -323,7 +323,7 @@ def load_world(path: str) -> World:
 
 
 def _document(file: Path, depth: int = 0) -> Any:
-    """A world file's contents; with the key `like`, on top of those of another file beside it."""
+    """Reads a world file's contents; with the key `like`, they extend another file beside it."""
     document = read_document(file, "world")
     if not isinstance(document, Mapping) or "like" not in document:
         return document

@@ -78,7 +78,7 @@ class BorderServices:
         name = names.UNDO if command == UNDO else names.REDO
         response = self._ask(name, Trigger, TriggerRequest(), _INTEGRATOR)
         if not response.success:
-            # a Trigger has no code of its own, and this one is the case that people meet
+            # a Trigger has no code; this is the case that people meet
             nothing = f"nothing_to_{command}"
             if response.message.endswith(f"[{nothing}]"):
                 raise CodedError(nothing)

@@ -1,4 +1,4 @@
-"""What makes a drawing doubtful, beside the border's own check; no ROS.
+"""Collects what makes a drawing doubtful, apart from the border's check; no ROS.
 
 The idea: while a camera has an error, what it sees is missing from the line or at a wrong place, and the line keeps
 that when the camera is well again. So an error of a camera makes the drawing doubtful until the interaction ends.

@@ -1,6 +1,6 @@
 """How much better a text explains an utterance than silence would: a likelihood ratio, by a network that knows people's speech.
 
-The idea: a network that its authors trained on very many hours of people's speech hears better than what one
+The idea: a network that its authors trained on a great deal of human speech recognises more than what one
 laboratory can train on synthetic voices. This is Moonshine (tiny, English; MIT licence); scripts/setup takes its files
 out of the package moonshine-voice. It writes text, one token (a word or a part of one) after the other, but knows
 nothing of what people may say
