@@ -191,10 +191,8 @@ def test_bad_geojson_is_refused(code, document):
 def test_the_reason_for_a_bad_file_is_in_the_readers_language():
     with pytest.raises(CodedError) as caught:
         borders_from_geojson(line([[0, 0], [1, 1]]))
-    assert sentences.translate(caught.value.code, caught.value.values, "de") == (
-        "Die Datei ist keine Datei mit Grenzen: eine trennende Linie braucht die Eigenschaft seed, [x, y], auf der gesperrten"
-        " Seite."
-    )
+    german = sentences.translate(caught.value.code, caught.value.values, "de")
+    assert "braucht die Eigenschaft seed" in german and "restricted" not in german
 
 
 # ----------------------------------------------------------------- costmaps

@@ -18,7 +18,7 @@ from integrators import GRID, at, integrator, square  # noqa: E402
 from oracle import ROOMS, world  # noqa: E402
 
 PACKAGE = Path(__file__).resolve().parents[1]
-DOCUMENT = PACKAGE.parents[1] / "docs" / "explanation" / "map-integration.md"
+DOCUMENT = PACKAGE.parents[1] / "docs" / "reference" / "codes.md"
 RAISED = "|".join(
     [
         r'(?:IntegrationError|CodedError)\(\s*"(\w+)"',
