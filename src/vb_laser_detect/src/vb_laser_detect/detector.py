@@ -1,5 +1,8 @@
 """Finds laser spots in a camera's images, one call per frame.
 
+Use it for any stationary or moving camera, with or without ROS: make one `SpotDetector` per camera and give it every
+frame, also those without a spot, which show it what the floor looks like.
+
 Five stages that share only what they pass on: `image_format` says what the numbers mean, `proposals` where a
 closer look is worth it, `features` what is there, `classifier` whether that is a spot, and `tracking` which
 spot it is and whether it counts.
@@ -11,6 +14,13 @@ spot it is and whether it counts.
 ...     spots = detector.detect(floor, stamp=0.04 * frame)
 >>> spots
 []
+>>> image = floor.copy()
+>>> image[239:244, 319:324] = (120, 120, 255)                       # a red spot (bgr) ...
+>>> image[240:243, 320:323] = 255                                   # ... whose middle is saturated
+>>> for frame in range(50, 60):
+...     spots = detector.detect(image, stamp=0.04 * frame)
+>>> [(round(spot.u), round(spot.v)) for spot in spots]              # [px]
+[(321, 241)]
 """
 
 from __future__ import annotations
