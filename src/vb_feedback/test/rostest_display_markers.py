@@ -98,15 +98,13 @@ class DisplayMarkersTest(unittest.TestCase):
             commands=["save", "cancel"],
             border_s=70.0,
             interaction_id="i",
-            last_message="The map integrator does not answer; publish_state save again in a moment.",
+            last_message="The map integrator does not answer; say save again in a moment.",
             last_success=False,
         )
         wait_until(lambda: self.screen.text_of("words/state") == "Seed", "the seed state's title")
-        self.assertEqual(
-            [self.screen.text_of(f"words/publish_state/{number}") for number in range(3)], ["save", "cancel", ""]
-        )
+        self.assertEqual([self.screen.text_of(f"words/say/{number}") for number in range(3)], ["save", "cancel", ""])
         self.assertEqual(self.screen.text_of("words/elapsed"), "1:10")
-        self.assertIn("publish_state save again", self.screen.text_of("words/answer"))
+        self.assertIn("say save again", self.screen.text_of("words/answer"))
         self.publish_state(
             name="seed", interaction_id="i", stopped=True, last_code="stopped", last_message="English, and not read."
         )
@@ -278,7 +276,7 @@ class DisplayMarkersTest(unittest.TestCase):
         wait_until(lambda: another.text_of("words/state") == "Guide" and another.has("robot/body"), "everything")
         robot = another.has("robot/body")[0]
         self.assertEqual((robot.header.frame_id, robot.frame_locked), ("base_link", True))
-        self.assertEqual(another.text_of("words/publish_state/0"), "cancel")
+        self.assertEqual(another.text_of("words/say/0"), "cancel")
         another.subscriber.unregister()
 
 
