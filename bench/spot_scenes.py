@@ -33,7 +33,7 @@ from vb_sim.room.floor_texture import FloorTexture, render_floor  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
 from vb_sim.room.mesh import world_mesh  # noqa: E402
 from vb_sim.room.camera_models import CameraModels, make_generator  # noqa: E402
-from vb_sim.room.motion_models import LocalisationModel  # noqa: E402
+from vb_sim.robot.motion_models import LocalisationModel  # noqa: E402
 from vb_sim.room.raycast import DistanceField  # noqa: E402
 from vb_sim.cameras.robot_view import RobotView  # noqa: E402
 from vb_sim.room.world import FloorPatch, Light, World, load_world  # noqa: E402

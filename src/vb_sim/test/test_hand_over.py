@@ -20,7 +20,7 @@ from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.models import load_models, read_section
 from vb_sim.room.camera_models import load_camera_models
-from vb_sim.room.motion_models import LocalisationModel
+from vb_sim.robot.motion_models import LocalisationModel
 from vb_sim.room.world import load_world
 
 PACKAGE = Path(__file__).resolve().parents[1]

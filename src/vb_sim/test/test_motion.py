@@ -15,7 +15,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import FREE, OCCUPIED, GridMap
 from vb_sim.lab import PARTICIPANT_SILENCE, Lab, Participant
 from vb_sim.room.models import load_models, read_section
-from vb_sim.room.motion_models import LocalisationModel, RobotModel, ScanModel
+from vb_sim.robot.motion_models import LocalisationModel, RobotModel, ScanModel
 from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
 from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody, advance

@@ -14,7 +14,7 @@ from vb_core.errors import ParameterError
 from vb_sim.person.hand import Stroke, Tremor, perceive_border, load_styles
 from vb_sim.person.legs import distance_to_chain
 from vb_sim.room.models import load_models, read_section
-from vb_sim.room.participant_model import ParticipantModel
+from vb_sim.person.participant_model import ParticipantModel
 from vb_sim.person.participant import Perception, Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript

@@ -9,7 +9,7 @@ from typing import Any, Dict, List, Optional, Tuple
 import numpy as np
 
 from vb_sim.room.floor_plan import physical_map
-from vb_sim.room.motion_models import LocalisationModel, RobotModel, ScanModel
+from vb_sim.robot.motion_models import LocalisationModel, RobotModel, ScanModel
 from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody
 from vb_sim.room.world import World

@@ -29,7 +29,7 @@ from vb_msgs.msg import LabState, ParticipantState
 from vb_sim.lab import Lab, Participant
 from vb_sim.lab_messages import models_file
 from vb_sim.room.models import load_models, read_section
-from vb_sim.room.motion_models import LocalisationModel, RobotModel, ScanModel
+from vb_sim.robot.motion_models import LocalisationModel, RobotModel, ScanModel
 from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
 from vb_sim.checkpoint_file import CheckpointFile
 from vb_sim.room.world import Robot, load_world

@@ -21,7 +21,7 @@ from vb_core.ros import commands, node, parameters
 from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
 from vb_sim.lab_messages import models_file
 from vb_sim.room.models import load_models, read_section
-from vb_sim.room.participant_model import ParticipantModel
+from vb_sim.person.participant_model import ParticipantModel
 from vb_sim.person.participant import Action, CommandReply, ParticipantScript, Perception, Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript

@@ -19,8 +19,8 @@ from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.people import KINDS, Population, Streams, Traits, draw
 from vb_sim.room.models import read_document, read_section
 from vb_sim.room.camera_models import CameraModels, read_camera_models
-from vb_sim.room.motion_models import LocalisationModel, RobotModel, ScanModel
-from vb_sim.room.participant_model import ParticipantModel
+from vb_sim.robot.motion_models import LocalisationModel, RobotModel, ScanModel
+from vb_sim.person.participant_model import ParticipantModel
 from vb_sim.room.world import World, world_from_mapping
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters
 from vb_sim.room.bodies import Build
-from vb_sim.room.participant_model import ParticipantModel
+from vb_sim.person.participant_model import ParticipantModel
 
 # a random generator for each name: drawing from one leaves all others unchanged
 Streams = Callable[[str], np.random.Generator]

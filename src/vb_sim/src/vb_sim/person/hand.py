@@ -16,7 +16,7 @@ from typing import Callable, List, Optional, Tuple
 
 import numpy as np
 
-from vb_sim.room.participant_model import ParticipantModel
+from vb_sim.person.participant_model import ParticipantModel
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
 RESOURCE = Path(__file__).resolve().parents[3] / "config" / "strokes.json"

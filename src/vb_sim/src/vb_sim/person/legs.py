@@ -11,7 +11,7 @@ from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_sim.robot.costmap import Costmap, CostmapParams
-from vb_sim.room.participant_model import ParticipantModel
+from vb_sim.person.participant_model import ParticipantModel
 from vb_sim.robot.planner import Planner
 
 ROBOT_DISTANCE = 0.5  # [m] between a person's and a robot's middle

@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, List, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_sim.room.motion_models import LocalisationModel, RobotModel
+from vb_sim.robot.motion_models import LocalisationModel, RobotModel
 
 Pose = Tuple[float, float, float]
 
