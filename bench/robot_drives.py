@@ -223,6 +223,7 @@ class Lab:
         return driven, {
             "goal": goal,
             "outcome": driven.outcome,
+            "false_reports": driven.false_reports,
             "text": driven.text,
             "length_m": round(driven.length, 2),
             "seconds": round(driven.seconds, 1),

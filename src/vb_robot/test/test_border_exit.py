@@ -196,3 +196,20 @@ def test_navigation_that_wants_to_go_on_into_a_border_is_helped_away_too():
         rig.driver.request("navigation", 0.2, 0.1, rig.now + DT)
         drivers.add(rig.step().driver)
     assert "exit_border" in drivers and max(pose[0] for pose in rig.poses) < 4.0 - RADIUS + 0.03
+
+
+def test_navigation_that_wants_to_go_on_past_a_wall_that_it_would_touch_is_helped_away_too():
+    rig = swallowed(pose=(2.0, 4.0, 0.0))
+    rig.step()
+    rig.pose = (4.0 - RADIUS - 0.01, 1.5, math.pi / 2)
+    rig.driver.goal_active = True
+    ahead = np.abs(np.linspace(-math.pi, math.pi, 360, endpoint=False)) < math.radians(20)
+    drivers = set()
+    for _ in range(100):
+        facing = abs(math.remainder(rig.pose[2] - math.pi / 2, 2.0 * math.pi)) < math.radians(30)
+        rig.ranges = np.where(ahead & facing, RADIUS + 0.02, OPEN)
+        rig.driver.request("navigation", 0.2, 0.0, rig.now + DT)
+        command = rig.step()
+        drivers.add(command.driver)
+        assert command.driver != "navigation" or command.v == 0.0 or not facing
+    assert "exit_border" in drivers

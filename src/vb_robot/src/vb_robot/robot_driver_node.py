@@ -88,7 +88,7 @@ class RobotDriverNode:
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): optional
         scan (sensor_msgs/LaserScan), camera_info (sensor_msgs/CameraInfo), contacts: as the profile names them
         move_base/status (actionlib_msgs/GoalStatusArray), move_base/goal (move_base_msgs/MoveBaseActionGoal)
-        move_base/NavfnROS/plan (nav_msgs/Path): for robots with a name
+        move_base/NavfnROS/plan (nav_msgs/Path): the robot turns towards it first; optional
         amcl_pose (geometry_msgs/PoseWithCovarianceStamped): how far off the localisation may be; optional
         cmd_vel (geometry_msgs/Twist): whether another node commands the base
     Published topics:
@@ -135,6 +135,7 @@ class RobotDriverNode:
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
+        self._plans = rospy.Publisher(names.PLANS, MarkerArray, queue_size=5) if params.robot else None
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
         listen = rospy.Subscriber
@@ -158,10 +159,8 @@ class RobotDriverNode:
             listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1),
             listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1),
             listen("move_base/goal", MoveBaseActionGoal, self._on_goal, queue_size=5),
+            listen("move_base/NavfnROS/plan", Path, self._on_plan, queue_size=1),
         ]
-        if params.robot:
-            self._plans = rospy.Publisher(names.PLANS, MarkerArray, queue_size=5)
-            self._subscribers.append(listen("move_base/NavfnROS/plan", Path, self._on_plan, queue_size=1))
         if profile.scanner.present:
             self._subscribers.append(listen(profile.scanner.topic, LaserScan, self._on_scan, queue_size=1))
         for contact in profile.contacts:
@@ -244,6 +243,10 @@ class RobotDriverNode:
         self._driver.goal_active = any(entry.status in RUNNING for entry in message.status_list)
 
     def _on_plan(self, message: Path) -> None:
+        if message.header.frame_id.lstrip("/") == names.MAP_FRAME:
+            self._driver.set_path(array_from_points([entry.pose.position for entry in message.poses]))
+        if self._plans is None:
+            return
         marker = Marker(header=message.header, ns=self._params.robot, type=Marker.LINE_STRIP)
         marker.action = Marker.ADD if len(message.poses) > 1 else Marker.DELETE
         marker.pose.orientation.w, marker.pose.position.z, marker.scale.x = 1.0, 0.03, 0.05

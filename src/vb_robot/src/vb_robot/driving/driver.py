@@ -15,15 +15,18 @@ import threading
 from dataclasses import dataclass
 from typing import Dict, Iterable, Optional, Tuple
 
+import numpy as np
+
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.border_exit import BorderExit
 from vb_robot.driving.gate import FOLLOW, EXIT_BORDER, NAVIGATION, NONE, STOP, INPUT_TIMEOUT, TELEOP, Gate
+from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
-from vb_robot.driving.turn_finisher import TurnFinisher
 from vb_robot.driving.workspace import Workspace
 from vb_robot.spots import DEFAULT, Sighting, Sightings
 
 CANCEL_PERIOD = 1.0  # [s] how often navigation's goals are cancelled while another one drives
+STILL = 0.1  # [rad/s] a robot that turns more slowly stands: navigation's slowest turn is twice as fast
 ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of the driver's own behaviours: gentle beside people
 
 
@@ -73,7 +76,7 @@ class Driver:
         self._lock = threading.Lock()
         self._camera = camera
         self.follower, self.exit = SpotFollower(), BorderExit(profile.radius, leaves)
-        self._turn_finisher = TurnFinisher()
+        self._rotation_shim = RotationShim()
         self.goal_active = False
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self._stopped = {"state": False, "topic": stopped}
@@ -131,6 +134,11 @@ class Driver:
             self.gate.workspace = workspace
             self.exit.set_maps(workspace)
 
+    def set_path(self, path: np.ndarray) -> None:
+        """Takes navigation's newest path (N, 2) [m], map frame."""
+        with self._lock:
+            self._rotation_shim.path = path
+
     def request(self, driver: str, v: float, w: float, now: float) -> None:
         """Takes a command of navigation or teleoperation [m/s, rad/s]."""
         self._commands[driver], self.gate.stamps[driver] = VelocityRequest(v, w), now
@@ -176,7 +184,7 @@ class Driver:
             return EXIT_BORDER, self._ramped(dt, request)
         navigation = self._command(NAVIGATION, now)
         if navigation is not None:
-            return NAVIGATION, self._turn_finisher.finish(now, navigation, self.gate.pose(now))
+            return NAVIGATION, self._rotation_shim.align(navigation, self.gate.pose(now))
         return NONE, VelocityRequest(0.0, 0.0, "idle")
 
     def _command(self, driver: str, now: float) -> Optional[VelocityRequest]:
@@ -189,9 +197,9 @@ class Driver:
         if pose is None:
             return None
         last = self._command(NAVIGATION, now)
-        # a request that ends at a border moves nothing either, whatever navigation believes
-        blocked = self._last.driver == NAVIGATION and self._last.code == "border" and self._last.v == 0.0
-        moves = last is not None and (last.v != 0.0 or last.w != 0.0) and not blocked
+        # what the gate ends, at a border or beside a wall, moves nothing, whatever navigation believes
+        granted = self._last.driver != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
+        moves = last is not None and (last.v != 0.0 or last.w != 0.0) and granted
         held = self._last.code if self._last.driver == EXIT_BORDER and self._last.code != "driving" else ""
         return self.exit.compute_request(now, pose, self._spots.state == DEFAULT, self.goal_active, moves, held)
 

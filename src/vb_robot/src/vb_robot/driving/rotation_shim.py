@@ -1,0 +1,68 @@
+"""Turns a robot towards navigation's path before navigation drives it.
+
+DWA compares where short turns end. A robot that faces away from its path ends as far from it whichever way it turns, so it
+turns to and fro on the spot, for minutes. The idea, which Nav2 calls a rotation shim: while the path begins behind the
+robot there is nothing to choose, it turns the shorter way until the path is ahead. A round robot can always do so.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Optional
+
+import numpy as np
+
+from vb_robot.driving.spot_follower import VelocityRequest
+from vb_robot.poses import Pose
+
+AHEAD = 0.3  # [m] along the path: where it leads from here
+NEAR = 0.15  # [m] from the goal it is navigation's matter which way the robot faces
+LOST = 0.5  # [m] from the path: it is not the one that navigation follows
+BEHIND = 0.5 * math.pi  # [rad] from the robot's heading a turn begins
+ALIGNED = math.radians(30)  # and ends: DWA knows from here which way is better
+TURN = 0.5  # [rad/s] at least
+
+
+class RotationShim:
+    """Passes navigation's requests on, except while the path is behind the robot.
+
+    Attributes:
+        path: (N, 2) [m] navigation's newest path, map frame; None if it is not known, then all requests pass.
+    """
+
+    def __init__(self) -> None:
+        self.path: Optional[np.ndarray] = None
+        self._direction = 0.0  # of a turn that is under way
+
+    def align(self, request: VelocityRequest, pose: Optional[Pose]) -> VelocityRequest:
+        """Returns what navigation requests, or the turn towards its path.
+
+        Args:
+            pose: (x, y, yaw) [m, m, rad], map frame; without one all requests pass.
+        """
+        angle = self._angle_to_path(pose) if pose is not None else None
+        stops = request.v == 0.0 and request.w == 0.0
+        if angle is None or abs(angle) < ALIGNED:
+            self._direction = 0.0
+        elif abs(angle) > BEHIND:
+            self._direction = self._direction or math.copysign(1.0, angle)
+        elif stops:
+            self._direction = 0.0  # what comes after a stop is another turn
+        if stops or self._direction == 0.0:
+            return request
+        return VelocityRequest(0.0, self._direction * max(abs(request.w), TURN))
+
+    def _angle_to_path(self, pose: Pose) -> Optional[float]:
+        """Returns by which angle [rad] the path leads away from the heading; None if there is none to follow here."""
+        if self.path is None or not len(self.path):
+            return None
+        here = np.asarray(pose[:2])
+        distances = np.linalg.norm(self.path - here, axis=1)
+        nearest = int(np.argmin(distances))
+        rest = self.path[nearest:]
+        lengths = np.cumsum(np.linalg.norm(np.diff(rest, axis=0), axis=1))
+        target = rest[min(int(np.searchsorted(lengths, AHEAD)) + 1, len(rest) - 1)]
+        x, y = target - here
+        if distances[nearest] > LOST or math.hypot(x, y) < NEAR:
+            return None
+        return math.remainder(math.atan2(y, x) - pose[2], 2.0 * math.pi)

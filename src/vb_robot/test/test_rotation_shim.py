@@ -1,0 +1,96 @@
+"""A robot that faces away from navigation's path is turned towards it; all other requests pass as they are."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vb_robot.driving.rotation_shim import RotationShim
+from vb_robot.driving.spot_follower import VelocityRequest
+
+STEP = 0.05  # [s]
+PATH = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])
+
+
+def shim_with(path=PATH):
+    shim = RotationShim()
+    shim.path = path
+    return shim
+
+
+def turned_round(seed, shim, sweep_s):
+    """Tells whether a robot that faces away gets round, with a controller that turns to and fro behind itself.
+
+    Args:
+        sweep_s: [s] how long the controller goes on in one direction: DWA was seen to do so for 1 to 10 s.
+    """
+    rng = np.random.default_rng(seed)
+    x, y, yaw, w = 1.0, 0.0, math.pi + rng.uniform(-0.2, 0.2), 0.0
+    for step in range(int(30.0 / STEP)):
+        off = math.remainder(yaw, 2.0 * math.pi)
+        if abs(off) < 0.3:
+            return True
+        if step % int(sweep_s / STEP) == 0:
+            # back to where it faced away, and beyond
+            w = math.copysign(rng.uniform(0.2, 0.4), off) if abs(off) > math.radians(110) else -math.copysign(0.5, off)
+        request = VelocityRequest(0.03 * float(rng.random() < 0.3), w)
+        given = shim.align(request, (x, y, yaw)) if shim else request
+        x, y = x + STEP * given.v * math.cos(yaw), y + STEP * given.v * math.sin(yaw)
+        yaw += STEP * given.w
+    return False
+
+
+@pytest.mark.parametrize("sweep_s", [1.0, 3.0])
+def test_a_robot_that_faces_away_from_its_path_turns_round(sweep_s):
+    assert all(turned_round(seed, shim_with(), sweep_s) for seed in range(30))
+    assert not all(turned_round(seed, None, sweep_s) for seed in range(30))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_it_turns_the_shorter_way_and_keeps_to_it(side):
+    shim = shim_with()
+    given = [
+        shim.align(VelocityRequest(0.1, -side * 0.3), (1.0, 0.0, side * math.radians(degrees)))
+        for degrees in (170, 175, 185, 190, 120, 91, 80, 40)
+    ]
+    assert all(request.v == 0.0 and -side * request.w >= 0.5 for request in given)
+    request = VelocityRequest(0.1, side * 0.3)
+    assert shim.align(request, (1.0, 0.0, side * math.radians(20))) == request
+    assert shim.align(request, (1.0, 0.0, side * math.radians(80))) == request, "beside is not behind"
+
+
+def test_a_faster_turn_keeps_its_speed():
+    assert abs(shim_with().align(VelocityRequest(0.0, 1.2), (1.0, 0.0, 3.0)).w) == 1.2
+
+
+def test_a_stop_is_a_stop():
+    shim = shim_with()
+    shim.align(VelocityRequest(0.0, 0.3), (1.0, 0.0, 3.0))
+    assert shim.align(VelocityRequest(0.0, 0.0), (1.0, 0.0, 3.0)) == VelocityRequest(0.0, 0.0)
+    # after it another drive begins, whose path is beside the robot
+    shim.align(VelocityRequest(0.0, 0.0), (1.0, 0.0, math.radians(-80)))
+    assert shim.align(VelocityRequest(0.1, 0.2), (1.0, 0.0, math.radians(-80))) == VelocityRequest(0.1, 0.2)
+
+
+@pytest.mark.parametrize(
+    "path, pose",
+    [
+        (None, (1.0, 0.0, math.pi)),
+        (np.empty((0, 2)), (1.0, 0.0, math.pi)),
+        (PATH, None),
+        (PATH, (1.0, 0.0, 1.0)),
+        (PATH, (3.05, 0.0, 0.0)),
+        (PATH, (1.0, 2.0, math.pi)),
+    ],
+    ids=["no path", "an empty path", "no pose", "the path is ahead", "at the goal", "another path"],
+)
+def test_all_other_requests_pass(path, pose):
+    shim = shim_with(path)
+    for request in (VelocityRequest(0.1, 0.3), VelocityRequest(0.0, -0.3), VelocityRequest(-0.1, 0.0)):
+        assert shim.align(request, pose) == request
+
+
+def test_a_path_that_bends_is_followed_from_the_nearest_place():
+    corner = np.concatenate([PATH, np.column_stack([np.full(40, 3.0), np.linspace(0.05, 2.0, 40)])])
+    given = shim_with(corner).align(VelocityRequest(0.1, 0.0), (3.0, 0.5, math.radians(-85)))
+    assert given.v == 0.0 and given.w > 0.0
