@@ -34,7 +34,7 @@ import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection import classifier, features
-from vb_laser_detect.detection.blocks import BLOCK
+from vb_laser_detect.detection.blocks import BLOCK, Region
 from vb_laser_detect.detection.features import Blob, Camera
 from vb_laser_detect.detection.projection import ToFloor, metres_per_pixel
 from vb_laser_detect.detection.image_format import BAYER
@@ -45,7 +45,6 @@ from vb_laser_detect.detector_params import DetectorParams
 __all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
 
 _SMEAR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
-_MAX_ELONGATION = 2.0  # times its diameter: a fast one is elongated
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _MIN_PX = 2.5  # smaller blobs are noise
 _MIN_CERTAIN_PROBABILITY = (
@@ -161,13 +160,30 @@ class SpotDetector:
 
     def _examine(self, proposal: Proposal, searched: SearchedImage, camera: Camera) -> Spot:
         """Measures and classifies one proposal."""
-        largest = _MAX_ELONGATION * self._size_range(self._pixel_size(*proposal.middle), camera)[1]
-        blob = features.measure(searched.image, searched.reference, proposal.region, largest, camera)
+        region, expected = proposal.region, proposal.expected
+        spot = self._classify(region, expected, searched, camera)
+        if expected is not None and spot.rejection == "too_large":
+            # by now, other light falls on the place where it is expected
+            spot = self._classify(expected.clip(region), expected, searched, camera, 2.0 * expected.diameter)
+        return spot
+
+    def _classify(
+        self,
+        region: Region,
+        expected: Optional[Expected],
+        searched: SearchedImage,
+        camera: Camera,
+        widest: float = math.inf,
+    ) -> Spot:
+        """Measures and classifies the brightest blob of a region; see `features.measure`."""
+        middle = (region[0] + region[2]) / 2.0, (region[1] + region[3]) / 2.0
+        largest = self._size_range(self._pixel_size(*middle), camera)[1]
+        blob = features.measure(searched.image, searched.reference, region, largest, camera, widest)
         rejection, probability = blob.problem or self._wrong_size(blob, camera), 0.0
         if not rejection:
             measured = {**blob.features, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
-            expected = proposal.expected is not None and proposal.expected.holds(blob.u, blob.v)
-            probability, reason = self._classifier.classify(blob, measured, expected)
+            is_expected = expected is not None and expected.holds(blob.u, blob.v)
+            probability, reason = self._classifier.classify(blob, measured, is_expected)
             if probability < self.params.min_probability:
                 rejection = reason
             elif self._place_check is not None:
