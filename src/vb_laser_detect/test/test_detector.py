@@ -216,12 +216,6 @@ def test_while_a_spot_is_drawn_nothing_else_is_examined():
     # held still, too: nothing can take its place
     assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in drawn[45:])
     assert left_out[20:45] == [1] * 25
-    # and a search for several spots finds them
-    several = SpotDetector(DetectorParams.stationary(max_spots=2))
-    several.encoding = "bayer_rggb8"
-    feed(several, [scene.render(bayer=True) for _ in range(8)])
-    both = [several.detect(scene.render([(80 + 6.0 * i, 200), other], bayer=True), 0.4 + PERIOD * i) for i in range(20)]
-    assert all(len(spots) == 2 for spots in both[3:])
 
 
 @pytest.mark.parametrize("bayer", [False, True])

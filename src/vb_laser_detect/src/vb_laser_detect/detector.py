@@ -118,7 +118,7 @@ class SpotDetector:
             stamp: [s] when it was taken. A stamp before the last one's starts again.
 
         Returns:
-            Confirmed spots, the most certain first.
+            The confirmed spot, if there is one.
 
         Raises:
             CodedError: "bad_image" for any other image.
@@ -155,7 +155,7 @@ class SpotDetector:
             if not any(_same_blob(spot, other) for other in seen):
                 seen.append(spot)
             # the one spot is found where it is expected: nothing else can take its place
-            followed = followed or self.params.max_spots == 1 and _is_followed_spot(spot, proposal.expected)
+            followed = followed or _is_followed_spot(spot, proposal.expected)
         return seen
 
     def _examine(self, proposal: Proposal, searched: SearchedImage, camera: Camera) -> Spot:
@@ -191,7 +191,7 @@ class SpotDetector:
         return Spot(blob.u, blob.v, blob.diameter, probability, rejection=rejection, tint=blob.tint)
 
     def _confirm(self, seen: List[Spot]) -> Tuple[List[Spot], List[Spot]]:
-        """Follows the spots; returns those to publish, the most certain first, and those to keep out of the background.
+        """Follows the spots; returns those to publish (at most one), and those to keep out of the background.
 
         Notes the others, and why they are not published, in `candidates`.
         """

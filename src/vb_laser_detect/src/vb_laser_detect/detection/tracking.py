@@ -245,12 +245,10 @@ class SpotTracker:
         track.confirmed = self.params.confirm_frames <= 1 or shown >= least
 
     def _choose(self, tracks: Sequence[Track]) -> None:
-        """Chooses the confirmed tracks to publish: those that were, then the most certain."""
+        """Chooses the confirmed track to publish: the one that was, else the most certain."""
         if self.params.confirm_frames <= 1:
             for track in self._tracks:
                 track.published = False
-        left = self.params.max_spots - sum(track.published for track in self._tracks)
-        for track in tracks:
-            if track.confirmed and not track.published and left > 0:
-                track.published = True
-                left -= 1
+        confirmed = [track for track in tracks if track.confirmed]
+        if confirmed and not any(track.published for track in self._tracks):
+            confirmed[0].published = True
