@@ -164,7 +164,7 @@ class SpotDetector:
         spot = self._classify(region, expected, searched, camera)
         if expected is not None and spot.rejection == "too_large":
             # by now, other light falls on the place where it is expected
-            spot = self._classify(expected.clip(region), expected, searched, camera, 2.0 * expected.diameter)
+            spot = self._classify(expected.clip(region), expected, searched, camera, expected.widest)
         return spot
 
     def _classify(

@@ -78,7 +78,7 @@ def measure(
         x1, y1 = min(width, right + margin), min(height, bottom + margin)
         now, before = image[y0:y1, x0:x1], background[y0:y1, x0:x1]
         if widest < math.inf:
-            before = cv2.max(before, relight(before, now, widest, camera.mosaic))
+            before = cv2.max(before, relight(before, now, widest))
         # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
         smooth = cv2.GaussianBlur(max_channel(cv2.subtract(now, before)), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
         _, peak, _, at = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
@@ -139,12 +139,12 @@ def measure(
     )
 
 
-def relight(background: np.ndarray, image: np.ndarray, widest: float, mosaic: bool) -> np.ndarray:
+def relight(background: np.ndarray, image: np.ndarray, widest: float) -> np.ndarray:
     """Returns a background in the light of an image, of which nothing is taken that is narrower than `widest` [px]."""
     half = 2 * math.ceil(widest / 4)
     kernel = np.zeros((2 * half + 1,) * 2, np.uint8)
     # the places in a Bayer image's pattern are not mixed
-    step = 2 if mosaic else 1
+    step = 2 if image.ndim == 2 else 1
     kernel[::step, ::step] = 1
     gain = (image + np.float32(1.0)) / (background + np.float32(1.0))
     gain = cv2.morphologyEx(gain, cv2.MORPH_OPEN, kernel)

@@ -87,6 +87,11 @@ class Expected(NamedTuple):
     diameter: float
     published: bool
 
+    @property
+    def widest(self) -> float:
+        """[px] What is wider cannot be the spot."""
+        return 2.0 * self.diameter
+
     def holds(self, u: float, v: float) -> bool:
         """Tells whether a place [px] is within reach."""
         return math.hypot(u - self.u, v - self.v) <= self.reach
