@@ -3,7 +3,7 @@
 
     bench/spot_clips.py DIR --left-out out/spot_examples --csv docs/results/detection_clips.csv
     bench/spot_training.py --clips DIR --csv docs/results/detection_left_out.csv
-    bench/spot_detection.py --no-times --scenes --share .4 --other SRC --csv docs/results/detection_scenes.csv
+    bench/spot_detection.py --no-times --scenes --other SRC --csv docs/results/detection_scenes.csv
     bench/spot_table.py --other SRC --csv docs/results/detection_table.csv
     bench/spot_time.py --other SRC --csv docs/results/detection_time.csv
     bench/spot_robots.py --places 3000 --rounds 20 --csv docs/results/detection_robots.csv

@@ -40,8 +40,9 @@ def other_detector(source: Path) -> Tuple[Tuple[Any, Any], Callable]:
         geometry = next(home for home in homes if (folder / home.replace(".", "/")).with_suffix(".py").exists())
         if geometry == "frame":
             detector.SpotDetector.backfilled = property(lambda self: self.recalled)
-        if not hasattr(detector.Spot, "rejection"):
-            detector.Spot.rejection = property(lambda self: self.refusal)
+        for kind in (detector.Spot, getattr(detector, "Candidate", detector.Spot)):
+            if not hasattr(kind, "rejection"):
+                kind.rejection = property(lambda self: self.refusal)
         return (detector.DetectorParams, detector.SpotDetector), importlib.import_module(
             f"vb_laser_detect.{geometry}"
         ).search

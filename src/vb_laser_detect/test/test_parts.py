@@ -13,7 +13,14 @@ from scenes import GREEN, RED, Scene, tinted
 from vb_laser_detect.detection import features
 from vb_laser_detect.detector import DetectorParams, Spot
 from vb_laser_detect.detection.background import Background
-from vb_laser_detect.detection.blocks import block_maxima, halve, mask_of_blocks, max_channel, find_regions
+from vb_laser_detect.detection.blocks import (
+    block_maxima,
+    blocks_around,
+    find_regions,
+    halve,
+    mask_of_blocks,
+    max_channel,
+)
 from vb_laser_detect.detection.debug_image import draw
 
 from vb_laser_detect.detection.projection import ProjectionParams
@@ -38,6 +45,26 @@ def test_block_maxima_are_numpys(shape):
     ):
         assert (found == truth.reshape(*truth.shape[:4], -1).max(axis=(1, 3, 4))).all()
     assert (max_channel(image) == (image if image.ndim == 2 else image.max(axis=2))).all()
+
+
+@pytest.mark.parametrize("u, v, marked", [(20.0, 12.0, 9), (-3.0, 4.0, 2), (-50.0, 4.0, 0), (500.0, 4.0, 0)])
+def test_blocks_around_a_place_within_and_outside_the_image(u, v, marked):
+    blocks = np.zeros((6, 8), bool)
+    blocks[blocks_around(blocks.shape, u, v, 8.0)] = True
+    assert np.count_nonzero(blocks) == marked
+
+
+@pytest.mark.parametrize("bayer", [False, True])
+def test_a_background_in_new_light_keeps_its_texture_and_takes_no_spot_in(bayer):
+    scene = tinted(Scene(200, 120, brightness=60.0, noise=0.0))
+    before, place = scene.render(bayer=bayer), (120, 60)
+    scene.floor[:, 60:] *= 1.8
+    lit = scene.render(bayer=bayer).astype(int)
+    relit = features.relight(before, scene.render([place], bayer=bayer), 20.0)
+    # the lowest ratio near by is taken, which rounding makes a little less than the true one
+    assert np.abs(relit.astype(int) - lit)[10:-10, 75:-10].max() < 10
+    # on its dark side, too
+    assert np.abs(relit.astype(int) - before)[10:-10, 10:45].max() < 5
 
 
 def test_mask_covers_its_blocks():

@@ -196,7 +196,7 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
     monkeypatch.setattr(
         rospy,
         "get_param",
-        lambda name, default=None: {"/spot_detector_red/detector": {"min_rise": 11.0, "max_spots": 2}}.get(
+        lambda name, default=None: {"/spot_detector_red/detector": {"min_rise": 11.0, "hold_s": 20.0}}.get(
             name, default
         ),
     )

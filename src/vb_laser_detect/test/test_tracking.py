@@ -98,7 +98,7 @@ def test_jumps_that_no_hand_makes_are_other_spots():
 
 
 def test_two_that_cross_keep_their_numbers():
-    film = Film(max_spots=2)
+    film = Film()
     numbers = []
     for i in range(41):
         t = i / 40.0

@@ -34,7 +34,7 @@ import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection import classifier, features
-from vb_laser_detect.detection.blocks import BLOCK
+from vb_laser_detect.detection.blocks import BLOCK, Region
 from vb_laser_detect.detection.features import Blob, Camera
 from vb_laser_detect.detection.projection import ToFloor, metres_per_pixel
 from vb_laser_detect.detection.image_format import BAYER
@@ -45,7 +45,6 @@ from vb_laser_detect.detector_params import DetectorParams
 __all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
 
 _SMEAR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
-_MAX_ELONGATION = 2.0  # times its diameter: a fast one is elongated
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _MIN_PX = 2.5  # smaller blobs are noise
 _MIN_CERTAIN_PROBABILITY = (
@@ -119,7 +118,7 @@ class SpotDetector:
             stamp: [s] when it was taken. A stamp before the last one's starts again.
 
         Returns:
-            Confirmed spots, the most certain first.
+            The confirmed spot, if there is one.
 
         Raises:
             CodedError: "bad_image" for any other image.
@@ -153,21 +152,37 @@ class SpotDetector:
                 spot = Spot(*proposal.middle, float(proposal.region[2] - proposal.region[0]), rejection=rejection)
             else:
                 spot = self._examine(proposal, searched, camera)
-            if not any(_same_blob(spot, other) for other in seen):
-                seen.append(spot)
+            seen.append(spot)
             # the one spot is found where it is expected: nothing else can take its place
-            followed = followed or self.params.max_spots == 1 and _is_followed_spot(spot, proposal.expected)
+            followed = followed or _is_followed_spot(spot, proposal.expected)
         return seen
 
     def _examine(self, proposal: Proposal, searched: SearchedImage, camera: Camera) -> Spot:
         """Measures and classifies one proposal."""
-        largest = _MAX_ELONGATION * self._size_range(self._pixel_size(*proposal.middle), camera)[1]
-        blob = features.measure(searched.image, searched.reference, proposal.region, largest, camera)
+        region, expected = proposal.region, proposal.expected
+        spot = self._classify(region, expected, searched, camera)
+        if expected is not None and spot.rejection == "too_large":
+            # by now, other light falls on the place where it is expected
+            spot = self._classify(expected.clip(region), expected, searched, camera, expected.widest)
+        return spot
+
+    def _classify(
+        self,
+        region: Region,
+        expected: Optional[Expected],
+        searched: SearchedImage,
+        camera: Camera,
+        widest: float = math.inf,
+    ) -> Spot:
+        """Measures and classifies the brightest blob of a region; see `features.measure`."""
+        middle = (region[0] + region[2]) / 2.0, (region[1] + region[3]) / 2.0
+        largest = self._size_range(self._pixel_size(*middle), camera)[1]
+        blob = features.measure(searched.image, searched.reference, region, largest, camera, widest)
         rejection, probability = blob.problem or self._wrong_size(blob, camera), 0.0
         if not rejection:
             measured = {**blob.features, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
-            expected = proposal.expected is not None and proposal.expected.holds(blob.u, blob.v)
-            probability, reason = self._classifier.classify(blob, measured, expected)
+            is_expected = expected is not None and expected.holds(blob.u, blob.v)
+            probability, reason = self._classifier.classify(blob, measured, is_expected)
             if probability < self.params.min_probability:
                 rejection = reason
             elif self._place_check is not None:
@@ -175,7 +190,7 @@ class SpotDetector:
         return Spot(blob.u, blob.v, blob.diameter, probability, rejection=rejection, tint=blob.tint)
 
     def _confirm(self, seen: List[Spot]) -> Tuple[List[Spot], List[Spot]]:
-        """Follows the spots; returns those to publish, the most certain first, and those to keep out of the background.
+        """Follows the spots; returns those to publish (at most one), and those to keep out of the background.
 
         Notes the others, and why they are not published, in `candidates`.
         """
@@ -224,12 +239,6 @@ class SpotDetector:
         if blob.diameter < smallest:
             return "too_small"
         return "too_large" if blob.diameter > largest else ""
-
-
-def _same_blob(spot: Spot, other: Spot) -> bool:
-    """Tells whether two regions have led to the same blob."""
-    near = math.hypot(spot.u - other.u, spot.v - other.v) < 2.0
-    return near and bool(other.rejection) == bool(spot.rejection)
 
 
 def _is_followed_spot(spot: Spot, expected: Optional[Expected]) -> bool:

@@ -30,7 +30,6 @@ class DetectorParams(Parameters):
     confirm_frames: int = param(
         4, "frames", low=1, high=50, doc="a spot must be seen in so many; 1: each image by itself"
     )
-    max_spots: int = param(1, "", low=1, high=20, doc="at most so many spots per frame")
     min_rise: float = param(18.0, "grey levels", low=2.0, high=255.0, doc="of a block that is looked at closely")
     min_probability: float = param(0.5, "", above=0.0, high=0.999, doc="the classifier's, for a spot")
     classifier: str = param("", doc="file of a classifier trained for this camera; empty: the one that comes with it")

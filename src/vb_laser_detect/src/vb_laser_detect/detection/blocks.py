@@ -82,8 +82,8 @@ def max_channel(image: np.ndarray) -> np.ndarray:
 
 def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float) -> Tuple[slice, slice]:
     """Returns the rows and columns of a grid (rows, columns) of blocks within `reach` of a place [px]."""
-    top, bottom = int(max(0.0, v - reach)) // BLOCK, int(v + reach) // BLOCK + 1
-    left, right = int(max(0.0, u - reach)) // BLOCK, int(u + reach) // BLOCK + 1
+    top, bottom = int(max(0.0, v - reach)) // BLOCK, int(max(-1.0, v + reach)) // BLOCK + 1
+    left, right = int(max(0.0, u - reach)) // BLOCK, int(max(-1.0, u + reach)) // BLOCK + 1
     return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from vb_laser_detect.detection.blocks import Region, max_channel
 
 _EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
+_MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
 _SHADOW = 0.5  # part of the light that a shadow leaves at least
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
@@ -53,14 +54,17 @@ class Camera(NamedTuple):
     white: float = 255.0
 
 
-def measure(image: np.ndarray, background: np.ndarray, seed: Region, largest: float, camera: Camera) -> Blob:
+def measure(
+    image: np.ndarray, background: np.ndarray, seed: Region, largest: float, camera: Camera, widest: float = math.inf
+) -> Blob:
     """Measures the brightest blob of a region.
 
     Args:
         image: (H, W) or (H, W, 3) uint8.
         background: the same shape; what the place looks like without a spot.
         seed: region that holds the peak.
-        largest: [px] largest extent looked for.
+        largest: [px] a spot's largest diameter.
+        widest: [px] what is wider became brighter with the floor around it, and belongs to the background.
 
     Returns:
         The blob; see its `problem`.
@@ -73,13 +77,15 @@ def measure(image: np.ndarray, background: np.ndarray, seed: Region, largest: fl
         x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
         x1, y1 = min(width, right + margin), min(height, bottom + margin)
         now, before = image[y0:y1, x0:x1], background[y0:y1, x0:x1]
+        if widest < math.inf:
+            before = cv2.max(before, relight(before, now, widest))
         # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
         smooth = cv2.GaussianBlur(max_channel(cv2.subtract(now, before)), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
         _, peak, _, at = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
         _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > _EDGE * peak).astype(np.uint8), connectivity=8)
         label = labels[at[1] + top - y0, at[0] + left - x0]
         bx, by, bw, bh, _ = stats[label].tolist()
-        if peak < 4 or max(bw, bh) > largest:
+        if peak < 4 or max(bw, bh) > _MAX_ELONGATION * largest:
             middle = (left + right) / 2.0, (top + bottom) / 2.0
             return Blob(*middle, float(max(right - left, bottom - top)), "too_faint" if peak < 4 else "too_large")
         # the blob's surroundings must be in the window too
@@ -131,6 +137,18 @@ def measure(image: np.ndarray, background: np.ndarray, seed: Region, largest: fl
             "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if camera.mosaic else math.nan,
         },
     )
+
+
+def relight(background: np.ndarray, image: np.ndarray, widest: float) -> np.ndarray:
+    """Returns a background in the light of an image, of which nothing is taken that is narrower than `widest` [px]."""
+    half = 2 * math.ceil(widest / 4)
+    kernel = np.zeros((2 * half + 1,) * 2, np.uint8)
+    # the places in a Bayer image's pattern are not mixed
+    step = 2 if image.ndim == 2 else 1
+    kernel[::step, ::step] = 1
+    gain = (image + np.float32(1.0)) / (background + np.float32(1.0))
+    gain = cv2.morphologyEx(gain, cv2.MORPH_OPEN, kernel)
+    return cv2.multiply(background, gain, dtype=cv2.CV_8U)
 
 
 # ------------------------------------------------------------------ colour

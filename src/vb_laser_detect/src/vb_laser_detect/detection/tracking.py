@@ -77,27 +77,39 @@ class Expected(NamedTuple):
 
     Attributes:
         reach: [px] about its place (u, v).
+        diameter: [px] that it had.
         published: it is one of those published.
     """
 
     u: float
     v: float
     reach: float
+    diameter: float
     published: bool
+
+    @property
+    def widest(self) -> float:
+        """[px] What is wider cannot be the spot."""
+        return 2.0 * self.diameter
 
     def holds(self, u: float, v: float) -> bool:
         """Tells whether a place [px] is within reach."""
         return math.hypot(u - self.u, v - self.v) <= self.reach
 
-    def overlaps(self, region: Region) -> bool:
-        """Tells whether a part of a region is within reach, of a square."""
+    def clip(self, region: Region) -> Region:
+        """Returns the part of a region [px] that is within reach; empty, with its ends in turn, if none is."""
         left, top, right, bottom = region
         return (
-            left <= self.u + self.reach
-            and self.u - self.reach < right
-            and top <= self.v + self.reach
-            and self.v - self.reach < bottom
+            max(left, int(self.u - self.reach)),
+            max(top, int(self.v - self.reach)),
+            min(right, int(self.u + self.reach) + 1),
+            min(bottom, int(self.v + self.reach) + 1),
         )
+
+    def overlaps(self, region: Region) -> bool:
+        """Tells whether a part of a region is within reach."""
+        left, top, right, bottom = self.clip(region)
+        return left < right and top < bottom
 
 
 @dataclass(eq=False)
@@ -119,6 +131,7 @@ class Track:
     resting_since: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(4))
     hits: int = 0
+    diameter: float = 0.0
     confirmed: bool = False
     published: bool = False
     light: Optional[np.ndarray] = None  # the sum of its spots' tints
@@ -169,7 +182,7 @@ class SpotTracker:
         elapsed = self._stamp - track.stamp
         u, v = (track.place + track.velocity * elapsed)[:2].tolist()
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity[:2])
-        return Expected(u, v, reach, track.published)
+        return Expected(u, v, reach, track.diameter, track.published)
 
     def update(self, spots: Sequence[Spot], tag: Any = None) -> List[Track]:
         """Adds the spots of the image that was begun, the most certain first; returns the track of each.
@@ -222,6 +235,7 @@ class SpotTracker:
 
     def _see(self, track: Track, spot: Spot) -> None:
         track.hits += 1
+        track.diameter = spot.diameter
         if spot.tint is not None:
             track.light = spot.tint if track.light is None else track.light + spot.tint
         if track.hits < self.params.confirm_frames or track.confirmed:
@@ -236,12 +250,10 @@ class SpotTracker:
         track.confirmed = self.params.confirm_frames <= 1 or shown >= least
 
     def _choose(self, tracks: Sequence[Track]) -> None:
-        """Chooses the confirmed tracks to publish: those that were, then the most certain."""
+        """Chooses the confirmed track to publish: the one that was, else the most certain."""
         if self.params.confirm_frames <= 1:
             for track in self._tracks:
                 track.published = False
-        left = self.params.max_spots - sum(track.published for track in self._tracks)
-        for track in tracks:
-            if track.confirmed and not track.published and left > 0:
-                track.published = True
-                left -= 1
+        confirmed = [track for track in tracks if track.confirmed]
+        if confirmed and not any(track.published for track in self._tracks):
+            confirmed[0].published = True
