@@ -48,8 +48,8 @@ class FloorProjector:
     """Shows borders, the drawing, what save would restrict, and the state, where people look: on the floor.
 
     Subscribed topics:
-        /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress),
-        /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray),
+        /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
+        /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/spots (vb_msgs/LaserSpot)
 
     Published topics:

@@ -1,4 +1,12 @@
-"""Guides a person through the calibration of a ceiling camera, in a terminal; see docs/how-to/calibrate-cameras.md."""
+"""Guides a person through the calibration of a ceiling camera, in a terminal; see docs/how-to/calibrate-cameras.md.
+
+Subscribed topics:
+    <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage): one of the two
+    <camera>/camera_info (sensor_msgs/CameraInfo): next to the image
+    /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", fixed frame map
+    /virtual_borders/detectors (vb_msgs/DetectorStatus): which frame each ceiling camera has
+    /virtual_borders/spots (vb_msgs/LaserSpot): where the cameras see the laser, to compare them
+"""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class ClockCheckNode:
     at 0.5 m/s, and with 100 ms a detector would wait for each transform in vain.
 
     Services called:
-        <node>/get_time (vb_msgs/GetTime), which each detector offers
+        <detector>/get_time (vb_msgs/GetTime): which each detector offers
     Published topics:
         /diagnostics (diagnostic_msgs/DiagnosticArray): one status per detector
     Parameters:

@@ -74,7 +74,7 @@ class MapIntegratorNode:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders of the current map; with every change.
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): highest speeds in slow zones [cm/s], 0: no limit; once
             there is or was one, with every change.
-        <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with only the borders for one of ~robots.
+        /<robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with only the borders for one of ~robots.
         /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as
             there is a map, and whole with every change.
     Published topics:

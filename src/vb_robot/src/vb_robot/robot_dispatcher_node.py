@@ -45,10 +45,12 @@ class RobotDispatcherNode:
     """Watches spot and state, and sends goals to the navigation of one robot at a time.
 
     Subscribed topics:
-        /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/state (vb_msgs/InteractionState),
+        /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/state (vb_msgs/InteractionState)
         /virtual_borders/progress (vb_msgs/BorderProgress)
-        [<robot>]/virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may stand, what hides the spot
-        [<robot>/]camera_info (sensor_msgs/CameraInfo), tf: what its camera sees of the floor
+        /virtual_borders/map, /<robot>/virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may stand, what hides the spot
+        [<robot>/]camera_info (sensor_msgs/CameraInfo): what its camera sees of the floor
+        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): goals of other programs, which it does not replace
+        /tf, /tf_static (tf2_msgs/TFMessage): where the robots and their cameras are
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): optional; floor that no stationary camera sees
     Published topics:
         ~viewpoint (geometry_msgs/PoseStamped, latched): where a robot was sent last

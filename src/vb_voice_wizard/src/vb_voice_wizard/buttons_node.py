@@ -35,7 +35,7 @@ class Buttons:
         /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it.
 
     Services called:
-        /virtual_borders/command (vb_msgs/Command).
+        /virtual_borders/command (vb_msgs/Command)
 
     Args:
         params: see config/buttons.yaml.

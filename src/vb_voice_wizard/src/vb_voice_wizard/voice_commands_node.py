@@ -73,7 +73,7 @@ class VoiceCommands:
             and for a command without an answer. The feedback node tells how the interaction answers the command.
 
     Services called:
-        /virtual_borders/command (vb_msgs/Command) with source "voice".
+        /virtual_borders/command (vb_msgs/Command): with source "voice".
 
     Args:
         params: where sound comes from, and how to handle what was heard.
