@@ -16,7 +16,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from tf2_msgs.msg import TFMessage
 
-from vb_bringup.lab import CheckLine, CheckState, drop_recovered, lines_from_notices, notices_from_lines
+from vb_bringup.lab_checks import CheckLine, CheckState, drop_recovered, lines_from_notices, notices_from_lines
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import names
 from vb_core.notices import Notice

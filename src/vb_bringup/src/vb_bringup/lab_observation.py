@@ -17,7 +17,7 @@ import rospy
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 
-from vb_bringup.lab import (
+from vb_bringup.lab_checks import (
     CameraInfoObservation,
     CameraObservation,
     CheckLine,
