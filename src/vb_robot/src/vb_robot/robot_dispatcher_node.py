@@ -21,7 +21,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher
-from vb_robot.dispatching.drawing import BlindSpots
+from vb_robot.dispatching.drawing import UnseenFloor
 from vb_robot.floor_view import FloorView
 from vb_robot.inputs import SpotListener
 from vb_robot.poses import Pose
@@ -80,7 +80,7 @@ class RobotDispatcherNode:
         ]
         grids = [
             (names.PHYSICAL_MAP, dispatcher.set_physical_map),
-            (names.COVERAGE, lambda grid: setattr(dispatcher, "unseen", BlindSpots(grid))),
+            (names.COVERAGE, lambda grid: setattr(dispatcher, "unseen", UnseenFloor(grid))),
             *((f"{name}{names.MAP_WITH_BORDERS}", known.set_map) for name, known in dispatcher.maps.items()),
         ]
         self._subscribers = [
