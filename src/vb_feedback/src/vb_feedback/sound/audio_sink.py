@@ -25,7 +25,7 @@ class AudioSink:
         self._command = [program, "-q", "-D", device, "-t", "raw", "-f", "S16_LE", "-r", str(RATE), "-c", "1"]
 
     def play(self, pcm: np.ndarray) -> None:
-        """Plays (N,) int16 at `synthesis.RATE` to its end.
+        """Plays (N,) int16 at `tone_synthesis.RATE` to its end.
 
         Raises:
             CodedError: "no_audio" with the program's own reason.

@@ -196,7 +196,7 @@ class Database:
             self._main, self._state = self._open_for_reading(error)
 
     def can_reopen(self) -> bool:
-        """Tells whether the disk could not be written at the start, and now can be: then a new start finds what is there."""
+        """Returns whether the disk could not be written at the start, and now can be: then a new start finds what is there."""
         if not self._read_only or self.folder is None:
             return False
         try:

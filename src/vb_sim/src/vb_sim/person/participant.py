@@ -189,7 +189,7 @@ class Person:
         return Action(self._beam(), pose, self.doing, self._command, self._number, self._source, outcome)
 
     def is_floor(self, points: np.ndarray) -> np.ndarray:
-        """Tells (N,) bool which places (N, 2) [m] are floor, where a spot can be seen."""
+        """Returns (N,) bool: which places (N, 2) [m] are floor, where a spot can be seen."""
         return self.grid.values_at(points) == FREE
 
     def _beam(self) -> Optional[Tuple[float, float]]:
