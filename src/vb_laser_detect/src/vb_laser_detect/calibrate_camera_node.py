@@ -355,11 +355,11 @@ def check(arguments: argparse.Namespace) -> int:
         say(pair.describe())
     apart = any(pair.median > arguments.limit / 100.0 for pair in pairs)
     camera = find_suspect(pairs, arguments.limit / 100.0)
-    cure = "$calibrate_suspect" if camera else "$calibrate_moved"
+    remedy = "$calibrate_suspect" if camera else "$calibrate_moved"
     say(
         sentences.translate(
             "cameras_apart" if apart else "cameras_agree",
-            {"limit": f"{arguments.limit:g}", "camera": camera, "cure": cure},
+            {"limit": f"{arguments.limit:g}", "camera": camera, "remedy": remedy},
         )
     )
     return 1 if apart else 0
