@@ -53,7 +53,7 @@ class ManagerParams(InteractionParams):
     service_answer: float = param(5.0, "s", above=0.0, high=60.0)
 
 
-class InteractionManager:
+class InteractionManagerNode:
     """Takes commands, owns the state, and saves the border when the person says so.
 
     Subscribed topics:
@@ -396,11 +396,11 @@ def _await_clock(limit_s: float = 3.0) -> None:
         waited += 0.02
 
 
-def _build() -> InteractionManager:
+def _build() -> InteractionManagerNode:
     params = parameters.read(ManagerParams)
     _await_clock()
     run_id: Optional[str] = rospy.get_param("/run_id", "")
-    return InteractionManager(params, str(run_id or ""))
+    return InteractionManagerNode(params, str(run_id or ""))
 
 
 def main() -> None:

@@ -44,7 +44,7 @@ _WATCHED = (
 )
 
 
-class WizardConsole:
+class WizardConsoleNode:
     """Shows the interaction and sends commands.
 
     It waits for the ROS master, reports when the master or a node is lost, and goes on when they are back. It knows
@@ -321,7 +321,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         print("wizard_console needs a terminal; for scripts there is 'rosrun vb_voice_wizard command'", file=sys.stderr)
         return 1
-    if WizardConsole(chosen.source, chosen.robot_frame, chosen.note, chosen.language).run():
+    if WizardConsoleNode(chosen.source, chosen.robot_frame, chosen.note, chosen.language).run():
         # rospy cannot register twice in one process: this one starts again in the same terminal
         sys.stdout.flush()
         again = ["--source", chosen.source, "--robot-frame", chosen.robot_frame, "--language", chosen.language]

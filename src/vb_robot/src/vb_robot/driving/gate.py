@@ -60,7 +60,7 @@ class Gate:
     Attributes:
         workspace: the maps; None before there are any. speed_limits: where there are slow zones.
         contacts: by bumper or cliff sensor whether it is touched.
-        clock_age: [s] of real time for which the clock has stood still: messages age without it.
+        clock_age: [s] of real time since ROS's clock last moved; while it stands still, stamps do not show their age.
         stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
     """
 

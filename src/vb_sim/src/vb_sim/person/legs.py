@@ -28,7 +28,7 @@ def distance_to_chain(point: np.ndarray, chain: np.ndarray) -> float:
     return float(np.linalg.norm(a + share[:, None] * along - point, axis=1).min())
 
 
-class Legs:
+class Walker:
     """A person's place and path through a room.
 
     Args:
