@@ -48,7 +48,7 @@ class SpotDetectorNode:
         <camera>/camera_info (sensor_msgs/CameraInfo): next to the image; may come late and change
         <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <depth>/camera_info (sensor_msgs/CameraInfo): only if a
             depth topic is set; camera_info is next to the depth image
-        /virtual_borders/detectors (vb_msgs/DetectorStatus): whether another detector has the same camera
+        /virtual_borders/detectors (vb_msgs/DetectorStatus): whether another camera has the same frame
         /map (nav_msgs/OccupancyGrid): optional; spots outside it are rejected
         /tf, /tf_static (tf2_msgs/TFMessage): <robot>/base_link to map, and <optical frame> to map for a moving camera, at the image's time
     Published topics:

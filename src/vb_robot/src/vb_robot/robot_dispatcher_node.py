@@ -49,7 +49,7 @@ class RobotDispatcherNode:
         /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/map, /<robot>/virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may stand, what hides the spot
         [<robot>/]camera_info (sensor_msgs/CameraInfo): what its camera sees of the floor
-        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): goals of other programs, which it does not replace
+        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): where a robot drives to, no matter who gave the goal
         /tf, /tf_static (tf2_msgs/TFMessage): where the robots and their cameras are
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): optional; floor that no stationary camera sees
     Published topics:
