@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vb_bringup import lab_observation
-from vb_bringup.lab import (
+from vb_bringup.lab_checks import (
     CameraInfoObservation,
     CameraObservation,
     CheckLine,
@@ -230,7 +230,7 @@ def test_every_line_has_a_sentence_in_every_language():
     import ast
     from pathlib import Path
 
-    import vb_bringup.lab as lab
+    import vb_bringup.lab_checks as lab
 
     used = {
         node.value

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from vb_core import sentences
+from vb_core import names, sentences
 
 TOP = Path(__file__).resolve().parents[1]
 FEATURES = (
@@ -261,14 +261,63 @@ def test_a_parameter_that_is_not_set_is_listed_in_its_section(tmp_path):
     ]
 
 
-def test_reference_names_every_fixed_topic_and_service():
-    text = (TOP / "docs" / "reference" / "nodes.md").read_text(encoding="utf-8")
-    names = fixed_names()
-    assert len(names) > 30
-    missing = {
-        name: str(module) for name, module in names.items() if f"`{name}`" not in text and f"`{name}/" not in text
-    }
+def test_a_comment_on_the_whole_file_and_items_of_a_list_describe_no_parameter(tmp_path):
+    reference = load_script("reference")
+    path = tmp_path / "node.yaml"
+    path.write_text(
+        "# Parameters of a node.\nfirst: 1   # of all\n# before\nsecond: 2\n"
+        "many:\n  - low: 3   # in an item\n    high: 4\n  - {low: 5}\nlast: 6\n"
+    )
+    assert reference.read_comments(path) == [
+        ("", "first", "1", "of all"),
+        ("", "second", "2", "before"),
+        ("", "last", "6", ""),
+    ]
+
+
+def test_reference_lists_every_fixed_topic_and_service():
+    text = (TOP / "docs" / "reference" / "topics.md").read_text(encoding="utf-8")
+    fixed = fixed_names()
+    assert len(fixed) > 30
+    missing = {name: str(module) for name, module in fixed.items() if f"| `{name}" not in text}
     assert not missing, f"no node's docstring names {missing}"
+
+
+def test_a_docstring_names_every_fixed_topic_that_its_node_uses():
+    reference = load_script("reference")
+    missing = []
+    for package, entries in reference.find_executables().items():
+        for executable, docstring in entries:
+            source = reference.find_source(TOP / "src" / package / "scripts" / executable, package)
+            if not source.stem.endswith("_node"):
+                continue  # a command, which ends by itself
+            for used in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+                if isinstance(used, ast.Attribute) and getattr(used.value, "id", "") == "names":
+                    name = getattr(names, used.attr)
+                    if used.attr != "MAP_FRAME" and not re.search(rf"{re.escape(name)}(?![\w/])", docstring):
+                        missing.append(f"{executable}: {name}")
+    assert not missing
+
+
+@pytest.mark.parametrize("entry", ["/a, /b", "/a: text", "/a (x_msgs/A), /b: text", "tf: a to b", "/a (x_msgs/A) text"])
+def test_reference_refuses_an_interface_without_types(entry):
+    reference = load_script("reference")
+    docstring = f"A node.\n\nSubscribed topics:\n    /c (x_msgs/C)\n    {entry}\n"
+    with pytest.raises(ValueError) as caught:
+        reference.read_interfaces({"package": [("node", docstring)]})
+    assert f"node: Subscribed topics: {entry}" in str(caught.value)
+
+
+def test_reference_reads_several_names_with_several_types():
+    reference = load_script("reference")
+    docstring = (
+        "A node.\n\nPublished topics:\n    /a, /b (x_msgs/A, latched), <robot>/c (x_msgs/C): text, (more): of it\n"
+    )
+    assert reference.read_interfaces({"package": [("node", docstring)]}) == {
+        ("topic", "/a"): ({"x_msgs/A"}, {"node"}, set()),
+        ("topic", "/b"): ({"x_msgs/A"}, {"node"}, set()),
+        ("topic", "c"): ({"x_msgs/C"}, {"node"}, set()),
+    }
 
 
 # ------------------------------------------------------------ words

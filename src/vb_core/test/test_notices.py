@@ -1,10 +1,10 @@
 """Notices: each node's list replaces its last one; what a silent node said is forgotten."""
 
-from vb_core.notices import EXPIRY_S, Notice, NoticeBook, Severity
+from vb_core.notices import EXPIRY_S, Notice, ActiveNotices, Severity
 
 
 def test_a_node_takes_back_by_saying_less():
-    book = NoticeBook()
+    book = ActiveNotices()
     book.update("monitor1", [Notice("robot_inside", robot="r1"), Notice("goal_inside", robot="r1")], 1.0)
     book.update("monitor2", [Notice("robot_inside", robot="r2")], 1.0)
     book.update("monitor1", [Notice("goal_inside", robot="r1")], 2.0)
@@ -15,21 +15,21 @@ def test_a_node_takes_back_by_saying_less():
 
 
 def test_what_a_silent_node_said_is_forgotten():
-    book = NoticeBook()
+    book = ActiveNotices()
     book.update("monitor", [Notice("robot_inside")], 1.0)
     assert book.current(1.0 + EXPIRY_S)
     assert not book.current(1.1 + EXPIRY_S)
 
 
 def test_the_most_severe_comes_first():
-    book = NoticeBook()
+    book = ActiveNotices()
     book.update("a", [Notice("x"), Notice("y", Severity.ERROR)], 0.0)
     book.update("b", [Notice("z", Severity.WARNING)], 0.0)
     assert [notice.code for notice in book.current(0.0)] == ["y", "z", "x"]
 
 
 def test_a_stop_of_all_robots_is_not_said_again_of_each_one():
-    book = NoticeBook()
+    book = ActiveNotices()
     book.update("driver", [Notice("robot_stopped", robot="r1")], 0.0)
     assert [notice.code for notice in book.current(0.0)] == ["robot_stopped"]
     book.update("manager", [Notice("stopped")], 0.0)

@@ -9,7 +9,7 @@ from scipy import stats
 from vb_core import geometry
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length, resample_chain
-from vb_evaluation.design import order_of_runs
+from vb_evaluation.design import order_runs
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.report.data import CURVES, RUNS, WORLDS
 from vb_evaluation.study import assumptions, campaign, config, plan
@@ -94,7 +94,7 @@ def test_hash_tells_configurations_apart():
 
 def test_orders_are_random_and_balanced():
     scenarios, methods = ["room", "carpet", "corner"], ["nrs", "robot_only"]
-    orders = [order_of_runs(number, scenarios, methods, 1) for number in range(1, 16)]
+    orders = [order_runs(number, scenarios, methods, 1) for number in range(1, 16)]
     for order in orders:
         assert len(set(order)) == 6
         # one method after the other, as in the paper
@@ -103,7 +103,7 @@ def test_orders_are_random_and_balanced():
     # each method begins as often as the other, however many take part
     assert all(abs(first[:count].count("nrs") - first[:count].count("robot_only")) <= 1 for count in range(1, 16))
     assert len(set(map(tuple, orders))) > 8 and orders != [
-        order_of_runs(number, scenarios, methods, 2) for number in range(1, 16)
+        order_runs(number, scenarios, methods, 2) for number in range(1, 16)
     ]
 
 

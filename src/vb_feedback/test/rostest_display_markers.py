@@ -197,7 +197,7 @@ class DisplayMarkersTest(unittest.TestCase):
         )
         self.assertEqual((rows.min(), rows.max(), columns.min(), columns.max()), (50, 69, 20, 59))
         wait_until(
-            lambda: self.screen.text_of("words/notice/1") == "Save would restrict 2.00 m\u00b2.", "its size in words"
+            lambda: self.screen.text_of("words/notice/1") == "Saving would restrict 2.00 m\u00b2.", "its size in words"
         )
         self.assertEqual(self.screen.text_of("words/notice/2"), "Note: the free space would fall into 2 parts")
         # a code that no catalogue has yet: its own sentence, and no word of it matters
@@ -211,7 +211,7 @@ class DisplayMarkersTest(unittest.TestCase):
         self.assertTrue(self.screen.has("words/notice/1/plate"))
         self.notices.publish(source="/monitor", notices=[])
         wait_until(
-            lambda: self.screen.text_of("words/notice/1").startswith("Save would"), "the end of the robot's standing"
+            lambda: self.screen.text_of("words/notice/1").startswith("Saving would"), "the end of the robot's standing"
         )
         self.publish_state(last_message="Saved.", last_outcome="saved")
         wait_until(lambda: not len(orange()[0]) and not self.screen.has("words/notice/2"), "the end of the preview")

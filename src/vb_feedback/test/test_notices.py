@@ -25,11 +25,11 @@ def test_what_save_would_do():
     warning, error = BorderIssue.WARNING, BorderIssue.ERROR
     assert preview_notices(None, "en") == []
     preview = BorderPreview(success=True, area_m2=2.5)
-    assert texts(preview_notices(preview, "en")) == [("Save would restrict 2.50 m\u00b2.", False)]
+    assert texts(preview_notices(preview, "en")) == [("Saving would restrict 2.50 m\u00b2.", False)]
     preview.issues = [issue(warning, "of_the_integrator", "it parts the room."), issue(warning, "more")]
     assert texts(preview_notices(preview, "en"))[1] == ("Note: it parts the room.", True)
     refused = BorderPreview(code="c", issues=[issue(warning, "a"), issue(error, "b", "the seed is on a wall.")])
-    assert texts(preview_notices(refused, "en")) == [("Save would be refused: the seed is on a wall.", True)]
+    assert texts(preview_notices(refused, "en")) == [("Saving would be refused: the seed is on a wall.", True)]
     values = values_from_mapping({"who": "$map_integrator"})
     unreached = BorderPreview(code="no_service", values=values, message="in English")
     assert texts(preview_notices(unreached, "de")) == [

@@ -14,7 +14,7 @@ from vb_feedback.display.text_panel import PanelNotice, PanelContent, words
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
-NOTICES = (PanelNotice("Save would restrict 12.50 m2."), PanelNotice("Note: " + LONG, True))
+NOTICES = (PanelNotice("Saving would restrict 12.50 m2."), PanelNotice("Note: " + LONG, True))
 LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
 
 
@@ -48,9 +48,13 @@ def arc_minutes(size, layout):
         # ISO 9241-303: at least 16 minutes of arc; Snellen: 20/40 eyes need 10
         ("Draw the border on the floor with the laser.", (), 16.0),
         ("Saved: the robot now stays out of this area.", (), 16.0),
-        ("Point at the side that the robot must not enter.", (PanelNotice("Save would restrict 2.50 m2."),), 14.0),
+        ("Point at the side that the robot must not enter.", (PanelNotice("Saving would restrict 2.50 m2."),), 14.0),
         ("Save needs a seed: say define seed, then point at the side that is off limits.", (), 14.0),
-        (LONG[:100], (PanelNotice("Save would be refused: the border separates nothing from the rest.", True),), 10.0),
+        (
+            LONG[:100],
+            (PanelNotice("Saving would be refused: the border separates nothing from the rest.", True),),
+            10.0,
+        ),
     ],
 )
 def test_letters_can_be_read_from_three_metres(extent, message, notices, least):
@@ -85,7 +89,7 @@ def test_state_and_commands_are_shown():
         "words/seen": "Spot seen by",
         "words/seen/0": "red",
         "words/answer": "Yes.",
-        "words/notice/1": "Save would restrict 12.50 m2.",
+        "words/notice/1": "Saving would restrict 12.50 m2.",
     }
 
 

@@ -165,7 +165,11 @@ def test_a_pause_ends_on_a_full_disk_too(tmp_path, monkeypatch):
     keeper = integrator(tmp_path)
     keeper.add(square(10, 10), 1.0)
     keeper.enable("b1", False, 2.0, expires=5.0)
-    monkeypatch.setattr(module, "_run", lambda *_: (_ for _ in ()).throw(sqlite3.OperationalError("disk is full")))
+
+    def fail(*_):
+        raise sqlite3.OperationalError("disk is full")
+
+    monkeypatch.setattr(module, "_run", fail)
     assert keeper.expire(4.0) is None and not keeper.status(keeper.borders[0])[0]
     assert keeper.expire(6.0).ids == ("b1",) and keeper.status(keeper.borders[0]) == (True, "")
     assert (keeper.posterior.data == 100).sum() > (GRID.data == 100).sum()
@@ -192,8 +196,12 @@ def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(
 
 def test_a_disk_that_can_be_written_again_keeps_the_borders_that_acted(tmp_path, monkeypatch):
     borders = closed(tmp_path, 2)
+
+    def fail(_):
+        raise OSError("No space left on device")
+
     with monkeypatch.context() as full:
-        full.setattr(module, "_try_to_write", lambda _: (_ for _ in ()).throw(OSError("No space left on device")))
+        full.setattr(module, "_try_to_write", fail)
         keeper = integrator(tmp_path)
         assert keeper.borders == borders and keeper.reopen() is None
     cells = keeper.posterior.data.copy()
@@ -205,7 +213,7 @@ def test_a_disk_that_can_be_written_again_keeps_the_borders_that_acted(tmp_path,
 
 def test_a_second_integrator_is_refused(tmp_path, monkeypatch):
     """Both gave the id b1, and one border was gone after a restart."""
-    monkeypatch.setattr(module, "LOCK_PATIENCE_S", 0.1)
+    monkeypatch.setattr(module, "LOCK_TIMEOUT_S", 0.1)
     first = integrator(tmp_path)
     with pytest.raises(CodedError) as caught:
         MapIntegrator(IntegratorParams(), tmp_path)

@@ -8,7 +8,7 @@ import pytest
 from vb_core.grid_map import GridMap
 from vb_robot.dispatching.dispatch import GoalStatus
 from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, RobotStatus
-from vb_robot.dispatching.drawing import BlindSpots, DrawingState
+from vb_robot.dispatching.drawing import UnseenFloor, DrawingState
 from vb_robot.spots import BORDER, Sighting
 from vb_robot.floor_view import FloorView
 from vb_robot.poses import to_base
@@ -32,7 +32,7 @@ class Lab:
         self.dispatcher.maps[""].view = VIEW
         self.dispatcher.maps[""].set_map(grid)
         self.dispatcher.set_physical_map(grid)
-        self.dispatcher.unseen = BlindSpots(grid.with_data(coverage))
+        self.dispatcher.unseen = UnseenFloor(grid.with_data(coverage))
         self.dispatcher.sightings.set_state(BORDER, "a", 100.0)
         self.now, self.robot, self.goal, self.sent = 100.0, robot, GoalStatus.NONE, []
         self.spot, self.given = np.array([3.0, 2.5]), None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatching.drawing import HALF_VIEW, MIN_LOOKAHEAD, REACTION, BlindSpots, DrawingState
+from vb_robot.dispatching.drawing import HALF_VIEW, MIN_LOOKAHEAD, REACTION, UnseenFloor, DrawingState
 from vb_robot.clearance_map import ClearanceMap
 
 NO_CHAIN = np.zeros((0, 2))
@@ -19,7 +19,7 @@ def room():
     coverage = np.where(data > 0, np.int8(-1), np.int8(1))
     coverage[1:-1, 120:-1] = 0
     coverage[1:-1, 60:62] = 0
-    return ClearanceMap(GridMap(data, 0.05), 0.18), BlindSpots(GridMap(coverage, 0.05))
+    return ClearanceMap(GridMap(data, 0.05), 0.18), UnseenFloor(GridMap(coverage, 0.05))
 
 
 TERRAIN, UNSEEN = room()
@@ -42,8 +42,8 @@ def test_blind_spots_are_known_to_a_cell_and_narrow_shadows_do_not_count():
         False,
         False,
     ]
-    assert not BlindSpots(GridMap(np.ones((5, 5), np.int8), 0.1)).mask.any()
-    assert BlindSpots(GridMap(np.zeros((5, 5), np.int8), 0.1)).mask.all()
+    assert not UnseenFloor(GridMap(np.ones((5, 5), np.int8), 0.1)).mask.any()
+    assert UnseenFloor(GridMap(np.zeros((5, 5), np.int8), 0.1)).mask.all()
 
 
 def test_looks_where_the_line_ahead_leaves_what_cameras_see():

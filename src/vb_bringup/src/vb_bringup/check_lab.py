@@ -12,7 +12,7 @@ import rospy
 from rich.console import Console
 from rich.table import Table
 
-from vb_bringup.lab import CheckLine, CheckState, worst_state
+from vb_bringup.lab_checks import CheckLine, CheckState, worst_state
 from vb_bringup.lab_observation import observe_lab
 from vb_core import sentences
 

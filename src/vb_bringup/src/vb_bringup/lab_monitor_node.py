@@ -16,7 +16,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from tf2_msgs.msg import TFMessage
 
-from vb_bringup.lab import CheckLine, CheckState, drop_recovered, lines_from_notices, notices_from_lines
+from vb_bringup.lab_checks import CheckLine, CheckState, drop_recovered, lines_from_notices, notices_from_lines
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import names
 from vb_core.notices import Notice
@@ -52,12 +52,16 @@ class LabMonitorParams(Parameters):
 
 
 class LabMonitorNode:
-    """Watches the detectors' status; runs `check_lab`; logs what is new in its result, with the cure, and new notices of the nodes.
+    """Watches the detectors' status; runs `check_lab`; logs what is new in its result, with what to do, and new notices of the nodes.
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
         /virtual_borders/spots (vb_msgs/LaserSpot): to compare where overlapping cameras see the laser
-        /tf_static (tf2_msgs/TFMessage): spots seen before a camera's pose changed are ignored
+        /map, /virtual_borders/map (nav_msgs/OccupancyGrid): for `check_lab`
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray): for `check_lab`
+        <camera>/image_raw (sensor_msgs/Image), <camera>/camera_info (sensor_msgs/CameraInfo): for `check_lab`
+        [<robot>/]scan (sensor_msgs/LaserScan): for `check_lab`
+        /tf, /tf_static (tf2_msgs/TFMessage): for `check_lab`; spots seen before a camera's pose changed are ignored
         /virtual_borders/notices (vb_msgs/NoticeArray): problems that any node reports to people are logged here
     Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): camera_silent, camera_no_pose, camera_no_lens, detector_missing,

@@ -17,7 +17,7 @@ import rospy
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 
-from vb_bringup.lab import (
+from vb_bringup.lab_checks import (
     CameraInfoObservation,
     CameraObservation,
     CheckLine,
@@ -44,7 +44,7 @@ from vb_msgs.msg import VirtualBorderArray
 
 NEEDED_NODES = ("/interaction_manager", "/border_fusion", "/map_integrator")
 _DETECTOR = "spot_detector"
-_CONNECTION_PATIENCE_S = 5.0  # a publisher that cannot be reached by then is one of the faults to report
+_CONNECTION_TIMEOUT_S = 5.0  # a publisher that cannot be reached by then is one of the faults to report
 _IMAGE_TYPES = {"sensor_msgs/Image": Image, "sensor_msgs/CompressedImage": CompressedImage}
 
 
@@ -148,7 +148,7 @@ def observe_lab(seconds: float) -> List[CheckLine]:
     ):
         streams[topic] = ObservedTopic(topic, kind)
     wait_for_publishers(
-        [listener.subscriber, *(stream.subscriber for stream in streams.values())], _CONNECTION_PATIENCE_S
+        [listener.subscriber, *(stream.subscriber for stream in streams.values())], _CONNECTION_TIMEOUT_S
     )
     rospy.rostime.wallsleep(seconds)
 

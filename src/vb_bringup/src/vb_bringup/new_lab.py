@@ -109,7 +109,7 @@ The way to the first border:
 2. Calibrate each lens once: `rosrun camera_calibration cameracalibrator.py --size 8x6 --square 0.03 image:=/{first}/image_raw
    camera:=/{first}`, then put the YAML file into `lenses/`. End the cameras with Ctrl-C: from now on `lab.launch` starts them.
 3. Start the lab: `roslaunch {folder}/lab.launch`, on a computer without a screen with `rviz:=false`. It says what
-   is still wrong, and what cures it, whenever something has changed.
+   is still wrong, and how to fix it, whenever something has changed.
 4. Find where each camera hangs: `rosrun vb_laser_detect calibrate_camera spots {first}`; with places measured by tape add
    `--point_sigma 0.005`. It writes into `calibration/`, and the running lab takes it.
 5. `rosrun vb_bringup check_lab` says once more what is wrong, one line each.

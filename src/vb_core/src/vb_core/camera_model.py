@@ -153,7 +153,7 @@ class CameraModel:
         return bent
 
     def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """Tells which of pixels (N, 2) are in the image, (N,) bool."""
+        """Returns which of pixels (N, 2) are in the image, (N,) bool."""
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         with np.errstate(invalid="ignore"):
             return (

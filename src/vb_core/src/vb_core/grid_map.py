@@ -94,7 +94,7 @@ class GridMap:
         return np.array([[c, -s], [s, c]])
 
     def same_geometry(self, other: "GridMap") -> bool:
-        """Tells whether both maps have the same size, resolution and origin."""
+        """Returns whether both maps have the same size, resolution and origin."""
         return (
             self.shape == other.shape
             and math.isclose(self.resolution, other.resolution, rel_tol=1e-6)
@@ -131,7 +131,7 @@ class GridMap:
         return self.grid_to_world(np.asarray(rows_columns).reshape(-1, 2)[:, ::-1])
 
     def contains_cells(self, rows_columns: np.ndarray) -> np.ndarray:
-        """Tells which of cells (N, 2), (row, column), are in the map, (N,) bool."""
+        """Returns which of cells (N, 2), (row, column), are in the map, (N,) bool."""
         cells = np.asarray(rows_columns).reshape(-1, 2)
         rows, columns = cells[:, 0], cells[:, 1]
         return (rows >= 0) & (columns >= 0) & (rows < self.shape[0]) & (columns < self.shape[1])

@@ -39,7 +39,7 @@ class Notice:
         return sentences.translate(self.code, self.values, language, self.message)
 
 
-class NoticeBook:
+class ActiveNotices:
     """The current notices of all nodes. Not thread safe."""
 
     def __init__(self) -> None:

@@ -8,7 +8,7 @@ from typing import List, Sequence, Tuple
 import numpy as np
 
 
-def order_of_runs(number: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Tuple[str, str]]:
+def order_runs(number: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Tuple[str, str]]:
     """Returns (scenario, method) of one participant's runs, in order: a within-subjects design (paper, Sect. 5.4).
 
     All scenarios are done with one method, then with the next. Each order of methods comes once in every block of

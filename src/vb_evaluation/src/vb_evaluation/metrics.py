@@ -111,7 +111,7 @@ def _edges(area: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 
 def crosses(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
-    """Tells whether a path (N, 2) [m] meets a region, (H, W) bool in the grid's geometry."""
+    """Returns whether a path (N, 2) [m] meets a region, (H, W) bool in the grid's geometry."""
     path = np.asarray(path, dtype=float).reshape(-1, 2)
     if len(path) == 0:
         return False

@@ -40,7 +40,7 @@ class CalibrationParams(Parameters):
     check: float = param(20.0, "s", low=0.0, high=600.0)
 
 
-class CalibrateProjector:
+class CalibrateProjectorNode:
     """Asks for four clicks, writes the calibration, shows the map's grid for checking, and ends.
 
     Subscribed topics:
@@ -123,7 +123,7 @@ class CalibrateProjector:
         rospy.signal_shutdown("calibrated")
 
 
-def _build() -> CalibrateProjector:
+def _build() -> CalibrateProjectorNode:
     params = parameters.read(CalibrationParams)
     if not params.file:
         raise ParameterError(
@@ -134,7 +134,7 @@ def _build() -> CalibrateProjector:
         if params.window
         else None
     )
-    return CalibrateProjector(params, window)
+    return CalibrateProjectorNode(params, window)
 
 
 def main() -> None:

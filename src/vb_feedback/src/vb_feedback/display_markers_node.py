@@ -63,7 +63,7 @@ class _Inputs:
     held: Tuple[Notice, ...] = ()
 
 
-class DisplayMarkers:
+class DisplayMarkersNode:
     """Draws state, words, borders, drawing and spots as markers, and restricted areas as a grid.
 
     Subscribed topics:
@@ -323,4 +323,4 @@ class DisplayMarkers:
 
 def main() -> None:
     """Runs the node."""
-    node.run("display_markers", lambda: DisplayMarkers(parameters.read(DisplayParams)))
+    node.run("display_markers", lambda: DisplayMarkersNode(parameters.read(DisplayParams)))

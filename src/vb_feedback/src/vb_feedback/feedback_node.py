@@ -14,7 +14,7 @@ from vb_feedback.display import colours
 from vb_feedback.sound.sound_events import SoundEvents
 
 
-class Feedback:
+class FeedbackNode:
     """Gives the person light and sound (paper, Sect. 4.2: colored light and non-speech audio sound).
 
     Subscribed topics:
@@ -65,8 +65,8 @@ class Feedback:
             self._sound.publish(sound)
 
 
-def _build() -> Feedback:
-    return Feedback()
+def _build() -> FeedbackNode:
+    return FeedbackNode()
 
 
 def main() -> None:

@@ -44,12 +44,12 @@ class ProjectorParams(Parameters):
     window_y: int = param(0, "px", low=-32768, high=32767)
 
 
-class FloorProjector:
+class FloorProjectorNode:
     """Shows borders, the drawing, what save would restrict, and the state, where people look: on the floor.
 
     Subscribed topics:
-        /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress),
-        /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray),
+        /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
+        /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/spots (vb_msgs/LaserSpot)
 
     Published topics:
@@ -157,14 +157,14 @@ class FloorProjector:
             self._window.show(image)
 
 
-def _build() -> FloorProjector:
+def _build() -> FloorProjectorNode:
     params = parameters.read(ProjectorParams)
     if not params.calibration:
         raise ParameterError("~calibration", "must name a file that calibrate_projector wrote")
     calibration = projector_calibration.load(params.calibration)
     size = (calibration.width, calibration.height)
     window = ProjectorWindow(params.window_x, params.window_y, *size, node.start_thread) if params.window else None
-    return FloorProjector(params, FloorImage(calibration, params.brightness), window)
+    return FloorProjectorNode(params, FloorImage(calibration, params.brightness), window)
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ BEEPS = {
 }
 
 
-class KobukiFeedback:
+class KobukiFeedbackNode:
     """Shows states by an LED of the base, plays sounds on its beeper.
 
     Subscribed topics:
@@ -58,7 +58,7 @@ class KobukiFeedback:
             self._sound.publish(self._messages.Sound(value=getattr(self._messages.Sound, BEEPS[message.name])))
 
 
-def _build() -> KobukiFeedback:
+def _build() -> KobukiFeedbackNode:
     try:
         # by name: the package is not a dependency, only robots with this base have it
         messages = importlib.import_module("kobuki_msgs.msg")
@@ -67,7 +67,7 @@ def _build() -> KobukiFeedback:
             "no_kobuki",
             "the package kobuki_msgs is not installed on this computer; without a Kobuki base leave this node out",
         ) from None
-    return KobukiFeedback(messages)
+    return KobukiFeedbackNode(messages)
 
 
 def main() -> None:

@@ -1,4 +1,8 @@
-"""Fits RViz to the map and the screen, then becomes RViz."""
+"""Fits RViz to the map and the screen, then becomes RViz.
+
+Subscribed topics:
+    /map (nav_msgs/OccupancyGrid): one, for its extent
+"""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class SoundParams(Parameters):
     max_age: float = param(1.0, "s", above=0.0, high=10.0)
 
 
-class SoundPlayer:
+class SoundPlayerNode:
     """Plays sounds on this computer. Without a sound device it says so once and stays quiet.
 
     Sounds arrive faster than they can be played: a tick plays only if nothing else does or waits, and one that waited
@@ -86,9 +86,9 @@ class SoundPlayer:
             rospy.loginfo("sound_player: sounds are played again")
 
 
-def _build() -> SoundPlayer:
+def _build() -> SoundPlayerNode:
     params = parameters.read(SoundParams)
-    return SoundPlayer(params, AudioSink(params.device, params.program))
+    return SoundPlayerNode(params, AudioSink(params.device, params.program))
 
 
 def main() -> None:

@@ -1,4 +1,12 @@
-"""Guides a person through the calibration of a ceiling camera, in a terminal; see docs/how-to/calibrate-cameras.md."""
+"""Guides a person through the calibration of a ceiling camera, in a terminal; see docs/how-to/calibrate-cameras.md.
+
+Subscribed topics:
+    <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage): one of the two
+    <camera>/camera_info (sensor_msgs/CameraInfo): next to the image
+    /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", fixed frame map
+    /virtual_borders/detectors (vb_msgs/DetectorStatus): which frame each ceiling camera has
+    /virtual_borders/spots (vb_msgs/LaserSpot): where the cameras see the laser, to compare them
+"""
 
 from __future__ import annotations
 
@@ -42,11 +50,11 @@ from vb_msgs.msg import DetectorStatus, LaserSpot
 
 FOLDER = "~/.ros/virtual_borders/cameras"
 _BOARD_IMAGES = 10
-_BOARD_PATIENCE_S = 10.0  # for the next image
+_BOARD_TIMEOUT_S = 10.0  # for the next image
 _REPORTS_S = 2.5  # within which each detector has told its camera's frame twice
-_CONNECTION_PATIENCE_S = 15.0  # [s] for all detectors that the master knows
-_FIRST_SPOT_PATIENCE = rospy.Duration(60.0)
-_SPOT_PATIENCE_S = 4.0  # [s] for the spot to be seen and still
+_CONNECTION_TIMEOUT_S = 15.0  # [s] for all detectors that the master knows
+_FIRST_SPOT_TIMEOUT = rospy.Duration(60.0)
+_SPOT_TIMEOUT_S = 4.0  # [s] for the spot to be seen and still
 
 
 def say(text: str) -> None:
@@ -119,7 +127,7 @@ def collect_detector_frames() -> Dict[str, str]:
             frames[message.camera] = message.frame_id
 
     subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, hear, queue_size=20)
-    if not node.wait_for_publishers([subscriber], _CONNECTION_PATIENCE_S):
+    if not node.wait_for_publishers([subscriber], _CONNECTION_TIMEOUT_S):
         say("! not all running detectors answer: the frames of their cameras are not compared")
     rospy.rostime.wallsleep(_REPORTS_S)
     subscriber.unregister()
@@ -275,7 +283,7 @@ Four places are needed, six to eight are good: near the corners of what the came
 
     def _rest(self) -> Tuple[float, float]:
         """Waits until the spot has been still for long enough; returns its place (u, v) [px]."""
-        end = time.monotonic() + _SPOT_PATIENCE_S
+        end = time.monotonic() + _SPOT_TIMEOUT_S
         while True:
             try:
                 with self._lock:
@@ -317,7 +325,7 @@ Lay it on three or four places that are far from each other in the image.
         with contextlib.suppress(queue.Empty):
             for _ in range(_BOARD_IMAGES):
                 try:
-                    views.append(find_board(self._board, to_grey(*self._images.get(timeout=_BOARD_PATIENCE_S))))
+                    views.append(find_board(self._board, to_grey(*self._images.get(timeout=_BOARD_TIMEOUT_S))))
                 except CodedError as error:
                     reason = error
         if not views and reason is not None:
@@ -336,7 +344,7 @@ def check(arguments: argparse.Namespace) -> int:
         sightings = []
         say(f"Draw slowly with the spot where cameras overlap: {arguments.seconds:.0f} s from when it is seen first.")
         rospy.Subscriber(names.SPOTS, LaserSpot, lambda message: sightings.append(_sighting(message)), queue_size=100)
-        end = rospy.Time.now() + _FIRST_SPOT_PATIENCE
+        end = rospy.Time.now() + _FIRST_SPOT_TIMEOUT
         while not sightings and not rospy.is_shutdown() and rospy.Time.now() < end:
             rospy.rostime.wallsleep(0.1)
         end = rospy.Time.now() + rospy.Duration(arguments.seconds if sightings else 0.0)
@@ -347,11 +355,11 @@ def check(arguments: argparse.Namespace) -> int:
         say(pair.describe())
     apart = any(pair.median > arguments.limit / 100.0 for pair in pairs)
     camera = find_suspect(pairs, arguments.limit / 100.0)
-    cure = "$calibrate_suspect" if camera else "$calibrate_moved"
+    remedy = "$calibrate_suspect" if camera else "$calibrate_moved"
     say(
         sentences.translate(
             "cameras_apart" if apart else "cameras_agree",
-            {"limit": f"{arguments.limit:g}", "camera": camera, "cure": cure},
+            {"limit": f"{arguments.limit:g}", "camera": camera, "remedy": remedy},
         )
     )
     return 1 if apart else 0

@@ -31,7 +31,7 @@ class CameraPosesNode:
     A camera without a file, or with a broken one, is named in a warning; its last good pose stays.
 
     Published topics:
-        tf_static: the frames that the files name, usually map -> <camera>_optical_frame
+        /tf_static (tf2_msgs/TFMessage): the frames that the files name, usually map -> <camera>_optical_frame
     Parameters:
         ~* CameraPosesParams
     """

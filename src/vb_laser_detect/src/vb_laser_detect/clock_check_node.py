@@ -19,7 +19,7 @@ from vb_laser_detect.calibration.clock_offset import ClockOffset, Exchange, esti
 from vb_msgs.srv import GetTime
 
 
-_PATIENCE_S = 5.0  # beyond the next measurement; then a clock counts as not answering
+_TIMEOUT_S = 5.0  # beyond the next measurement; then a clock counts as not answering
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class ClockCheckNode:
     at 0.5 m/s, and with 100 ms a detector would wait for each transform in vain.
 
     Services called:
-        <node>/get_time (vb_msgs/GetTime), which each detector offers
+        <detector>/get_time (vb_msgs/GetTime): which each detector offers
     Published topics:
         /diagnostics (diagnostic_msgs/DiagnosticArray): one status per detector
     Parameters:
@@ -114,7 +114,7 @@ class ClockCheckNode:
         with self._lock:
             offset = self._offsets[name]
             age = time.monotonic() - self._measured.get(name, -math.inf)
-        if age > 2.0 * self._params.period_s + _PATIENCE_S:
+        if age > 2.0 * self._params.period_s + _TIMEOUT_S:
             # a request to a computer whose cable was pulled waits for ever, and its last answer says nothing any more
             offset = None
         limit = self._params.limit_ms / 1e3

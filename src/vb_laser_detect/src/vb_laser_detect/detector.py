@@ -242,7 +242,7 @@ class SpotDetector:
 
 
 def _is_followed_spot(spot: Spot, expected: Optional[Expected]) -> bool:
-    """Tells whether a spot is the published one, where it was expected."""
+    """Returns whether a spot is the published one, where it was expected."""
     return expected is not None and expected.published and not spot.rejection and expected.holds(spot.u, spot.v)
 
 

@@ -44,15 +44,17 @@ class SpotDetectorNode:
     """One camera's spot detector. The newest image wins: older ones that wait are dropped, and counted.
 
     Subscribed topics:
-        <image> (sensor_msgs/Image), or <image>/compressed (sensor_msgs/CompressedImage)
-        camera_info beside the image (sensor_msgs/CameraInfo): may come late and change
-        <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), and its camera_info: only if a depth topic is set
+        <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage): one of the two
+        <camera>/camera_info (sensor_msgs/CameraInfo): next to the image; may come late and change
+        <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <depth>/camera_info (sensor_msgs/CameraInfo): only if a
+            depth topic is set; camera_info is next to the depth image
+        /virtual_borders/detectors (vb_msgs/DetectorStatus): whether another camera has the same frame
         /map (nav_msgs/OccupancyGrid): optional; spots outside it are rejected
-        tf: <robot>/base_link to map, and <optical frame> to map for a moving camera, at the image's time
+        /tf, /tf_static (tf2_msgs/TFMessage): <robot>/base_link to map, and <optical frame> to map for a moving camera, at the image's time
     Published topics:
-        /virtual_borders/spots (vb_msgs/LaserSpot), stamped with the image's time. The spots that a stroke began with
+        /virtual_borders/spots (vb_msgs/LaserSpot): stamped with the image's time. The spots that a stroke began with
             follow when it is confirmed, in their order and with their own times
-        /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
+        /virtual_borders/detectors (vb_msgs/DetectorStatus): once a second
         /diagnostics (diagnostic_msgs/DiagnosticArray)
         ~debug_image (sensor_msgs/Image): spots, and candidates with the reason for rejection; only if listened to
     Services:

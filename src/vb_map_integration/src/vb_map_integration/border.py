@@ -144,7 +144,7 @@ class VirtualBorder:
         return self.replace(points=transform.apply(self.points), seed=transform.apply(self.seed)[0])
 
     def same_area(self, other: "VirtualBorder") -> bool:
-        """Tells whether both restrict the same cells of any map (with whatever occupancy)."""
+        """Returns whether both restrict the same cells of any map (with whatever occupancy)."""
         return (
             self.closed == other.closed
             and self.wall == other.wall

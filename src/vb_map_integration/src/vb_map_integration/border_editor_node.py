@@ -64,13 +64,19 @@ class BorderEditorNode:
     handle is released the preview's answer is shown beside the seed. One more ball, which may be dragged anywhere,
     has a menu to make new borders.
 
-    Services:
-        /virtual_borders/edit/{update,update_full,feedback}: RViz's InteractiveMarkers display. Names of markers:
-            ID, ID/VERTEX, ID/seed, ID/line, where ID is "new" for one that is not stored yet; "tool".
     Subscribed topics:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray)
+        /virtual_borders/edit/feedback (visualization_msgs/InteractiveMarkerFeedback): from RViz's InteractiveMarkers
+            display. Names of markers: ID, ID/VERTEX, ID/seed, ID/line, where ID is "new" for one that is not stored
+            yet; "tool".
     Published topics:
-        /virtual_borders/edit (visualization_msgs/InteractiveMarkerUpdate): handles of borders.
+        /virtual_borders/edit/update (visualization_msgs/InteractiveMarkerUpdate): handles of borders.
+        /virtual_borders/edit/update_full (visualization_msgs/InteractiveMarkerInit, latched): all of them.
+    Services called:
+        /virtual_borders/preview_border (vb_msgs/PreviewBorder), /virtual_borders/add_border (vb_msgs/AddBorder)
+        /virtual_borders/update_border (vb_msgs/UpdateBorder), /virtual_borders/remove_border (vb_msgs/RemoveBorder)
+        /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
+        /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger)
     Parameters:
         those of `EditorParams`; see config/border_editor.yaml.
     """

@@ -37,12 +37,16 @@ class ClickedBorderNode:
     Subscribed topics:
         /clicked_point (geometry_msgs/PointStamped): clicks in any frame that tf connects with the map's. The rule
             for what a click means is that of `Clicks`.
+        /tf, /tf_static (tf2_msgs/TFMessage): the frames of clicks to the map's.
     Published topics:
         ~status (std_msgs/String, latched): the result of the last click, and what the next one does.
         ~markers (visualization_msgs/MarkerArray, latched): the chain so far.
-    Services (std_srvs/Trigger):
-        ~close, ~end: end the chain as a polygon, as a separating curve; ~remove_last: undoes a click;
-        ~cancel: forgets the chain.
+    Services:
+        ~close, ~end (std_srvs/Trigger): end the chain as a polygon, as a separating curve.
+        ~remove_last (std_srvs/Trigger): undoes a click.
+        ~cancel (std_srvs/Trigger): forgets the chain.
+    Services called:
+        /virtual_borders/preview_border (vb_msgs/PreviewBorder), /virtual_borders/add_border (vb_msgs/AddBorder)
     Parameters:
         those of `ClickedBorderParams` and `ClickParams`; see config/clicked_border.yaml.
     """

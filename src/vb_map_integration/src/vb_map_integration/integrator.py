@@ -268,7 +268,7 @@ class MapIntegrator:
         return slow[0].area_m2 if slow else self._ready().area_m2(border_id)
 
     def status(self, border: VirtualBorder) -> Tuple[bool, str]:
-        """Tells whether a border is in force now, and if not why.
+        """Returns whether a border is in force now, and if not why.
 
         Returns:
             (in force, code): "other_robot", "disabled", "off_schedule", "inactive_on_this_map", "no_effect" or "".

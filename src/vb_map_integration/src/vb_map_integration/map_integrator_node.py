@@ -48,7 +48,7 @@ from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError, ma
 from vb_map_integration.integrator import ChangeResult, IntegratorParams, MapIntegrator
 from vb_map_integration.places.registration import Transform
 
-_MAP_PATIENCE_S = 5.0  # warns after this long without a map
+_MAP_TIMEOUT_S = 5.0  # warns after this long without a map
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class MapIntegratorNode:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders of the current map; with every change.
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): highest speeds in slow zones [cm/s], 0: no limit; once
             there is or was one, with every change.
-        <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with only the borders for one of ~robots.
+        /<robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with only the borders for one of ~robots.
         /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as
             there is a map, and whole with every change.
     Published topics:
@@ -157,8 +157,8 @@ class MapIntegratorNode:
     def _wait_for_map(self) -> None:
         # wall time: a lab without map_server may have no /clock either
         waited = 0.0
-        while not self._closing.wait(_MAP_PATIENCE_S) and not self._integrator.has_map:
-            waited += _MAP_PATIENCE_S
+        while not self._closing.wait(_MAP_TIMEOUT_S) and not self._integrator.has_map:
+            waited += _MAP_TIMEOUT_S
             missing = CodedError("no_map")
             if self._params.map_timeout_s and waited >= self._params.map_timeout_s:
                 node.fail(missing)

@@ -43,7 +43,7 @@ class CameraCoverageNode:
     Subscribed topics:
         /map (nav_msgs/OccupancyGrid): where floor is, and what is on it
         <camera>/camera_info (sensor_msgs/CameraInfo)
-        tf: <camera's optical frame> to map
+        /tf, /tf_static (tf2_msgs/TFMessage): <camera's optical frame> to map
     Published topics:
         /virtual_borders/coverage (nav_msgs/OccupancyGrid, latched): in the geometry of /map, how many cameras see each
             cell; 0: none; -1: no free floor

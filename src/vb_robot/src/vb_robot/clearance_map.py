@@ -127,11 +127,11 @@ class ClearanceMap:
         return sample(self.grid, self.clearance, points)
 
     def has_room_at(self, points: np.ndarray) -> np.ndarray:
-        """Tells (N,) bool whether the robot with its margin finds room at points (N, 2) [m]."""
+        """Returns (N,) bool: whether the robot with its margin finds room at points (N, 2) [m]."""
         return self.clearance_at(points) >= self.radius + STOP_MARGIN
 
     def line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
-        """Tells (N,) bool whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
+        """Returns (N,) bool: whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         target = np.asarray(target, dtype=float)
         if not len(points):

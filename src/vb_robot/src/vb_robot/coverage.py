@@ -18,7 +18,7 @@ OBSTACLE_HEIGHT = 0.5  # [m] of what the map shows, which does not tell heights;
 
 
 def floor_seen(grid: GridMap, camera: CameraModel, T_map_camera: np.ndarray) -> np.ndarray:
-    """Tells (H, W) bool of which cells the camera sees the centre on the floor (z = 0).
+    """Returns (H, W) bool: of which cells the camera sees the centre on the floor (z = 0).
 
     Args:
         grid: the map: where floor is, and what stands on it.
@@ -44,7 +44,7 @@ def floor_seen(grid: GridMap, camera: CameraModel, T_map_camera: np.ndarray) -> 
 
 
 def _hidden(grid: GridMap, places: np.ndarray, eye: np.ndarray) -> np.ndarray:
-    """Tells (N,) bool from which floor places (N, 2) [m] the camera at `eye` (3,) [m] is hidden."""
+    """Returns (N,) bool: from which floor places (N, 2) [m] the camera at `eye` (3,) [m] is hidden."""
     hidden = np.zeros(len(places), dtype=bool)
     away = eye[:2] - places
     distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)

@@ -48,7 +48,7 @@ class FloorView:
         return pixels
 
     def sees(self, points: np.ndarray, margin: Union[float, np.ndarray] = 0.0) -> np.ndarray:
-        """Tells (N,) bool which floor points (N, 2) [m], base frame, are in the image and within range.
+        """Returns (N,) bool: which floor points (N, 2) [m], base frame, are in the image and within range.
 
         Args:
             margin: how far from the image's edges, as a fraction of its width and height, or (2,) of each; 0.5 leaves

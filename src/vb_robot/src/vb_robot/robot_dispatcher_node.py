@@ -21,7 +21,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher
-from vb_robot.dispatching.drawing import BlindSpots
+from vb_robot.dispatching.drawing import UnseenFloor
 from vb_robot.floor_view import FloorView
 from vb_robot.inputs import SpotListener
 from vb_robot.poses import Pose
@@ -45,10 +45,12 @@ class RobotDispatcherNode:
     """Watches spot and state, and sends goals to the navigation of one robot at a time.
 
     Subscribed topics:
-        /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/state (vb_msgs/InteractionState),
+        /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/state (vb_msgs/InteractionState)
         /virtual_borders/progress (vb_msgs/BorderProgress)
-        [<robot>]/virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may stand, what hides the spot
-        [<robot>/]camera_info (sensor_msgs/CameraInfo), tf: what its camera sees of the floor
+        /virtual_borders/map, /<robot>/virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may stand, what hides the spot
+        [<robot>/]camera_info (sensor_msgs/CameraInfo): what its camera sees of the floor
+        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): where a robot drives to, no matter who gave the goal
+        /tf, /tf_static (tf2_msgs/TFMessage): where the robots and their cameras are
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): optional; floor that no stationary camera sees
     Published topics:
         ~viewpoint (geometry_msgs/PoseStamped, latched): where a robot was sent last
@@ -78,7 +80,7 @@ class RobotDispatcherNode:
         ]
         grids = [
             (names.PHYSICAL_MAP, dispatcher.set_physical_map),
-            (names.COVERAGE, lambda grid: setattr(dispatcher, "unseen", BlindSpots(grid))),
+            (names.COVERAGE, lambda grid: setattr(dispatcher, "unseen", UnseenFloor(grid))),
             *((f"{name}{names.MAP_WITH_BORDERS}", known.set_map) for name, known in dispatcher.maps.items()),
         ]
         self._subscribers = [

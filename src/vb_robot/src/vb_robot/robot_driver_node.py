@@ -86,17 +86,19 @@ class RobotDriverNode:
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/map, /map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): optional
-        scan (sensor_msgs/LaserScan), camera_info (sensor_msgs/CameraInfo), contacts: as the profile names them
+        scan (sensor_msgs/LaserScan), camera_info (sensor_msgs/CameraInfo): as the profile names them
+        <contact> (rospy/AnyMsg): each contact sensor, with the message type that the profile names
         move_base/status (actionlib_msgs/GoalStatusArray), move_base/goal (move_base_msgs/MoveBaseActionGoal)
         move_base/NavfnROS/plan (nav_msgs/Path): the robot turns towards it first; optional
         amcl_pose (geometry_msgs/PoseWithCovarianceStamped): how far off the localisation may be; optional
         cmd_vel (geometry_msgs/Twist): whether another node commands the base
+        /tf, /tf_static (tf2_msgs/TFMessage): map -> odom -> base_link, and where the sensors are on the robot
     Published topics:
         cmd_vel (geometry_msgs/Twist): while the robot is driven, one zero when that ends, zeros while stopped
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
         /virtual_borders/drivers (vb_msgs/DriverState): who drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
-        ~keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders inflated by the localisation
+        robot_driver/keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders inflated by the localisation
             uncertainty: for navigation's costmaps
         /virtual_borders/plans (visualization_msgs/MarkerArray): navigation's path of a robot with a name, for 5 s
             after it was planned; RViz would have to know the robots' names to subscribe to each one's path

@@ -96,11 +96,11 @@ class Sightings:
         self._leader(sighting.stamp)
 
     def dispatches(self) -> bool:
-        """Tells whether to send a robot to where its camera sees the spot."""
+        """Returns whether to send a robot to where its camera sees the spot."""
         return self.state in (BORDER, SEED) and self.stationary_seen
 
     def follows(self, camera: str, now: float) -> bool:
-        """Tells whether the robot with this camera should follow the spot."""
+        """Returns whether the robot with this camera should follow the spot."""
         if self._leader(now) != camera or self.state == DEFAULT:
             return False
         if self.state == GUIDE:
@@ -128,7 +128,7 @@ class Sightings:
         return max(self._recent, key=lambda s: s.stamp) if self._recent else None
 
     def seen_by_stationary(self, now: float) -> bool:
-        """Tells whether a stationary camera sees the spot. The seed does not move: once seen is enough."""
+        """Returns whether a stationary camera sees the spot. The seed does not move: once seen is enough."""
         newest = self.newest()
         stamps = [s.stamp for s in self._recent if not s.mobile]
         if newest is None or not stamps:

@@ -41,7 +41,7 @@ class CeilingCamerasNode(CameraNode):
         /sim/cameras (diagnostic_msgs/DiagnosticArray, latched, 1 Hz): one status per camera, name = the
             camera's; values "published" (frames sent while there were subscribers), "skipped" (frames
             dropped because this machine was too slow), "render_ms" (mean per frame).
-        tf_static: map -> <camera>_optical_frame, the pose with its calibration error. Images are
+        /tf_static (tf2_msgs/TFMessage): map -> <camera>_optical_frame, the pose with its calibration error. Images are
             rendered from the true pose.
 
     Args:

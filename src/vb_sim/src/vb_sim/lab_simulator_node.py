@@ -83,7 +83,7 @@ class LabSimulatorNode:
 
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
-        <robot>/cmd_vel/navigation (geometry_msgs/Twist), /tf: only with ~lockstep
+        <robot>/cmd_vel/navigation (geometry_msgs/Twist), /tf (tf2_msgs/TFMessage): only with ~lockstep
         <robot>/initialpose (geometry_msgs/PoseWithCovarianceStamped): re-initialises the estimate only
         /sim/participant (vb_msgs/ParticipantState)
         /sim/pace (std_msgs/Float64): simulated seconds per real second at most, for drives without people and cameras;
@@ -91,10 +91,10 @@ class LabSimulatorNode:
     Published topics:
         /clock (rosgraph_msgs/Clock): `rate`, only with /use_sim_time
         /sim/lab_state (vb_msgs/LabState): `rate`, ground truth
-        <robot>/odom (nav_msgs/Odometry), /tf: map -> odom -> base_link, `rate / pose_divisor`
+        <robot>/odom (nav_msgs/Odometry), /tf (tf2_msgs/TFMessage): map -> odom -> base_link, `rate / pose_divisor`
         <robot>/scan (sensor_msgs/LaserScan): `rate / scan_divisor`, only while it has subscribers
         <robot>/amcl_pose (geometry_msgs/PoseWithCovarianceStamped, latched): `rate / amcl_divisor`
-        /tf_static: base_link -> base_laser_link
+        /tf_static (tf2_msgs/TFMessage): base_link -> base_laser_link
     Services:
         ~reset (std_srvs/Trigger): puts every robot back to its start
     Parameters: see `LabSimulatorParams` and config/lab_simulator.yaml. Poses survive the process in a

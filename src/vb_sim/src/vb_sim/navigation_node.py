@@ -53,16 +53,19 @@ class NavigationNode:
         robot_driver/keep_out (nav_msgs/OccupancyGrid): its borders grown by what the localisation may be off; optional
         scan (sensor_msgs/LaserScan): only while driving
         move_base_simple/goal (geometry_msgs/PoseStamped)
-        tf: map -> base_link
-    Services:
+        /tf, /tf_static (tf2_msgs/TFMessage): map -> base_link
+    Actions:
         move_base (move_base_msgs/MoveBaseAction)
-        ~make_plan (nav_msgs/GetPlan): refuses while a goal is active; no plan is an empty one
-        ~clear_costmaps (std_srvs/Empty): forgets what the scanner saw, never the map or a border
+    Services:
+        move_base/make_plan (nav_msgs/GetPlan): refuses while a goal is active; no plan is an empty one
+        move_base/clear_costmaps (std_srvs/Empty): forgets what the scanner saw, never the map or a border
     Published topics:
         cmd_vel (geometry_msgs/Twist): only while a goal is active, and one zero at its end
-        ~NavfnROS/plan (nav_msgs/Path)
-        ~global_costmap/costmap (nav_msgs/OccupancyGrid, latched), ~global_costmap/costmap_updates (map_msgs/OccupancyGridUpdate)
-        ~local_costmap/costmap (nav_msgs/OccupancyGrid): only while it has subscribers
+        move_base/NavfnROS/plan (nav_msgs/Path)
+        move_base/global_costmap/costmap (nav_msgs/OccupancyGrid, latched)
+        move_base/global_costmap/costmap_updates (map_msgs/OccupancyGridUpdate)
+        move_base/goal (move_base_msgs/MoveBaseActionGoal): what came on move_base_simple/goal
+        move_base/local_costmap/costmap (nav_msgs/OccupancyGrid): only while it has subscribers
     Parameters:
         robot_profile (in the robot's namespace)
         see `NavigationParams`, and `CostmapParams`, `PlannerParams` and `FollowerParams` below ~costmap, ~planner, ~follower

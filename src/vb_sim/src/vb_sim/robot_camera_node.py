@@ -33,13 +33,14 @@ class RobotCameraNode(CameraNode):
         /sim/lab_state (vb_msgs/LabState): what moves, this robot included. While it has no publisher, the
             robot stays where it was and the lab is empty.
         /virtual_borders/projector (sensor_msgs/Image): what the world's projector shows on the floor, if it has one.
-    Published topics (relative names: a namespace works):
-        camera/rgb/image_raw (sensor_msgs/Image, 640 x 480 rgb8), camera/rgb/camera_info
-        camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 = none),
-        camera/depth_registered/camera_info: with every `robot_camera/depth_every`-th colour image, same stamp.
+    Published topics:
+        camera/rgb/image_raw (sensor_msgs/Image, 640 x 480 rgb8), camera/rgb/camera_info (sensor_msgs/CameraInfo)
+        camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 = none): with every
+            `robot_camera/depth_every`-th colour image, same stamp.
+        camera/depth_registered/camera_info (sensor_msgs/CameraInfo): likewise.
         /sim/cameras (diagnostic_msgs/DiagnosticArray, latched, 1 Hz): one status, name = the robot's; values
             "published" (colour images sent while subscribed), "published_depth", "skipped", "render_ms".
-        tf_static: <prefix>base_link -> <prefix>camera_optical_frame.
+        /tf_static (tf2_msgs/TFMessage): <prefix>base_link -> <prefix>camera_optical_frame.
 
     Args:
         world: the world.

@@ -27,7 +27,7 @@ class ButtonsParams(Parameters):
     source: str = param("buttons")
 
 
-class Buttons:
+class ButtonsNode:
     """Takes commands from buttons: the baseline method's input for switching states, or a presenter.
 
     Subscribed topics:
@@ -35,7 +35,7 @@ class Buttons:
         /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it.
 
     Services called:
-        /virtual_borders/command (vb_msgs/Command).
+        /virtual_borders/command (vb_msgs/Command)
 
     Args:
         params: see config/buttons.yaml.
@@ -73,4 +73,4 @@ class Buttons:
 
 def main() -> None:
     """Runs the node."""
-    node.run("buttons", lambda: Buttons(parameters.read(ButtonsParams)))
+    node.run("buttons", lambda: ButtonsNode(parameters.read(ButtonsParams)))

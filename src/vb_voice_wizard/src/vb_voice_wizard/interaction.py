@@ -293,8 +293,10 @@ class Interaction:
             self._visited.append(target)
         if target == State.GUIDE:
             code = "guide_stopped" if self.stopped else "guide"
+        elif target == State.BORDER:
+            code = "draw_border_again" if again else "draw_border"
         else:
-            code = ("draw_border" if target == State.BORDER else "point_seed") + ("_again" if again else "")
+            code = "point_seed_again" if again else "point_seed"
         return self._answered(name, source, Answer(True, code))
 
     def _cancel(self, source: str, now: float) -> Answer:

@@ -53,7 +53,7 @@ class ManagerParams(InteractionParams):
     service_answer: float = param(5.0, "s", above=0.0, high=60.0)
 
 
-class InteractionManager:
+class InteractionManagerNode:
     """Takes commands, owns the state, and saves the border when the person says so.
 
     Subscribed topics:
@@ -76,16 +76,14 @@ class InteractionManager:
         /virtual_borders/command (vb_msgs/Command): one with an id is carried out once, however often it is sent;
             one that comes after its time is refused ("expired"). `stop` is always carried out.
 
-    Services called on "save":
-        /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder), then /virtual_borders/add_border (vb_msgs/AddBorder)
-        with the interaction's id, so that a save which is repeated adds one border. No lock is held meanwhile; other
-        commands are answered with "busy", but not `stop` and `resume`.
-
-    Services called on "undo" and "redo":
-        /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger), /virtual_borders/list_borders before and after.
-
-    Services called for the preview, from a separate thread:
-        /virtual_borders/get_drawn_border, then /virtual_borders/preview_border (vb_msgs/PreviewBorder).
+    Services called:
+        /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): on `save`, and for the preview.
+        /virtual_borders/add_border (vb_msgs/AddBorder): on `save`, with the interaction's id, so that a save which is
+            repeated adds one border. No lock is held meanwhile; other commands are answered with "busy", but not
+            `stop` and `resume`.
+        /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger): on `undo` and `redo`.
+        /virtual_borders/list_borders (vb_msgs/ListBorders): before and after those.
+        /virtual_borders/preview_border (vb_msgs/PreviewBorder): for the preview, from a separate thread.
 
     Args:
         params: see config/interaction_manager.yaml.
@@ -398,11 +396,11 @@ def _await_clock(limit_s: float = 3.0) -> None:
         waited += 0.02
 
 
-def _build() -> InteractionManager:
+def _build() -> InteractionManagerNode:
     params = parameters.read(ManagerParams)
     _await_clock()
     run_id: Optional[str] = rospy.get_param("/run_id", "")
-    return InteractionManager(params, str(run_id or ""))
+    return InteractionManagerNode(params, str(run_id or ""))
 
 
 def main() -> None:

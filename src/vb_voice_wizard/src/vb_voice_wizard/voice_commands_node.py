@@ -56,7 +56,7 @@ class VoiceParams(Parameters):
     service_answer: float = param(12.0, "s", above=0.0, high=60.0)
 
 
-class VoiceCommands:
+class VoiceCommandsNode:
     """Recognises spoken commands and sends them to the interaction.
 
     Sound is handled as it arrives: people speak in wall time, whatever /clock says.
@@ -73,7 +73,7 @@ class VoiceCommands:
             and for a command without an answer. The feedback node tells how the interaction answers the command.
 
     Services called:
-        /virtual_borders/command (vb_msgs/Command) with source "voice".
+        /virtual_borders/command (vb_msgs/Command): with source "voice".
 
     Args:
         params: where sound comes from, and how to handle what was heard.
@@ -259,9 +259,9 @@ def _durations(sounds: dict) -> Dict[str, float]:
     return {str(name): float(duration) for name, duration in sounds.items()}
 
 
-def _build() -> VoiceCommands:
+def _build() -> VoiceCommandsNode:
     params = parameters.read(VoiceParams, ignore=("recognizer",))
-    return VoiceCommands(params, CommandRecognizer(parameters.read(RecognizerParams, "~recognizer")))
+    return VoiceCommandsNode(params, CommandRecognizer(parameters.read(RecognizerParams, "~recognizer")))
 
 
 def main() -> None:

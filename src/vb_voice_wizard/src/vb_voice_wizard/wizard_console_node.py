@@ -44,12 +44,22 @@ _WATCHED = (
 )
 
 
-class WizardConsole:
+class WizardConsoleNode:
     """Shows the interaction and sends commands.
 
-    Subscribes to /virtual_borders/{state,progress,preview,borders,notices,detectors,voice/heard,voice/level} and tf.
-    Calls /virtual_borders/command. It waits for the ROS master, reports when the
-    master or a node is lost, and goes on when they are back.
+    It waits for the ROS master, reports when the master or a node is lost, and goes on when they are back. It knows
+    border_fusion and map_integrator by their services /virtual_borders/get_drawn_border and
+    /virtual_borders/list_borders, which it does not call.
+
+    Subscribed topics:
+        /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
+        /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
+        /virtual_borders/notices (vb_msgs/NoticeArray), /virtual_borders/detectors (vb_msgs/DetectorStatus)
+        /virtual_borders/voice/heard (vb_msgs/SpeechCommand), /virtual_borders/voice/level (std_msgs/Float32)
+        /tf, /tf_static (tf2_msgs/TFMessage): where the robot is
+
+    Services called:
+        /virtual_borders/command (vb_msgs/Command)
 
     Args:
         source: who sends the commands, for the record.
@@ -311,7 +321,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         print("wizard_console needs a terminal; for scripts there is 'rosrun vb_voice_wizard command'", file=sys.stderr)
         return 1
-    if WizardConsole(chosen.source, chosen.robot_frame, chosen.note, chosen.language).run():
+    if WizardConsoleNode(chosen.source, chosen.robot_frame, chosen.note, chosen.language).run():
         # rospy cannot register twice in one process: this one starts again in the same terminal
         sys.stdout.flush()
         again = ["--source", chosen.source, "--robot-frame", chosen.robot_frame, "--language", chosen.language]

@@ -119,7 +119,7 @@ def load_codes(path: Path) -> AccessCodes:
 
 
 def is_loopback(host: str) -> bool:
-    """Tells whether a host's name or address, without a port, means this computer itself."""
+    """Returns whether a host's name or address, without a port, means this computer itself."""
     if host.rstrip(".").lower() == "localhost":
         return True
     try:
@@ -137,7 +137,7 @@ def host_of(header: str) -> str:
 
 
 def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
-    """Tells whether a browser's Origin header is this page's own; a missing one is not.
+    """Returns whether a browser's Origin header is this page's own; a missing one is not.
 
     Args:
         scheme: "http" or "https", of the request.
@@ -176,7 +176,7 @@ class LoginLimiter:
         self._all = Limiter(rate=30.0 / 60.0, burst=60.0)
 
     def allows(self, address: str, now: float) -> bool:
-        """Tells whether a code from this address may be tried at a time [s], and counts the try."""
+        """Returns whether a code from this address may be tried at a time [s], and counts the try."""
         return self._each.allows(address, now) and self._all.allows("", now)
 
 

@@ -106,15 +106,27 @@ class PageNode:
     """Shows the system to browsers and carries out what operators ask for.
 
     Subscribed topics:
-        /map, /virtual_borders/map (nav_msgs/OccupancyGrid); /virtual_borders/ borders, state, progress, preview, spots,
-        notices, detectors, drivers (vb_msgs); /diagnostics (diagnostic_msgs/DiagnosticArray); tf for the robots' poses.
-        While a browser shows them: <detector>/debug_image, /<camera>/image_raw, /<camera>/camera_info (sensor_msgs).
+        /map, /virtual_borders/map (nav_msgs/OccupancyGrid)
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray), /virtual_borders/state (vb_msgs/InteractionState)
+        /virtual_borders/progress (vb_msgs/BorderProgress), /virtual_borders/preview (vb_msgs/BorderPreview)
+        /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/notices (vb_msgs/NoticeArray)
+        /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/drivers (vb_msgs/DriverState)
+        /virtual_borders/voice/level (std_msgs/Float32), /diagnostics (diagnostic_msgs/DiagnosticArray)
+        /tf, /tf_static (tf2_msgs/TFMessage): the robots' and the cameras' poses
+        <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): while a browser shows them
+        /<camera>/image_raw/compressed (sensor_msgs/CompressedImage): the same
+        /<camera>/camera_info (sensor_msgs/CameraInfo): the same
     Published topics:
         /virtual_borders/stop (std_msgs/Bool): true for stop, false for resume; robots hear it without any other node.
         /virtual_borders/study_events (vb_msgs/StudyEvent): the operator's marks and notes.
         /virtual_borders/notices (vb_msgs/NoticeArray): address and code, for the smart display, while nobody draws.
     Services called:
-        /virtual_borders/command; add, update, remove, preview, rename_border, set_border_enabled; undo, redo.
+        /virtual_borders/command (vb_msgs/Command), /virtual_borders/confirm_map (vb_msgs/ConfirmMap)
+        /virtual_borders/preview_border (vb_msgs/PreviewBorder), /virtual_borders/add_border (vb_msgs/AddBorder)
+        /virtual_borders/update_border (vb_msgs/UpdateBorder), /virtual_borders/remove_border (vb_msgs/RemoveBorder)
+        /virtual_borders/rename_border (vb_msgs/RenameBorder)
+        /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
+        /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger)
     Parameters:
         those of `PageParams`; see config/page.yaml.
     """

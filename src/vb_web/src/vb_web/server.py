@@ -47,7 +47,7 @@ _MAX_BROWSERS = 60
 _MAX_CONNECTIONS = 250  # below the usual limit of open files, with room for ROS
 _MAX_BODY = 2048  # [B] the only body is a code
 _MAX_UNDERWAY = 4  # requests of one browser
-_PATIENCE_S = 5.0  # a command waits so long for the one before it
+_TIMEOUT_S = 5.0  # a command waits so long for the one before it
 _MAX_FAULTS = 20  # messages that are no request; then the browser is disconnected
 
 
@@ -538,7 +538,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         self._underway += 1
         try:
             if before is not None:
-                await asyncio.wait([before], timeout=_PATIENCE_S)
+                await asyncio.wait([before], timeout=_TIMEOUT_S)
             answer = await self.page.carry_out(request, self.browser)
         except Exception:
             self._tell({"re": request.id, **_refusal(CodedError("internal_error"))})

@@ -9,7 +9,7 @@ import rospy
 from diagnostic_msgs.msg import KeyValue
 
 from vb_core import names
-from vb_core.notices import REPEAT_PERIOD_S, Notice, NoticeBook, Severity
+from vb_core.notices import REPEAT_PERIOD_S, Notice, ActiveNotices, Severity
 from vb_core.ros.messages import mapping_from_values, values_from_mapping
 from vb_msgs.msg import Notice as NoticeMessage
 from vb_msgs.msg import NoticeArray
@@ -58,7 +58,7 @@ class NoticeListener:
     def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
         self._on_change = on_change
         self._lock = threading.Lock()
-        self._book = NoticeBook()
+        self._book = ActiveNotices()
         self.subscriber = rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
 
     def current(self) -> List[Notice]:

@@ -168,7 +168,7 @@ def _row(
 
 
 def seed_is_right(seed: np.ndarray, physical: GridMap, truth: np.ndarray, reach_m: float = 0.2) -> bool:
-    """Tells whether a seed (2,) [m] points into the ground truth: nearer to it than to any other free floor, within reach."""
+    """Returns whether a seed (2,) [m] points into the ground truth: nearer to it than to any other free floor, within reach."""
     rows, columns = np.nonzero((physical.data >= 0) & (physical.data < metrics.RESTRICTED))
     centres = physical.cell_to_world(np.column_stack([rows, columns]))
     distance = np.hypot(*(centres - np.asarray(seed, dtype=float)).T)

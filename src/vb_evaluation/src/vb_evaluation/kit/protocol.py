@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Dict, List, Optional, Sequence
 
 from vb_core.errors import CodedError
-from vb_evaluation.design import order_of_runs
+from vb_evaluation.design import order_runs
 from vb_evaluation.report.data import read_sheet, yes_or_no
 
 COLUMNS = ("participant", "order", "method", "scenario", "recording", "completed", "note")
@@ -35,7 +35,7 @@ class Entry:
 
 
 def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Dict[str, str]]:
-    """Rows of a protocol to fill in: see `order_of_runs`."""
+    """Rows of a protocol to fill in: see `order_runs`."""
     return [
         {
             "participant": f"p{number:02d}",
@@ -45,7 +45,7 @@ def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], se
             "recording": f"p{number:02d}_{order}_{method}_{scenario}",
         }
         for number in range(1, participants + 1)
-        for order, (scenario, method) in enumerate(order_of_runs(number, scenarios, methods, seed), 1)
+        for order, (scenario, method) in enumerate(order_runs(number, scenarios, methods, seed), 1)
     ]
 
 

@@ -266,7 +266,7 @@ class StagedLab:
         self._thread.join()
 
     def is_watched(self) -> bool:
-        """Tells whether RViz is subscribed: no other node takes the path."""
+        """Returns whether RViz is subscribed: no other node takes the path."""
         return self._plan.get_num_connections() > 0
 
     def show(self, robot: Sequence[float], *notices: Notice, way: bool = False) -> None:

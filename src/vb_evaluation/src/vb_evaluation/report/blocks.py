@@ -53,7 +53,7 @@ class Grid:
 
     @staticmethod
     def is_text(row: Dict[str, Any], key: str) -> bool:
-        """Tells whether a cell is words, which begin at the left."""
+        """Returns whether a cell is words, which begin at the left."""
         value = row.get(key, "")
         return isinstance(value, str) and not value.lstrip("+-\N{MINUS SIGN}")[:1].isdigit()
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters
-from vb_sim.room.bodies import Build
+from vb_sim.room.bodies import BodyProportions
 from vb_sim.person.participant_model import ParticipantModel
 
 # a random generator for each name: drawing from one leaves all others unchanged
@@ -29,7 +29,7 @@ class Traits:
     """
 
     model: ParticipantModel
-    body: Build = Build()
+    body: BodyProportions = BodyProportions()
     stand_offset: Tuple[float, float] = (0.0, 0.0)
     margin: float = 0.0
 
@@ -96,7 +96,7 @@ class Population:
                 raise ParameterError(f"participants/{key}", "unknown key; known are traits, body, stand_offset, margin")
         self._model, self._settings = model, settings
         self._traits, self._body = (settings.get(part) or {} for part in ("traits", "body"))
-        for part, specs, kind in (("traits", self._traits, ParticipantModel), ("body", self._body, Build)):
+        for part, specs, kind in (("traits", self._traits, ParticipantModel), ("body", self._body, BodyProportions)):
             for key in specs:
                 if key not in [field.name for field in fields(kind)]:
                     raise ParameterError(f"participants/{part}/{key}", f"unknown trait of {kind.__name__}")
@@ -116,7 +116,7 @@ class Population:
         offset = tuple(self._length("stand_offset", stand) for _ in range(2))
         return Traits(
             ParticipantModel(**_possible(ParticipantModel, mapping)),
-            Build(**_possible(Build, body)),
+            BodyProportions(**_possible(BodyProportions, body)),
             offset,
             self._length("margin", streams("margin")),
         )

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Mapping, Optional
 
 from vb_core.errors import CodedError
-from vb_evaluation.design import order_of_runs
+from vb_evaluation.design import order_runs
 from vb_evaluation.report.data import ALL_IMAGES, CURVES, KEY, RUNS, WORLDS
 from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study
@@ -89,7 +89,7 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
         Job(RunTask(participant, scenario, method), order=place)
         for participant in range(1, participants + 1)
         for place, (scenario, method) in enumerate(
-            order_of_runs(participant, design.scenarios, design.methods, design.seed), 1
+            order_runs(participant, design.scenarios, design.methods, design.seed), 1
         )
     ]
 

@@ -209,7 +209,7 @@ class Event:
         self._set = False
 
     def is_set(self) -> bool:
-        """Tells whether it was set."""
+        """Returns whether it was set."""
         return self._set
 
     def set(self) -> None:
@@ -262,7 +262,7 @@ class Thread:
             self._over.wait(timeout)
 
     def is_alive(self) -> bool:
-        """Tells whether it has begun and not ended."""
+        """Returns whether it has begun and not ended."""
         return self._started and not self._over.is_set()
 
 

@@ -49,11 +49,11 @@ class Box:
         return (self.x0 + self.x1) / 2.0, (self.y0 + self.y1) / 2.0
 
     def overlaps(self, other: "Box") -> bool:
-        """Tells whether the two share an area; touching edges do not."""
+        """Returns whether the two share an area; touching edges do not."""
         return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
 
     def contains(self, other: "Box", tolerance: float = 1e-9) -> bool:
-        """Tells whether the other is within this one."""
+        """Returns whether the other is within this one."""
         return (
             self.x0 - tolerance <= other.x0
             and self.y0 - tolerance <= other.y0

@@ -18,7 +18,7 @@ RANGES: Tuple[Tuple[int, int], ...] = ((32, 126), (161, 591), (880, 1279), (8208
 
 
 def is_drawn(character: str) -> bool:
-    """Tells whether RViz started with `overlay` can draw a character."""
+    """Returns whether RViz started with `overlay` can draw a character."""
     return any(first <= ord(character) <= last for first, last in RANGES)
 
 

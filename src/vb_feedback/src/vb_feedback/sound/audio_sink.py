@@ -10,7 +10,7 @@ from vb_core.errors import CodedError
 from vb_feedback.sound.tone_synthesis import RATE
 
 # [s] beyond a sound's own length, then the device counts as stuck
-_PATIENCE_S = 3.0
+_TIMEOUT_S = 3.0
 
 
 class AudioSink:
@@ -25,7 +25,7 @@ class AudioSink:
         self._command = [program, "-q", "-D", device, "-t", "raw", "-f", "S16_LE", "-r", str(RATE), "-c", "1"]
 
     def play(self, pcm: np.ndarray) -> None:
-        """Plays (N,) int16 at `synthesis.RATE` to its end.
+        """Plays (N,) int16 at `tone_synthesis.RATE` to its end.
 
         Raises:
             CodedError: "no_audio" with the program's own reason.
@@ -36,7 +36,7 @@ class AudioSink:
                 input=pcm.astype("<i2").tobytes(),
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
-                timeout=len(pcm) / RATE + _PATIENCE_S,
+                timeout=len(pcm) / RATE + _TIMEOUT_S,
                 check=False,
             )
         except OSError as error:

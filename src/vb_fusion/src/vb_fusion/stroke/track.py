@@ -4,7 +4,7 @@ The pointer is one thing that moves through time. What was seen within a moment 
 track is the sequence of places that explains the most floor with the least effort. In metres:
 
     gain  = the floor that a place adds: staying and coming back add nothing more, and what is there for longer than
-            MAX_REST counts less and less. Places that are passed at one speed add the path between them
+            MAX_DWELL counts less and less. Places that are passed at one speed add the path between them
     cost  = distance^2 / (time * UNSEEN_SPEED) between places: a gap that was crossed at the speed of a hand is cheap, a
             pause is free. Hands flick, too: beyond a TREMOR the cost grows with the logarithm only, as the likelihood
             of an error with heavy tails does. So a rest behind a flick belongs to the stroke, and a stray does not pay
@@ -26,10 +26,10 @@ from vb_fusion.stroke.observations import TIME_BIN, TREMOR, Observations, time_b
 
 PLACE_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a place covers
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
-MAX_BLINK = 3.0 * TIME_BIN  # [s] within which a moving pointer is seen again
-MAX_REST = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
+MAX_DROPOUT = 3.0 * TIME_BIN  # [s] within which a moving pointer is seen again
+MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
-# places of one moment, the strongest ones: looking back reaches further than MAX_BLINK, whatever glitters
+# places of one moment, the strongest ones: looking back reaches further than MAX_DROPOUT, whatever glitters
 MAX_SIMULTANEOUS_PLACES = 10
 
 
@@ -160,10 +160,10 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     company = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0)
     # a place alone has, on average, 4/9 of its own company
     new = 0.5 * PLACE_WIDTH / np.maximum(0.75 * company, 1.0)
-    # a thing that is not seen for longer than a MAX_BLINK was not there
-    there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, MAX_BLINK)))
+    # a thing that is not seen for longer than a MAX_DROPOUT was not there
+    there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, MAX_DROPOUT)))
     stay = there[node].reshape(4, -1).max(axis=0)
-    gains = np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, MAX_REST / stay) ** 2
+    gains = np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, MAX_DWELL / stay) ** 2
     # in tenths of a millimetre, so that what stays for long has got its gain for good; never quite nothing
     return np.round(gains, 4) + 1e-5
 
@@ -184,7 +184,7 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
             straight = np.exp(-((off / np.maximum(0.3 * way, TREMOR)) ** 2))
             # two places and one of them again are no row: the middle one is in the middle of the time
             row = np.maximum(way - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
-            row[(whole > MAX_BLINK) | (2.0 * way > UNSEEN_SPEED * whole)] = 0.0
+            row[(whole > MAX_DROPOUT) | (2.0 * way > UNSEEN_SPEED * whole)] = 0.0
             # the row's ends too, where the stroke may begin or end
             for part, much in ((first, 0.5), (at, 1.0), (last, 0.5)):
                 swept[part] = np.maximum(swept[part], much * row)
@@ -207,8 +207,8 @@ def find_best_steps(
     origin = np.maximum(earlier, 0)
     way = np.hypot(*(points[first:, None] - points[origin]).transpose(2, 0, 1))
     time = stamps[first:, None] - stamps[origin]
-    possible = (earlier >= 0) & (time > 0.0) & ((way <= widest_gap + TREMOR) | (time <= MAX_BLINK))
-    effort = np.maximum(way - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, MAX_BLINK) * UNSEEN_SPEED)
+    possible = (earlier >= 0) & (time > 0.0) & ((way <= widest_gap + TREMOR) | (time <= MAX_DROPOUT))
+    effort = np.maximum(way - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, MAX_DROPOUT) * UNSEEN_SPEED)
     effort = flick * np.log1p(effort / flick)
     effort[~possible] = np.inf
     best = states[:, 0]

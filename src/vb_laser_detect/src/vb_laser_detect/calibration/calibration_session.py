@@ -105,7 +105,7 @@ class CalibrationSession:
         return (
             f"{count}: error {estimate.rms_px:.2f} px, {100 * estimate.rms_m:.2f} cm on the floor"
             + (f", {left_out} of {points} points left out as wrong" if left_out else "")
-            + f"; a spot is certain to {middle:.1f} cm in the middle, {worst:.1f} cm at the worst place"
+            + f"; uncertainty of a spot {middle:.1f} cm in the middle, {worst:.1f} cm at the worst place"
         )
 
 
@@ -120,13 +120,13 @@ def describe(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
     lines = [
         f"position     {T[0, 3]:.3f} {T[1, 3]:.3f} {T[2, 3]:.3f} m, "
         f"+- {sigma_cm[0]:.1f} {sigma_cm[1]:.1f} {sigma_cm[2]:.1f} cm",
-        f"orientation  {tilt:.2f} deg off looking straight down, the image's x axis points to {right:.1f} deg in the map,  "
+        f"orientation  {tilt:.2f} deg from vertical, the image's x axis points to {right:.1f} deg in the map,  "
         f"+- {sigma_deg[0]:.2f} {sigma_deg[1]:.2f} {sigma_deg[2]:.2f} deg about the camera's x, y, z",
         f"quaternion   {qx:.6f} {qy:.6f} {qz:.6f} {qw:.6f}",
         f"points       {int(used.sum())} of {len(used)} used",
         f"error        {estimate.rms_px:.2f} px rms, {estimate.errors_px[used].max():.2f} px at most",
         f"on the floor {100 * estimate.rms_m:.2f} cm rms, {100 * estimate.errors_m[used].max():.2f} cm at most",
-        f"certain to   {100 * estimate.floor_sigma[0]:.1f} cm in the middle of the image, "
+        f"uncertainty  {100 * estimate.floor_sigma[0]:.1f} cm in the middle of the image, "
         f"{100 * estimate.floor_sigma[1]:.1f} cm at its worst place (1 sigma)",
     ]
     for point, error in zip(observed.points[~used], estimate.errors_m[~used]):

@@ -24,7 +24,7 @@ class ClockOffset:
     uncertainty: float
 
     def exceeds(self, limit: float) -> bool:
-        """Tells whether the clocks are certainly farther apart than a limit [s]."""
+        """Returns whether the clocks are certainly farther apart than a limit [s]."""
         return abs(self.offset) - self.uncertainty > limit
 
 

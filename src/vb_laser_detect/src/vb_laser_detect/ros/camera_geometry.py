@@ -50,7 +50,7 @@ def sibling_topic(topic: str, name: str) -> str:
 
 
 def is_rectified(topic: str) -> bool:
-    """Tells whether a topic's images have no distortion any more, by the names that image_proc gives."""
+    """Returns whether a topic's images have no distortion any more, by the names that image_proc gives."""
     return "rect" in topic.rsplit("/", 1)[-1].split("_")
 
 

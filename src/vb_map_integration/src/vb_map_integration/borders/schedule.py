@@ -61,7 +61,7 @@ def _days(text: str, part: str) -> List[int]:
 
 
 def is_scheduled(text: str, now: float) -> bool:
-    """Tells whether a schedule covers a time [s, since 1970], in the computer's time zone; an empty one always does."""
+    """Returns whether a schedule covers a time [s, since 1970], in the computer's time zone; an empty one always does."""
     spans = parse_schedule(text)
     if not spans:
         return True

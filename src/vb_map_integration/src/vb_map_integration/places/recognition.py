@@ -168,7 +168,7 @@ class Recognizer:
 
 
 def is_extension(before: GridMap, after: GridMap) -> bool:
-    """Tells whether a map is the one before it, grown: the cells are on the same lattice, and obstacles are still there."""
+    """Returns whether a map is the one before it, grown: the cells are on the same lattice, and obstacles are still there."""
     if abs(before.resolution - after.resolution) > 1e-6 or abs(before.origin[2] - after.origin[2]) > 1e-9:
         return False
     offset = after.world_to_grid(before.cell_to_world([[0, 0]]))[0]

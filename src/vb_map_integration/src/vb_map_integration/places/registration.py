@@ -187,7 +187,7 @@ class WallMap:
         return found[:, 0], found[:, 1:] @ np.array([[c, s], [-s, c]])
 
     def is_known(self, points: np.ndarray) -> np.ndarray:
-        """Tells (N,) bool at which points (N, 2) [m] the map knows the floor, or the wall beside it."""
+        """Returns (N,) bool: at which points (N, 2) [m] the map knows the floor, or the wall beside it."""
         return self.grid.with_data(self._known.view(np.int8)).values_at(points, outside=0) != 0
 
     @cached_property

@@ -46,7 +46,7 @@ FORMAT = 1
 # what is kept of each: changes that can be undone, requests, daily copies, damaged files, maps of a place
 MAX_CHANGES, MAX_REQUESTS, MAX_COPIES, MAX_DAMAGED, MAX_MAPS = 1000, 1000, 14, 3, 6
 # [s] how long a new process waits for the one before to end
-LOCK_PATIENCE_S = 5.0
+LOCK_TIMEOUT_S = 5.0
 
 _SCHEMA = """
 CREATE TABLE maps (
@@ -196,7 +196,7 @@ class Database:
             self._main, self._state = self._open_for_reading(error)
 
     def can_reopen(self) -> bool:
-        """Tells whether the disk could not be written at the start, and now can be: then a new start finds what is there."""
+        """Returns whether the disk could not be written at the start, and now can be: then a new start finds what is there."""
         if not self._read_only or self.folder is None:
             return False
         try:
@@ -220,7 +220,7 @@ class Database:
     def _take_lock(self) -> None:
         assert self.folder is not None
         self._lock = os.open(str(self.folder / f"{FILE}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        end = time.monotonic() + LOCK_PATIENCE_S
+        end = time.monotonic() + LOCK_TIMEOUT_S
         while True:
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -115,7 +115,7 @@ class DispatchedRobot:
         return geometry.transform_pose2d(T)
 
     def _alive(self) -> bool:
-        """Tells whether navigation is responding: connected, and heard of lately."""
+        """Returns whether navigation is responding: connected, and heard of lately."""
         now = rospy.Time.now()
         status = self._client.last_status_msg
         if status is not None and status is not self._status_seen:

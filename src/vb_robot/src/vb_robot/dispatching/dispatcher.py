@@ -12,7 +12,7 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_robot import spots
 from vb_robot.dispatching.dispatch import DispatchInputs, Fleet, RobotStatus
-from vb_robot.dispatching.drawing import BlindSpots, DrawingState
+from vb_robot.dispatching.drawing import UnseenFloor, DrawingState
 from vb_robot.spots import LOST_TIMEOUT, Sightings
 from vb_robot.clearance_map import ClearanceMap, Window, bounding_window, crop
 from vb_robot.floor_view import FloorView
@@ -33,7 +33,7 @@ class RobotMap:
         self._maps[which], self._terrain = grid, None
 
     def make_planner(
-        self, drawing: DrawingState, status: RobotStatus, unseen: Optional[BlindSpots], others: Sequence
+        self, drawing: DrawingState, status: RobotStatus, unseen: Optional[UnseenFloor], others: Sequence
     ) -> Optional[ViewpointPlanner]:
         """Makes the planner that knows what the robot can see of a drawing; None before map, pose and camera are known."""
         if self.view is None or status.pose is None or "borders" not in self._maps:
@@ -65,7 +65,7 @@ class Dispatcher:
     def __init__(self, radii: Mapping[str, float]) -> None:
         self.maps = {name: RobotMap(radius) for name, radius in radii.items()}
         self.sightings = Sightings(mobile_cameras=[name or "robot" for name in radii])
-        self.unseen: Optional[BlindSpots] = None
+        self.unseen: Optional[UnseenFloor] = None
         self.notice: Optional[Notice] = None
         self._fleet = Fleet(self.maps)
         self._drawn: Tuple[str, DrawingState] = ("", DrawingState())  # in which interaction, and what

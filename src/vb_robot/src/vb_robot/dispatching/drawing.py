@@ -81,7 +81,7 @@ class DrawingState:
             length = max(length, float(np.dot(self.look_at - self.spot, self.direction)))
         return self.spot + np.linspace(0.0, length, 6)[:, None] * self.direction
 
-    def with_target(self, terrain: ClearanceMap, unseen: Optional["BlindSpots"]) -> "DrawingState":
+    def with_target(self, terrain: ClearanceMap, unseen: Optional["UnseenFloor"]) -> "DrawingState":
         """Returns the same with what a robot is to look at.
 
         While stationary cameras see the spot: the stretch on which they will lose it if it goes straight on, or else
@@ -131,7 +131,7 @@ class DrawingState:
         return canvas.astype(bool) if canvas.any() else None
 
 
-class BlindSpots:
+class UnseenFloor:
     """Floor that no stationary camera sees, without narrow shadows.
 
     Args:
@@ -145,7 +145,7 @@ class BlindSpots:
         self.mask = (coverage.data == 0) & (distance_to(core) * coverage.resolution <= 0.5 * MIN_GAP)
 
     def at(self, points: np.ndarray) -> np.ndarray:
-        """Tells (N,) bool which points (N, 2) [m] no stationary camera sees."""
+        """Returns (N,) bool: which points (N, 2) [m] no stationary camera sees."""
         return sample(self._grid, self.mask, points) > 0
 
     def nearest(self, point: np.ndarray) -> Optional[np.ndarray]:
@@ -174,11 +174,11 @@ class KeepOutArea:
         self._needed = terrain.radius + terrain.travel_margin + self._tremble
 
     def allows_ends(self, places: np.ndarray) -> np.ndarray:
-        """Tells (N,) bool at which places (N, 2) [m] a path may end: near the area the border would lock the robot in."""
+        """Returns (N,) bool: at which places (N, 2) [m] a path may end: near the area the border would lock the robot in."""
         return self._gaps(places) >= self._needed
 
     def allows(self, route: Optional[np.ndarray]) -> bool:
-        """Tells whether a path (N, 2) [m] keeps off the area; None does not.
+        """Returns whether a path (N, 2) [m] keeps off the area; None does not.
 
         A robot that is too near or inside already may leave, but nowhere come nearer again.
         """

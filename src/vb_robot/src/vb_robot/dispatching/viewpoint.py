@@ -75,7 +75,7 @@ class ViewpointPlanner:
         self._line = np.vstack(lines)
 
     def shows_target(self, pose: Pose) -> bool:
-        """Tells whether a robot at a pose would see its target well enough."""
+        """Returns whether a robot at a pose would see its target well enough."""
         return bool(self._shows(np.array([pose[:2]]), np.array([pose[2]]))[0])
 
     def searched(self, pose: Pose) -> float:
@@ -85,11 +85,11 @@ class ViewpointPlanner:
         return STEP * float(np.flatnonzero(seen)[-1]) if seen.any() else 0.0
 
     def has_room_at(self, pose: Pose) -> bool:
-        """Tells whether there still is room for the robot at a goal."""
+        """Returns whether there still is room for the robot at a goal."""
         return bool(self.terrain.has_room_at(np.array([pose[:2]]))[0])
 
     def avoids_drawing(self, robot: Pose, goal: Pose) -> bool:
-        """Tells whether the robot's path to a goal avoids what is being drawn; also true if there is no path at all."""
+        """Returns whether the robot's path to a goal avoids what is being drawn; also true if there is no path at all."""
         area = self.drawing.expected_area(self.terrain)
         if area is None:
             return True
@@ -122,7 +122,7 @@ class ViewpointPlanner:
 
     # ------------------------------------------------------------- one test for all poses
     def _shows(self, places: np.ndarray, yaws: np.ndarray) -> np.ndarray:
-        """Tells (N,) bool which poses show what must be seen, off the line and off the seed's side."""
+        """Returns (N,) bool: which poses show what must be seen, off the line and off the seed's side."""
         keep = self._seen(self.drawing.required_points, places, yaws, SEEN_MARGIN).all(axis=1)
         gaps = np.linalg.norm(places[:, None, :] - self._line[None, :, :], axis=2).min(axis=1)
         keep &= gaps >= self.terrain.radius + LINE_MARGIN
@@ -132,7 +132,7 @@ class ViewpointPlanner:
         return keep
 
     def _seen(self, points: np.ndarray, places: np.ndarray, yaws: np.ndarray, margin: float = 0.0) -> np.ndarray:
-        """Tells (N, K) bool which points (K, 2) [m] are in the image from each pose."""
+        """Returns (N, K) bool: which points (K, 2) [m] are in the image from each pose."""
         ahead = np.column_stack([np.cos(yaws), np.sin(yaws)])
         left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
         offsets = points[None, :, :] - places[:, None, :]

@@ -82,7 +82,7 @@ class BorderExit:
     def __init__(self, radius: float, leaves: bool) -> None:
         self._radius, self._leaves = radius, leaves
         self._workspace: Optional[Workspace] = None
-        self._swallowed: Optional[bool] = None  # whether the newest map put a border where it is; None: not yet known
+        self._enclosed: Optional[bool] = None  # whether the newest map put a border where it is; None: not yet known
         self._idle_since = self._retry_at = -math.inf
         self.failed = ""
         self._end()
@@ -94,7 +94,7 @@ class BorderExit:
 
     def set_maps(self, workspace: Workspace) -> None:
         """Takes new maps."""
-        self._workspace, self._swallowed, self._retry_at, self.failed = workspace, None, -math.inf, ""
+        self._workspace, self._enclosed, self._retry_at, self.failed = workspace, None, -math.inf, ""
         self._end()
 
     def pause(self) -> None:
@@ -118,10 +118,10 @@ class BorderExit:
         if moves or not goal:
             self._idle_since = now
         under_way = self._planner is not None
-        if self._swallowed is None:
-            self._swallowed = self._leaves and to_border < 0.0 and workspace.is_lethal(pose[:2])
-        if self._swallowed:
-            needed = self._swallowed = to_border < 0.0 or (under_way and to_blocked < MARGIN)
+        if self._enclosed is None:
+            self._enclosed = self._leaves and to_border < 0.0 and workspace.is_lethal(pose[:2])
+        if self._enclosed:
+            needed = self._enclosed = to_border < 0.0 or (under_way and to_blocked < MARGIN)
         elif under_way:
             needed = goal and to_blocked < MARGIN
         else:

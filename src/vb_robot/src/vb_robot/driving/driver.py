@@ -139,9 +139,9 @@ class Driver:
         with self._lock:
             self._rotation_shim.path = path
 
-    def request(self, driver: str, v: float, w: float, now: float) -> None:
+    def request(self, source: str, v: float, w: float, now: float) -> None:
         """Takes a command of navigation or teleoperation [m/s, rad/s]."""
-        self._commands[driver], self.gate.stamps[driver] = VelocityRequest(v, w), now
+        self._commands[source], self.gate.stamps[source] = VelocityRequest(v, w), now
 
     # ------------------------------------------------------------- who drives
     def halt(self, code: str) -> Command:
@@ -155,18 +155,18 @@ class Driver:
         with self._lock:
             dt = 0.0 if self._stepped_at is None else min(max(now - self._stepped_at, 0.0), 0.2)
             self._stepped_at = now
-            driver, request = self._choose(now, dt)
-            if driver not in (EXIT_BORDER, NONE):
+            source, request = self._choose(now, dt)
+            if source not in (EXIT_BORDER, NONE):
                 self.exit.pause()
-            if driver != FOLLOW:
+            if source != FOLLOW:
                 self.follower.stop()
-            v, w, code = self.gate.limit(now, driver, request)
-            cancel = self.goal_active and driver == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
+            v, w, code = self.gate.limit(now, source, request)
+            cancel = self.goal_active and source == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
             if cancel:
                 self._cancelled_at = now
             # when no source drives any more, one stop is published; while a stop is in force, it is repeated
-            publish = driver != NONE or self._last.driver != NONE
-            self._last = Command(v, w, driver, code, publish, cancel)
+            publish = source != NONE or self._last.driver != NONE
+            self._last = Command(v, w, source, code, publish, cancel)
             return self._last
 
     def _choose(self, now: float, dt: float) -> Tuple[str, VelocityRequest]:
@@ -187,9 +187,9 @@ class Driver:
             return NAVIGATION, self._rotation_shim.align(navigation, self.gate.pose(now))
         return NONE, VelocityRequest(0.0, 0.0, "idle")
 
-    def _command(self, driver: str, now: float) -> Optional[VelocityRequest]:
+    def _command(self, source: str, now: float) -> Optional[VelocityRequest]:
         return (
-            self._commands[driver] if -0.1 <= now - self.gate.stamps.get(driver, -math.inf) <= INPUT_TIMEOUT else None
+            self._commands[source] if -0.1 <= now - self.gate.stamps.get(source, -math.inf) <= INPUT_TIMEOUT else None
         )
 
     def _leave(self, now: float) -> Optional[VelocityRequest]:

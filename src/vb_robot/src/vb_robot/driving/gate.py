@@ -42,7 +42,7 @@ INPUT_TIMEOUT = 0.5  # [s] after the last scan, state, pose or command the robot
 BASE_DELAY = 0.02  # [s] from a command to the wheels
 MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther ahead comes from another clock, and its age is not known
 POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation it is not known where the borders are
-OTHER_PUBLISHER_HOLD = 1.0  # [s] after another node's command nothing is let through: two drivers at one wheel
+OTHER_PUBLISHER_HOLD = 1.0  # [s] after another node's command nothing is let through: two nodes at one wheel
 BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
 
 NONE, STOP, TELEOP, FOLLOW, EXIT_BORDER, NAVIGATION = "none", "stop", "teleop", "follow", "exit_border", "navigation"
@@ -60,8 +60,8 @@ class Gate:
     Attributes:
         workspace: the maps; None before there are any. speed_limits: where there are slow zones.
         contacts: by bumper or cliff sensor whether it is touched.
-        clock_age: [s] of real time for which the clock has stood still: messages age without it.
-        stamps: [s] of the newest scan, state, pose and spot, and of each driver's newest command, by name.
+        clock_age: [s] of real time since ROS's clock last moved; while it stands still, stamps do not show their age.
+        stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -141,26 +141,26 @@ class Gate:
         return workspace.contact_at(pose), workspace.name_at(pose[:2]), workspace.is_lethal(pose[:2])
 
     # ------------------------------------------------------------- what it lets through
-    def limit(self, now: float, driver: str, request: VelocityRequest) -> Tuple[float, float, str]:
-        """Limits a driver's request at a time [s] to what is safe; returns (v [m/s], w [rad/s], code)."""
+    def limit(self, now: float, source: str, request: VelocityRequest) -> Tuple[float, float, str]:
+        """Limits a source's request at a time [s] to what is safe; returns (v [m/s], w [rad/s], code)."""
         with self._lock:
             self._limited_at = now
-            if driver in (NONE, STOP):
+            if source in (NONE, STOP):
                 return 0.0, 0.0, request.code
             if not (math.isfinite(request.v) and math.isfinite(request.w)):
                 return 0.0, 0.0, "bad_command"
             limits = self.profile.limits
             v, w, code = request.v, min(max(request.w, -limits.max_turn), limits.max_turn), request.code
-            allowed, reason = self._speed_limit(now, driver, v, w) if v != 0.0 else (math.inf, "")
+            allowed, reason = self._speed_limit(now, source, v, w) if v != 0.0 else (math.inf, "")
             if abs(v) > allowed:
                 # the same arc, more slowly: it is the one that was checked; turning enters no new floor: the robot is
                 # round
                 share = allowed / abs(v)
                 v, w, code = (share * v, share * w, reason) if allowed >= 0.02 else (0.0, w, reason)
-            share, missing = self._age_factor(now, driver, v, w)
+            share, missing = self._age_factor(now, source, v, w)
             return (0.0, 0.0, missing) if missing else (share * v, share * w, code)
 
-    def _age_factor(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
+    def _age_factor(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
         """Returns which part of a command the brakes can end before the oldest of its inputs is too old.
 
         If that is nothing, it returns what is missing as a code; else "".
@@ -169,7 +169,7 @@ class Gate:
             name: at for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_PUBLISHER_HOLD
         }
         # a person with a joystick beside the robot may have come because all else is lost
-        alone = driver != TELEOP
+        alone = source != TELEOP
         missing = {
             "other_cmd_vel_publisher": bool(self._other_publishers),
             "pose_jumped": alone and now < self._jump_hold_until,
@@ -178,9 +178,9 @@ class Gate:
         ages = {code: math.inf for code, holds in missing.items() if holds}
         needs = {"scan": self.profile.scanner.present, "state": alone, "pose": alone}
         ages.update({f"{what}_lost": self._age(now, what) for what, needed in needs.items() if needed})
-        if driver == FOLLOW and "spot" in self.stamps:
+        if source == FOLLOW and "spot" in self.stamps:
             ages["spot_lost"] = self._age(now, "spot")
-        ages["driving"] = self._age(now, driver) if driver in self.stamps else 0.0
+        ages["driving"] = self._age(now, source) if source in self.stamps else 0.0
         ages["clock_stopped"] = self.clock_age
         oldest = max(ages, key=lambda what: ages[what])
         # the command of this step holds until the next one, and the base takes a moment
@@ -190,10 +190,10 @@ class Gate:
         limits = self.profile.limits
         return min(1.0, left / max(abs(v) / limits.brake, abs(w) / limits.turn_acceleration, 1e-9)), ""
 
-    def _speed_limit(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
+    def _speed_limit(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
         """Returns the highest speed [m/s] on the arc of (v, w), and what limits it."""
-        limits, clearance, radius = self.profile.limits, CLEARANCES[driver], self.profile.radius
-        found = [(MAX_SPEED if driver in (FOLLOW, EXIT_BORDER) else limits.max_speed, "speed_limit")]
+        limits, clearance, radius = self.profile.limits, CLEARANCES[source], self.profile.radius
+        found = [(MAX_SPEED if source in (FOLLOW, EXIT_BORDER) else limits.max_speed, "speed_limit")]
         if v > 0 and any(self.contacts.values()):
             found.append((0.0, "contact"))
         blind = self._scan is None or not self.profile.scanner.present
@@ -201,15 +201,15 @@ class Gate:
             assert self._scan is not None
             found.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits), "obstacle"))
             blind = not self._scan.sees_path(v, w, radius, stop_distance(v, limits))
-            if blind and driver != TELEOP:
+            if blind and source != TELEOP:
                 found.append((0.0, "floor_not_scanned"))
         if blind:
             found.append((BLIND_SPEED, "floor_not_scanned"))
         pose, workspace = self.pose(now), self.workspace
         if pose is not None and workspace is not None:
-            if driver == NAVIGATION and workspace.distance_to_keep_out(pose) <= 0.0:
+            if source == NAVIGATION and workspace.distance_to_keep_out(pose) <= 0.0:
                 found.append((0.0, "inside_border"))
-            free = workspace.free_distance(pose, v, w, clearance.cells, leaving=driver == EXIT_BORDER)
+            free = workspace.free_distance(pose, v, w, clearance.cells, leaving=source == EXIT_BORDER)
             found.append((safe_speed(free, limits), "border"))
         if pose is not None and self.speed_limits is not None:
             found.append((self.speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))

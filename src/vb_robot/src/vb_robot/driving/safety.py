@@ -25,7 +25,7 @@ MAX_POSE_JUMP = 0.25  # [m] of the localisation: ten times what AMCL corrects; a
 
 @dataclass(frozen=True)
 class Clearance:
-    """What a driver keeps clear [m]: ahead and to the sides of what the scanner sees, and of the map's cells."""
+    """What a source of commands keeps clear [m]: ahead and to the sides of what the scanner sees, and of the map's cells."""
 
     ahead: float
     sides: float
@@ -88,7 +88,7 @@ class Scan:
         self._gap = max(math.radians(GAP_DEG), 3.0 * abs(angle_increment))
 
     def covers(self, bearing: float, half: float) -> bool:
-        """Tells whether beams cover all directions up to `half` [rad] beside a bearing [rad], without a wide hole."""
+        """Returns whether beams cover all directions up to `half` [rad] beside a bearing [rad], without a wide hole."""
         off = (self._bearings - bearing + math.pi) % (2.0 * math.pi) - math.pi
         off = np.sort(off[np.abs(off) <= half + self._gap])
         if not len(off) or off[0] > -half + self._gap or off[-1] < half - self._gap:
@@ -111,7 +111,7 @@ class Scan:
         return float(np.maximum(along[hit] - nose, 0.0).min() - clearance.ahead + clearance.sides)
 
     def sees_path(self, v: float, w: float, radius: float, needed: float) -> bool:
-        """Tells whether beams reach along the arc of (v, w), farther than the stop distance [m]."""
+        """Returns whether beams reach along the arc of (v, w), farther than the stop distance [m]."""
         reach = max(MIN_ARC_RADIUS, radius + needed)
         turn = math.copysign(1.0, v) * w / abs(v) * reach / 2.0
         bearing = min(max(turn, -math.pi / 2), math.pi / 2)

@@ -42,7 +42,7 @@ class KnownBorder:
     polygon: bool
 
     def may_restrict(self, place) -> bool:
-        """Tells whether a place is on the same side of a polygon as its seed; for a curve, which has no inside, always true."""
+        """Returns whether a place is on the same side of a polygon as its seed; for a curve, which has no inside, always true."""
         polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
         inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (place, self.seed)]
         return not self.polygon or inside[0] == inside[1]
@@ -118,7 +118,7 @@ class Workspace:
         self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_THRESHOLD, borders.resolution, edge=False)
 
     def contact_at(self, place) -> BorderContact:
-        """Tells whether the round footprint at a place (2,) [m] touches the restricted area."""
+        """Returns whether the round footprint at a place (2,) [m] touches the restricted area."""
         gap = self._at(self._to_restricted, place)
         return (
             BorderContact.INSIDE if gap <= 0.0 else BorderContact.TOUCHES if gap < self._radius else BorderContact.FREE
@@ -133,7 +133,7 @@ class Workspace:
         return self._at(self._to_blocked, place)
 
     def is_lethal(self, place) -> bool:
-        """Tells whether the restricted cell nearest to a place (2,) [m] may not be entered at all."""
+        """Returns whether the restricted cell nearest to a place (2,) [m] may not be entered at all."""
         cell, _ = self._nearest(place)
         return cell is not None and bool(self._lethal[cell])
 

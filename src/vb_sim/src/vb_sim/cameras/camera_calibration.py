@@ -60,6 +60,6 @@ def _marked_places(model: CameraModel, pose: np.ndarray, count: int, rng: np.ran
 
 
 def _on_near_floor(model: CameraModel, pose: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Tells (N,) bool which pixels (N, 2) [px] look at the floor near the camera."""
+    """Returns (N,) bool: which pixels (N, 2) [px] look at the floor near the camera."""
     points = geometry.intersect_floor(pose[:3, 3], model.rays(pixels) @ pose[:3, :3].T)
     return np.linalg.norm(np.nan_to_num(points, nan=1e6) - pose[:3, 3], axis=1) < _FAR_M

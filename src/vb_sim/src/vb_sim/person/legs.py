@@ -28,7 +28,7 @@ def distance_to_chain(point: np.ndarray, chain: np.ndarray) -> float:
     return float(np.linalg.norm(a + share[:, None] * along - point, axis=1).min())
 
 
-class Legs:
+class Walker:
     """A person's place and path through a room.
 
     Args:
@@ -124,7 +124,7 @@ class Legs:
         return None
 
     def is_good_place(self, place: np.ndarray, spot: np.ndarray, line: np.ndarray, robot: Optional[np.ndarray]) -> bool:
-        """Tells whether a place (2,) [m] is good for pointing at the spot."""
+        """Returns whether a place (2,) [m] is good for pointing at the spot."""
         distance = float(np.linalg.norm(place - spot))
         if not NEAREST_STAND <= distance <= self._model.reach:
             return False

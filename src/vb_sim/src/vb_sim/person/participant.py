@@ -17,7 +17,7 @@ from vb_core import geometry
 from vb_core.grid_map import FREE, GridMap
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.person.hand import Stroke, Tremor, load_styles
-from vb_sim.person.legs import Legs
+from vb_sim.person.legs import Walker
 from vb_sim.person.participant_model import ParticipantModel
 from vb_sim.room.world import Scenario, World
 
@@ -138,7 +138,7 @@ class Person:
         self.model = model
         self.scenario = scenario
         self.grid: GridMap = physical_map(world)
-        self.legs = Legs(self.grid, model, start_near)
+        self.legs = Walker(self.grid, model, start_near)
         self.legs.here = self.legs.find_place_near(np.asarray(start_near, dtype=float), 1.2, 2.0, self.rng)
         self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
         self._tremor = Tremor(model.tremor, (model.tremor_band[0], model.tremor_band[1]), self.rng)
@@ -189,7 +189,7 @@ class Person:
         return Action(self._beam(), pose, self.doing, self._command, self._number, self._source, outcome)
 
     def is_floor(self, points: np.ndarray) -> np.ndarray:
-        """Tells (N,) bool which places (N, 2) [m] are floor, where a spot can be seen."""
+        """Returns (N,) bool: which places (N, 2) [m] are floor, where a spot can be seen."""
         return self.grid.values_at(points) == FREE
 
     def _beam(self) -> Optional[Tuple[float, float]]:

@@ -50,7 +50,7 @@ class Costmap:
         self.costs = inflate(static, self.distance, params)
 
     def traversable(self) -> np.ndarray:
-        """Tells (H, W) bool in which cells the robot's centre may be; in unknown cells it may not."""
+        """Returns (H, W) bool: in which cells the robot's centre may be; in unknown cells it may not."""
         return self.costs < INSCRIBED
 
     def occupancy(self) -> np.ndarray:

@@ -82,7 +82,7 @@ class Planner:
         return float(costs[self._goal_node(np.asarray(goal, dtype=float), 0.0, costs)[0]])
 
     def is_traversable(self, place: np.ndarray) -> bool:
-        """Tells whether the robot's centre may be at a place (2,) [m]."""
+        """Returns whether the robot's centre may be at a place (2,) [m]."""
         cell = self.costmap.grid.world_to_cell(place)[0]
         return bool(self.costmap.grid.contains_cells(cell)[0] and self._ids[cell[0], cell[1]] >= 0)
 

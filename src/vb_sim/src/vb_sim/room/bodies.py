@@ -19,14 +19,14 @@ SHIRT, TROUSERS, SKIN, HAIR, SHOES = (78, 118, 112), (48, 54, 78), (206, 162, 13
 
 
 @dataclass(frozen=True)
-class Build(Parameters):
+class BodyProportions(Parameters):
     """How tall and how broad a person is."""
 
     height: float = param(1.75, "m", low=1.0, high=2.3)
     breadth: float = param(1.0, "", low=0.5, high=2.0, doc="share of an average person's breadth")
 
 
-AVERAGE = Build()
+AVERAGE = BodyProportions()
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class BodyParts:
 
         return replace(self, low=moved(self.low), high=moved(self.high), yaws=np.full(len(self), yaw))
 
-    def scale_to(self, middle: Tuple[float, float], build: Build) -> "BodyParts":
+    def scale_to(self, middle: Tuple[float, float], build: BodyProportions) -> "BodyParts":
         """Scales a person's pieces, about the middle (x, y) [m], to another build than the average."""
         scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
         at = np.array([*middle, 0.0])
@@ -159,7 +159,7 @@ def person_pieces(
     person: Tuple[float, float, float],
     target: Optional[Tuple[float, float]],
     hand_height: float,
-    build: Build = AVERAGE,
+    build: BodyProportions = AVERAGE,
 ) -> BodyParts:
     """Builds a standing person with the right arm raised towards a point on the floor, or hanging.
 

@@ -12,7 +12,7 @@ from typing import Any, Mapping, Tuple
 import numpy as np
 
 from vb_core.parameters import Parameters, param
-from vb_sim.room.bodies import AVERAGE, Build
+from vb_sim.room.bodies import AVERAGE, BodyProportions
 from vb_sim.room.models import load_models, read_section
 
 
@@ -84,7 +84,7 @@ class CameraModels:
     optics: Optics = field(default_factory=Optics)
     noise: CameraNoise = field(default_factory=CameraNoise)
     robot_camera: RobotCamera = field(default_factory=RobotCamera)
-    body: Build = field(default_factory=Build)
+    body: BodyProportions = field(default_factory=BodyProportions)
 
     @property
     def hand_height(self) -> float:
@@ -108,7 +108,7 @@ def read_camera_models(document: Mapping[str, Any]) -> CameraModels:
         read_section(document, "optics", Optics),
         read_section(document, "camera_noise", CameraNoise),
         read_section(document, "robot_camera", RobotCamera),
-        read_section(document, "body", Build),
+        read_section(document, "body", BodyProportions),
     )
 
 

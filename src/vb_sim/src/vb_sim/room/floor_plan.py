@@ -61,7 +61,7 @@ def wall_outline(wall: Wall) -> np.ndarray:
 
 
 def outline_mask(grid: GridMap, outline: np.ndarray) -> np.ndarray:
-    """Tells (H, W) bool which cells have their centre within an outline (N, 2) [m]; at least one for small things."""
+    """Returns (H, W) bool: which cells have their centre within an outline (N, 2) [m]; at least one for small things."""
     mask = np.zeros(grid.shape, np.uint8)
     corners = grid.world_to_grid(outline)
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)

@@ -47,7 +47,7 @@ class PreviewInputs:
         return bool(self.interaction_id) and len(self.chain) > 0 and len(self.seed) > 0
 
     def is_equivalent(self, other: "PreviewInputs") -> bool:
-        """Tells whether a preview of the other one would look the same."""
+        """Returns whether a preview of the other one would look the same."""
         if self.interaction_id != other.interaction_id or self.complete != other.complete:
             return False
         if not self.complete:

@@ -61,7 +61,7 @@ class Previewer:
             self._condition.notify()
 
     def has_warning(self, interaction_id: str) -> bool:
-        """Tells whether saving would succeed, but with a warning in its preview."""
+        """Returns whether saving would succeed, but with a warning in its preview."""
         with self._condition:
             return bool(interaction_id) and (self._warned_of == interaction_id or bool(self._inputs.warnings))
 
