@@ -388,7 +388,8 @@ def table(every) -> str:
         "parameters of `vb_bringup/config/navigation` and the robot's profile, through `robot_driver`; simulated lab, "
         "truth judged. As wanted: reached; into a border: refused; before the nose: not entered. *Entered*: the footprint "
         "more than one and a half cells inside of what a border restricts; *deepest*: by how much, negative: by how much it "
-        "was missed. From seed 14 on a goal counts as reached only if the robot is truly within 0.5 m of it. Seeds up to 5: before robots kept off borders by what the localisation may be off. *Pace*: simulated seconds "
+        "was missed. From seed 14 on a goal counts as reached only if the robot is truly within 0.5 m of it. Seeds up to "
+        "5: before robots kept off borders by what the localisation may be off. *Pace*: simulated seconds "
         "per real second, in "
         "the mean. *Missed*: control or costmap cycles that move_base reported as late, per simulated minute. "
         "*Late*: reports of the driver that an input was too old.",
