@@ -55,13 +55,17 @@ function dropStanding() {
   if (standing.includes($("toast").dataset.code)) $("toast").textContent = "";
 }
 
+// A second tap at once, as one zooms a picture, presses nothing that the first has brought up or uncovered.
+const lock = (...parts) => { for (const part of parts) part.animate({ pointerEvents: ["none", "none"] }, 400); };
+
 function toast(text, bad = false, code = "", more = null) {
   clearTimeout(toastTimer);
+  lock($("line"));
   $("toast").replaceChildren(...(text ? [element("span", {}, text), more].filter(Boolean) : []));
   $("toast").dataset.code = code;
   dropStanding();
   $("toast").classList.toggle("bad", bad);
-  toastTimer = setTimeout(() => { $("toast").textContent = ""; }, bad || more ? 9000 : 4500);
+  if (text) toastTimer = setTimeout(() => toast(""), bad || more ? 9000 : 4500);
 }
 
 async function ask(action, fields, done = null, values = {}) {
@@ -118,6 +122,7 @@ const middleSeed = () => draft.kind === "polygon" && inside(draft.seed, draft.po
 
 function setMode(next) {
   mode = document.body.dataset.mode = next;
+  lock($("panel"));
   keepBack();
   if (next !== "look") toast("");  // of what was done before
   map.drawing = next === "draw" || next === "wall";
@@ -147,24 +152,32 @@ function showRough(points, kind) {
 function drawHint() {
   const [first] = mode === "look" ? standing() : [];
   const which = mode === "look" && !operator() ? "watch" : mode === "look" && view.borders && !view.borders.list.length ? "empty" : mode === "review" && draft.kind === "wall" ? "ends" : taps.length && (mode === "draw" || mode === "wall") ? `${mode}_next` : mode;
-  const text = first ? words.tell(first) : say(`page_hint_${which}`);
+  const text = first ? words.tell(first) : say(mode === "look" && DOES[document.body.dataset.state] || `page_hint_${which}`);
   if ($("hint").textContent !== text) $("hint").firstChild.textContent = text;
   $("hint").classList.toggle("warning", Boolean(first && first.severity));
 }
 
 function begin(points, kind) {
-  draft = { points, kind, seed: kind === "polygon" ? middle(points) : points[0], name: "", zone: "keep_out", max_speed: .2, schedule: "", border: "", revision: 0 };
+  draft = { points, kind, seed: kind === "polygon" ? middle(points) : points[0], name: "", zone: "keep_out", max_speed: .2, schedule: "", enabled: true, border: "", revision: 0 };
   setMode(kind === "curve" ? "side" : "review");
 }
 
-function edit(border) {
+function draftOf(border) {
   const line = pairs(border.points);
-  draft = {
+  return {
     points: line.length > 40 ? simplify(line, .02) : line, kind: border.kind, seed: pairs(border.seed)[0], name: border.name, zone: border.zone,
-    max_speed: border.max_speed || .2, schedule: border.schedule, border: border.id, revision: view.borders.revision,
+    max_speed: border.max_speed || .2, schedule: border.schedule, enabled: border.enabled, border: border.id, revision: view.borders.revision,
   };
+}
+
+function edit(border) {
+  draft = draftOf(border);
+  draft.stored = JSON.stringify(draftFields());
   setMode("review");
 }
+
+// Whether something has been drawn or changed that nobody has saved.
+const begun = () => draft ? JSON.stringify(draftFields()) !== draft.stored : taps.length > 0;
 
 function removeCorner() {
   const least = draft.kind === "polygon" ? 3 : 2;
@@ -175,9 +188,9 @@ function removeCorner() {
   examine();
 }
 
-const draftFields = () => ({
-  points: draft.points.map((p) => p.map((v) => Number(v.toFixed(3)))), kind: draft.kind, seed: draft.seed.map((v) => Number(v.toFixed(3))),
-  name: draft.name, zone: draft.zone, max_speed: draft.zone === "slow" ? draft.max_speed : 0, schedule: draft.schedule,
+const draftFields = (of = draft) => ({
+  points: of.points.map((p) => p.map((v) => Number(v.toFixed(3)))), kind: of.kind, seed: of.seed.map((v) => Number(v.toFixed(3))),
+  name: of.name, zone: of.zone, max_speed: of.zone === "slow" ? of.max_speed : 0, schedule: of.schedule, enabled: of.enabled,
 });
 
 // Asks what saving would do; the newest question counts.
@@ -194,6 +207,7 @@ async function examine() {
 
 async function save() {
   const { border, revision } = draft;
+  if (!begun()) { toast(say("page_saved")); return setMode("look"); }
   const answer = border ? await ask("update", { draft: draftFields(), border, revision }, "page_saved") : await ask("add", { draft: draftFields() }, "page_saved");
   if (answer.ok) setMode("look"); else if (draft) { check = answer; drawReview(); }
 }
@@ -321,22 +335,33 @@ function formatSchedule({ days, from, to }) {
 function show(title, ...children) {
   const dialog = $("dialog");
   dialog.replaceChildren(element("h2", { id: "dialog-title", tabindex: -1 }, title), ...children.filter(Boolean));
+  Object.assign(dialog, { unsaved: () => null, onBack: leave });
   // not modal: stop has to be in reach all the time
   if (!dialog.open) dialog.show();
+  lock(dialog);
   keepBack();
   document.querySelector("main").inert = true;
   // else a phone's keyboard comes up at once
   $("dialog-title").focus();
 }
-const closeButton = (code = "page_close") => button(code, () => $("dialog").close());
+const closeButton = (code = "page_close") => button(code, () => leave());
 
-function borderDialog(id) {
+// Goes on to what follows a dialog or a drawing, and asks first if something unsaved would be lost: `unsaved` of a dialog
+// returns null, or what brings it back, as Back does from the question.
+function leave(next = () => $("dialog").close()) {
+  const again = $("dialog").open ? $("dialog").unsaved() : mode !== "look" && begun() ? () => $("dialog").close() : null;
+  if (!again) return next();
+  show(say("page_unsaved"), element("div", { class: "row" }, button("page_drop", next, "danger"), button("page_go_on", again, "primary")));
+  $("dialog").onBack = again;
+}
+
+function borderDialog(id, typed = null) {
   const border = view.borders.list.find((one) => one.id === id);
   if (!border) return;
   const heading = words.border(border.name) || say("page_no_name");
   if (!operator()) return show(heading, element("p", { class: "muted" }, why(border)), closeButton());
   const target = { border: id, revision: view.borders.revision };
-  const name = nameField(words.border(border.name));
+  const name = nameField(typed === null ? words.border(border.name) : typed);
   name.addEventListener("focus", () => name.select());
   const form = element("form", {}, element("label", {}, element("span", {}, say("page_name")), name), button("page_rename", () => form.requestSubmit()));
   form.addEventListener("submit", async (event) => {
@@ -345,15 +370,15 @@ function borderDialog(id) {
     else if (name.value === words.border(border.name) || (await ask("rename", { ...target, name: name.value }, "page_renamed")).ok) $("dialog").close();
   });
   show(heading, element("p", { class: "muted" }, why(border)),
-    element("div", { class: "row" }, button("page_edit", () => { $("dialog").close(); edit(border); }, "primary"), button("page_schedule", () => scheduleDialog(border))),
+    element("div", { class: "row" }, button("page_edit", () => leave(() => { $("dialog").close(); edit(border); }), "primary"), button("page_schedule", () => leave(() => scheduleDialog(border)))),
     form,
-    element("div", { class: "row" }, button(border.enabled ? "page_switch_off" : "page_switch_on", async () => { if ((await toggleBorder(border)).ok) $("dialog").close(); }),
+    element("div", { class: "row" }, button(border.enabled ? "page_switch_off" : "page_switch_on", () => leave(async () => { if ((await toggleBorder(border)).ok) $("dialog").close(); })),
       button("page_remove", async () => { if ((await ask("remove", target, "page_removed", { border: border.name })).ok) $("dialog").close(); }, "danger")),
     closeButton());
+  $("dialog").unsaved = () => name.value === words.border(border.name) ? null : () => borderDialog(id, name.value);
 }
 
-function scheduleDialog(border) {
-  const schedule = parseSchedule(border.schedule);
+function scheduleDialog(border, schedule = parseSchedule(border.schedule)) {
   const toggles = DAYS.map((day) => element("button", { type: "button", onclick: () => press(schedule.days.has(day) ? DAYS.filter((one) => one !== day && schedule.days.has(one)) : [...schedule.days, day]) }, say(`page_day_${day}`)));
   const press = (days) => { schedule.days = new Set(days); toggles.forEach((one, i) => one.setAttribute("aria-pressed", String(schedule.days.has(DAYS[i])))); };
   press(schedule.days);
@@ -364,19 +389,20 @@ function scheduleDialog(border) {
     made.addEventListener("change", () => { made.value = schedule[key] || made.value; });
     return element("label", {}, element("span", {}, say(code)), made);
   });
+  // whoever says when a border is in force wants it switched on
   const put = async (text) => {
-    edit(border);
-    draft.schedule = text;
-    const fields = draftFields();
-    fields.points = pairs(border.points);
-    setMode("look");
-    if ((await ask("update", { draft: fields, border: border.id, revision: view.borders.revision }, text ? "page_scheduled" : "page_saved", { times: scheduleText(text) })).ok) $("dialog").close();
+    if (text === border.schedule && border.enabled) { toast(say("page_saved")); return $("dialog").close(); }
+    const fields = { ...draftFields(draftOf(border)), points: pairs(border.points), schedule: text, enabled: true };
+    const [saved, on] = text ? ["page_scheduled", "page_scheduled_and_on"] : ["page_saved", "page_saved_and_on"];
+    if ((await ask("update", { draft: fields, border: border.id, revision: view.borders.revision }, border.enabled ? saved : on, { times: scheduleText(text) })).ok) $("dialog").close();
   };
   const save = () => schedule.days.size && schedule.from && schedule.to ? put(formatSchedule(schedule)) : toast(say("page_schedule_incomplete"), true);
   show(say("page_schedule_of", { border: border.name }), element("p", { class: "muted" }, say("page_schedule_help")),
     element("div", { class: "row" }, button("page_weekdays", () => press(DAYS.slice(0, 5))), button("page_day_daily", () => press(DAYS))),
     element("div", { class: "days", role: "group", "aria-label": say("page_days") }, ...toggles), element("div", { class: "row" }, ...times),
     element("div", { class: "row" }, button("page_always", () => put("")), button("page_save", save, "primary")), closeButton());
+  const shown = JSON.stringify([...schedule.days, schedule.from, schedule.to]);
+  $("dialog").unsaved = () => JSON.stringify([...schedule.days, schedule.from, schedule.to]) === shown ? null : () => scheduleDialog(border, schedule);
 }
 
 // ----------------------------------------------------------------- laser pointer: state and commands
@@ -388,7 +414,7 @@ async function command(name) {
 // What one does now, and below it what one says for it, where that is another word.
 function commandLabel(name) {
   const label = name === "save" && view.state && view.state.confirm ? say("page_save_again") : commandName(name), spoken = name.replace("_", " ");
-  return label.toLowerCase() === spoken || !name.includes("_") ? [label] : [element("span", {}, label, element("small", { lang: "en" }, `“${spoken}”`))];
+  return label.toLowerCase() === spoken || label === say("page_save_again") ? [label] : [element("span", {}, label, element("small", {}, say("page_spoken", { command: spoken })))];
 }
 
 function confirmSave() {
@@ -429,8 +455,8 @@ function drawBanners() {
   const put = (kind, sentence, ...buttons) => list.push(element("p", { class: kind }, element("span", {}, sentence), ...(operator() ? buttons : [])));
   if (!online) put("bad", say("page_offline"));
   else {
-    // apart from Stop, so that a second tap on that does not let robots drive; whoever draws is told by the state alone
-    if (state && state.stopped && mode === "look") put("bad", say("page_stopped", { who: sourceName(state.stopped_by) }), Object.assign(button("page_resume", () => ask("command", { command: "resume" })), { id: "resume" }));
+    // whoever draws is told by the state alone
+    if (state && state.stopped && mode === "look") put("bad", say("page_stopped", { who: sourceName(state.stopped_by) }));
     // a manager that hangs is there and says nothing: what is shown is as old as that
     if (view.health && view.health.manager && view.health.silent) put("bad", say("page_state_old", { time: clock(view.health.silent) }));
     if (view.health && !view.health.integrator) put("bad", say("page_integrator_gone"));
@@ -589,7 +615,7 @@ const link = new Link(
   });
 
 $("login").querySelector("form").addEventListener("submit", (event) => { event.preventDefault(); logIn(event.target.elements.code.value); });
-$("stop").addEventListener("click", () => ask("command", { command: "stop" }));
+for (const command of ["stop", "resume"]) $(command).addEventListener("click", () => ask("command", { command }));
 $("settings-button").addEventListener("click", settings);
 $("draw").addEventListener("click", () => setMode("draw"));
 $("wall").addEventListener("click", () => setMode("wall"));
@@ -602,8 +628,10 @@ $("study-form").addEventListener("submit", (event) => { event.preventDefault(); 
 $("mark-form").addEventListener("submit", async (event) => { event.preventDefault(); const text = event.target.elements.text; if ((await ask("mark", { text: text.value || say("page_mark") }, "page_noted")).ok) text.value = ""; });
 $("health").addEventListener("toggle", () => { if (!$("health").open) [...watched.keys()].forEach(watch); });
 // What lies on top goes by Escape and by a phone's Back, which leaves the page only when there is nothing.
-function goBack() { if ($("dialog").open) $("dialog").close(); else if (mode !== "look") setMode("look"); }
+function goBack() { if ($("dialog").open) $("dialog").onBack(); else if (mode !== "look") leave(() => { $("dialog").close(); setMode("look"); }); }
 function keepBack() { if (!history.state && ($("dialog").open || mode !== "look")) history.pushState("on top", ""); }
 window.addEventListener("popstate", () => { if (!history.state) { goBack(); keepBack(); } });
 document.addEventListener("keydown", (event) => { if (event.key === "Escape") goBack(); });
-$("dialog").addEventListener("close", () => { document.querySelector("main").inert = false; });
+$("dialog").addEventListener("close", () => { document.querySelector("main").inert = false; lock(document.querySelector("main")); });
+// a keyboard that shrinks the page covers no field that one types in
+window.addEventListener("resize", () => { if (document.activeElement.matches("input")) document.activeElement.scrollIntoView({ block: "center" }); });
