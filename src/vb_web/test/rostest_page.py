@@ -613,7 +613,7 @@ class PageTest(unittest.TestCase):
                 )
             )
             small.click("#commands [data-command=define_border]")
-            small.wait_text("#hint", "Zeichnen Sie die Grenze mit dem Laser")
+            small.wait_text("#hint", "die Grenze mit dem Laser auf den Boden")
             self.assertEqual(faults_of(small), [])
             small.click("#commands [data-command=cancel]")
             small.wait("document.body.dataset.state == 'default'", what="the state default")
