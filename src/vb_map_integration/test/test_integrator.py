@@ -86,6 +86,15 @@ def test_refusals_change_nothing(tmp_path):
     assert files == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
 
+def test_an_unnamed_border_is_numbered_by_those_that_are_there(tmp_path):
+    keeper = integrator(tmp_path)
+    for place in (10, 60):
+        keeper.add(square(place, 10, name=""), 1.0)
+    keeper.remove("b1", 2.0)
+    keeper.add(square(10, 60, name=""), 3.0)
+    assert [(border.id, border.name) for border in keeper.borders] == [("b2", "border 2"), ("b3", "border 1")]
+
+
 def test_before_a_map_everything_is_refused():
     keeper = MapIntegrator(IntegratorParams(), None)
     for action in (lambda: keeper.add(square(10, 10), 1.0), keeper.clear, lambda: keeper.posterior):

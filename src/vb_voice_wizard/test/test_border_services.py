@@ -46,8 +46,10 @@ def test_what_cannot_be_redone_says_why_by_a_code(monkeypatch, code, expected):
 
 
 def test_what_was_undone_is_named():
-    def told(before, after):
-        answer = _what_changed({border.id: border for border in before}, {border.id: border for border in after})
+    def told(before, after, command="undo"):
+        answer = _what_changed(
+            command, {border.id: border for border in before}, {border.id: border for border in after}
+        )
         return answer.code, answer.values.get("borders")
 
     rug, bed = VirtualBorder(id="b1", name="Rug", enabled=True), VirtualBorder(id="b2", name="Bed", enabled=True)
@@ -59,5 +61,6 @@ def test_what_was_undone_is_named():
     assert told([rug, bed], [off, idle]) == ("border_off", "Rug")
     assert told([off, bed], [rug, bed]) == ("border_on", "Rug")
     assert told([rug, bed], [renamed, bed]) == ("border_changed", "Carpet")
+    assert told([rug, bed], [renamed, bed], "redo") == ("border_changed_again", "Carpet")
     assert told([rug], [off, bed]) == ("borders_changed", None)
     assert told([rug, idle], [rug, bed]) == ("borders_changed", None)

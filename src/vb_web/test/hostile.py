@@ -14,6 +14,7 @@ GOOD_DRAFT = {
     "zone": "keep_out",
     "max_speed": 0.0,
     "schedule": "",
+    "enabled": True,
 }
 TEMPLATES = [
     {"do": "command", "id": "1", "command": "save"},

@@ -98,7 +98,9 @@ class Browser:
 
     def wait_arrived(self):
         """Waits until what has just come up can be pressed."""
-        self.wait("['dialog', 'review'].every((id) => !document.getElementById(id).getAnimations().length)")
+        self.wait(
+            "[...document.querySelectorAll('main, #line, #panel, #dialog')].every((one) => getComputedStyle(one).pointerEvents !== 'none')"
+        )
 
     def field(self, selector):
         """Returns a field that one can write in."""
@@ -126,6 +128,7 @@ class Browser:
 
     def stroke(self, points):
         """Moves a finger over points of the floor [m], as the browser hears it: it may also scroll, and a tap clicks."""
+        self.wait_arrived()
         self.run("document.getElementById('map').scrollIntoView({block: 'center'})")
         corners = [self.on_screen(point) for point in points]
         places = [corners[0]]

@@ -257,7 +257,10 @@ class PageTest(unittest.TestCase):
             "the moved corner",
         )
         self.assertAlmostEqual(min(abs(p.x - (low[0] - 0.1)) + abs(p.y - low[1]) for p in points), 0.0, delta=0.02)
-        # times
+        # times, which switch it on
+        self.browser.click("#borders .switch")
+        until(lambda: not self.borders()[0].enabled, "the border to be off")
+        self.browser.wait_text("#borders", "Switched off")
         self.browser.click("#borders .name")
         self.browser.click("#dialog button", "Times of day")
         self.browser.wait_text("#dialog", "Rug: times of day")
@@ -268,11 +271,24 @@ class PageTest(unittest.TestCase):
             self.browser.field(f"#dialog input[data-key={field}]").send_keys(text)
         self.browser.click("#dialog button", "Save")
         until(lambda: self.borders()[0].schedule == "mon-fri 08:00-12:30", "the schedule")
-        self.browser.wait_text("#toast", "in force Mon")
+        self.assertTrue(self.borders()[0].enabled)
+        self.browser.wait_text("#toast", "Switched on: in force Mon")
         self.browser.wait(
             "document.getElementById('borders').innerText.replace(/\\u2060/g, '').includes('Mon–Fri 08:00–12:30')",
             what="the schedule in the list",
         )
+        # what changes nothing is no step of undo
+        revision = self.browser.run("return window.virtualBorders.view.borders.revision")
+        self.browser.click("#borders .name")
+        self.browser.click("#dialog button", "Times of day")
+        self.browser.click("#dialog button", "Save")
+        self.browser.wait("!document.getElementById('dialog').open", what="the dialog to close")
+        self.browser.click("#borders .name")
+        self.browser.click("#dialog button", "Edit")
+        self.browser.wait_text("#review", "m²")
+        self.browser.click("#review button", "Save")
+        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of the change")
+        self.assertEqual(self.browser.run("return window.virtualBorders.view.borders.revision"), revision)
         # a wall by two taps
         self.browser.click("#wall")
         for point in ([3.3, 4.0], [3.3, 3.1]):
@@ -298,9 +314,18 @@ class PageTest(unittest.TestCase):
         self.browser.lift()
         self.browser.resize(PHONE)
         self.assertEqual(self.browser.run("return document.body.dataset.mode"), "draw")
-        # a phone's Back closes what lies on top, and stays on the page
+        # a phone's Back closes what lies on top, and stays on the page; what nobody has saved is not lost without a question
         self.browser.driver.back()
+        self.browser.wait_text("#dialog", "not saved yet")
+        self.browser.click("#dialog button", "Continue")
+        self.assertEqual(self.browser.run(corners), 1)
+        self.browser.driver.back()
+        self.browser.wait_text("#dialog", "not saved yet")
+        self.browser.click("#dialog button", "Discard it")
         self.browser.wait("document.body.dataset.mode == 'look'", what="the end of the drawing")
+        self.browser.click("#draw")
+        self.browser.driver.back()
+        self.browser.wait("document.body.dataset.mode == 'look'", what="the end of a drawing that has no corner")
         self.browser.click("#settings-button")
         self.browser.driver.back()
         self.browser.wait("!document.getElementById('dialog').open", what="the dialog to close")
@@ -316,6 +341,28 @@ class PageTest(unittest.TestCase):
         self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
         self.browser.click("#undo")
         self.wait_borders(0)
+        # a name that was typed comes back
+        self.store_carpet()
+        self.browser.click("#borders .name")
+        self.browser.field("#dialog input").send_keys(" 2")
+        self.browser.click("#dialog button", "Close")
+        self.browser.click("#dialog button", "Continue")
+        self.browser.wait_text("#dialog", "Switch off")
+        self.assertEqual(self.browser.run("return document.querySelector('#dialog input').value"), "Rug 2")
+        self.browser.click("#dialog button", "Rename")
+        until(lambda: self.borders()[0].name == "Rug 2", "the new name")
+        # what a dialog covered cannot be pressed at once
+        self.browser.click("#borders .name")
+        under = self.browser.driver.execute_async_script(
+            """const done = arguments[0], one = document.querySelector('#map-tools button:last-child');
+            one.scrollIntoView({ block: 'center' });
+            const dialog = document.getElementById('dialog'), box = one.getBoundingClientRect();
+            dialog.addEventListener('close', () => done(
+                document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).closest('button')), { once: true });
+            dialog.close()"""
+        )
+        self.assertIsNone(under)
+        self.remove_all()
         self.assertEqual(self.browser.faults(), [])
 
     # ------------------------------------------------------------- interaction
@@ -396,6 +443,45 @@ class PageTest(unittest.TestCase):
         edge = self.browser.run("return window.virtualBorders.map.onMap([-50, -50])")
         self.assertEqual(self.browser.run("return window.virtualBorders.map.onMap(arguments[0])", edge), edge)
         self.assertEqual(self.browser.faults(), [])
+
+    def test_3aa_resume_has_a_place_that_nothing_else_ever_has(self):
+        self.store_carpet()
+        self.browser.click("#stop")
+        self.browser.wait("document.body.classList.contains('stopped')", what="the stop")
+        box = "const box = document.getElementById('resume').getBoundingClientRect();"
+        place = self.browser.run(f"{box} return JSON.stringify(box)")
+
+        def check(what):
+            top = self.browser.run(
+                f"{box} return document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).id"
+            )
+            self.assertEqual(top, "resume", what)
+            self.assertEqual(self.browser.run(f"{box} return JSON.stringify(box)"), place, what)
+            self.assertFalse(
+                self.browser.run(
+                    f"""{box} return [...document.querySelectorAll('#line button, #stop')].some((one) => {{
+                    const other = one.getBoundingClientRect(); return other.width && other.left < box.right
+                    && other.right > box.left && other.top < box.bottom && other.bottom > box.top; }})"""
+                ),
+                what,
+            )
+
+        check("nothing else")
+        self.browser.click("#borders .switch")
+        self.browser.wait_text("#toast", "Undo")
+        check("the answer with Undo")
+        self.browser.click("#borders .name")
+        check("a dialog")
+        self.browser.click("#dialog button", "Close")
+        self.browser.click("#draw")
+        self.browser.tap([3.0, 1.0])
+        check("a drawing")
+        self.browser.click("#resume", "Resume")
+        until(lambda: not self.heard[names.STATE].stopped, "go on")
+        self.browser.wait("!document.getElementById('resume').getClientRects().length", what="no Resume")
+        self.assertEqual(self.browser.run("return document.querySelectorAll('#placed .knob').length"), 1)
+        self.browser.click("#review button", "Cancel")
+        self.remove_all()
 
     def test_3b_a_manager_that_hangs_is_told_with_the_age_of_what_is_shown(self):
         uri = rosgraph.Master("/rostest_page").lookupNode("/interaction_manager")
@@ -502,11 +588,48 @@ class PageTest(unittest.TestCase):
             small.click("#dialog button", "Uhrzeiten")
             small.wait_text("#dialog", "Werktage")
             self.assertTrue(small.run(within))
+            # on its side too
+            small.resize((640, 360))
+            self.assertTrue(small.run(within))
+            small.click("#dialog button", "Schließen")
+            small.tap([4.0, 1.4])
+            small.wait_text("#dialog", "Ausschalten")
+            self.assertTrue(small.run(within))
+            small.click("#dialog button", "Ausschalten")
+            small.wait_text("#toast", "Rückgängig")
+            self.assertTrue(
+                small.run("""const line = document.getElementById('line').getBoundingClientRect();
+                const box = document.querySelector('#toast button').getBoundingClientRect();
+                return box.right <= line.right && document.querySelector('#toast button').scrollWidth <= box.width""")
+            )
             # a button says what one does, and below it the command that one says
             self.assertEqual(
                 small.text("#commands [data-command=define_seed]").splitlines(),
-                ["Gesperrte Seite zeigen", "“define seed”"],
+                ["Gesperrte Seite zeigen", "„define seed“"],
             )
+            self.assertTrue(
+                small.run(
+                    "return [...document.querySelectorAll('#commands button')].every((e) => e.querySelector('small'))"
+                )
+            )
+            small.click("#commands [data-command=define_border]")
+            small.wait_text("#hint", "die Grenze mit dem Laser auf den Boden")
+            self.assertEqual(faults_of(small), [])
+            small.click("#commands [data-command=cancel]")
+            small.wait("document.body.dataset.state == 'default'", what="the state default")
+            # a keyboard that shrinks the page covers no field that one types in
+            small.click("#draw")
+            small.stroke(round_the(CARPET))
+            small.wait_text("#review", "m²")
+            small.field("#review input[data-key=name]").click()
+            small.resize((640, 180))
+            small.wait(
+                """(() => { const box = document.activeElement.getBoundingClientRect();
+                return document.elementFromPoint(box.left + 20, box.top + box.height / 2) === document.activeElement; })()""",
+                what="the field that one types in",
+            )
+            small.resize((640, 360))
+            small.click("#review button", "Abbrechen")
             self.assertEqual(small.faults(), [])
         finally:
             small.close()

@@ -507,7 +507,7 @@ class MapIntegrator:
             return ChangeResult((known,), (), sentences.translate("added_before"))
         self._expect(expected)
         self._check_time(border, now)
-        new = self._database.new_border(border, now)
+        new = self._database.new_border(border, now, self._recognition.place)
         check = self.check(new, places)
         self._check_confirmed()
         self._keep_map()

@@ -233,7 +233,7 @@ class InteractionManagerNode:
         before = self._services.fetch_borders()
         self._services.change(command)
         try:
-            answer = _what_changed(before, self._services.fetch_borders())
+            answer = _what_changed(command, before, self._services.fetch_borders())
         except CodedError:
             answer = Answer(True, "borders_changed")
         with self._lock:
@@ -356,8 +356,11 @@ class InteractionManagerNode:
         return said
 
 
-def _what_changed(before: Mapping[str, VirtualBorder], after: Mapping[str, VirtualBorder]) -> Answer:
-    """What to say when the borders, by id, were these and are those now; names the borders if one thing happened to all."""
+def _what_changed(command: str, before: Mapping[str, VirtualBorder], after: Mapping[str, VirtualBorder]) -> Answer:
+    """What to say of `undo` or `redo` when the borders, by id, were these and are those now.
+
+    It names the borders if one thing happened to all.
+    """
     both = [key for key in before if key in after]
     switched = [key for key in both if before[key].enabled != after[key].enabled]
     found = {
@@ -365,7 +368,7 @@ def _what_changed(before: Mapping[str, VirtualBorder], after: Mapping[str, Virtu
         "border_back": [border for key, border in after.items() if key not in before],
         "border_on": [after[key] for key in switched if after[key].enabled],
         "border_off": [after[key] for key in switched if not after[key].enabled],
-        "border_changed": [
+        "border_changed" if command == UNDO else "border_changed_again": [
             after[key] for key in both if key not in switched and _drawn(before[key]) != _drawn(after[key])
         ],
     }

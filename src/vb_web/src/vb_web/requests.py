@@ -58,6 +58,7 @@ class Draft:
     zone: str
     max_speed: float
     schedule: str
+    enabled: bool
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,7 @@ _BORDER = {
     "zone": _choice(*ZONES),
     "max_speed": _number(0.0, 2.0),
     "schedule": _matching(_SCHEDULE, empty=True),
+    "enabled": _flag,
 }
 _TARGET = {"border": _matching(_ID), "revision": _revision}
 

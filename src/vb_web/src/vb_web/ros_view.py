@@ -192,5 +192,5 @@ def apply_draft(draft: Draft, border: VirtualBorder) -> VirtualBorder:
         border.occupancy = AVOID_OCCUPANCY
     border.zone = zone
     border.max_speed = draft.max_speed if zone == VirtualBorder.SLOW else 0.0
-    border.schedule = draft.schedule
+    border.schedule, border.enabled = draft.schedule, draft.enabled
     return border

@@ -20,6 +20,7 @@ import contextlib
 import datetime
 import fcntl
 import hashlib
+import itertools
 import json
 import os
 import shutil
@@ -481,8 +482,8 @@ class Database:
             raise CodedError("unknown_border", id=border_id)
         return int(row[0]), border_from_mapping(json.loads(row[1]))
 
-    def new_border(self, border: VirtualBorder, now: float) -> VirtualBorder:
-        """Gives a border an id, which is spent once committed, a name and its times.
+    def new_border(self, border: VirtualBorder, now: float, place: int) -> VirtualBorder:
+        """Gives a border of a place an id, which is spent once committed, a name that no other there has, and its times.
 
         Raises:
             CodedError: "id_not_empty".
@@ -490,7 +491,9 @@ class Database:
         if border.id:
             raise CodedError("id_not_empty", id=border.id)
         number = self._state.next_number
-        name = border.name or f"{'wall' if border.wall else 'border'} {number}"
+        taken = {other.name for other in self.borders(place)}
+        unnamed = (f"{'wall' if border.wall else 'border'} {i}" for i in itertools.count(1))
+        name = border.name or next(one for one in unnamed if one not in taken)
         return border.replace(id=f"b{number}", name=name, created=now, modified=now)
 
     def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> None:

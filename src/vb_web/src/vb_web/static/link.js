@@ -2,13 +2,27 @@
 // the link was lost, so that it is carried out once.
 "use strict";
 
-const RESEND_MS = 8000, ANSWER_MS = 30000, SILENT_MS = 8000;  // the server says something every two seconds
+const RESEND_MS = 8000,
+  ANSWER_MS = 30000,
+  SILENT_MS = 8000; // the server says something every two seconds
 
 export class Link {
   constructor(onView, onHello, onDown, onSession) {
-    Object.assign(this, { onView, onHello, onDown, onSession, waiting: new Map(), underWay: new Map(), socket: null, pause: 300, heard: 0 });
+    Object.assign(this, {
+      onView,
+      onHello,
+      onDown,
+      onSession,
+      waiting: new Map(),
+      underWay: new Map(),
+      socket: null,
+      pause: 300,
+      heard: 0,
+    });
     this.connect();
-    setInterval(() => { if (this.socket && Date.now() - this.heard > SILENT_MS) this.lost(this.socket); }, 1000);
+    setInterval(() => {
+      if (this.socket && Date.now() - this.heard > SILENT_MS) this.lost(this.socket);
+    }, 1000);
     window.addEventListener("online", () => this.connect());
   }
 
@@ -30,7 +44,7 @@ export class Link {
     const url = new URL("link", location.href);
     url.protocol = url.protocol.replace("http", "ws");
     url.hash = "";
-    const socket = this.socket = new WebSocket(url);
+    const socket = (this.socket = new WebSocket(url));
     this.heard = Date.now();
     socket.onopen = () => {
       this.pause = 300;
@@ -78,32 +92,49 @@ export class Link {
   ask(action, fields = {}) {
     const what = JSON.stringify([action, fields]);
     if (fields.command === "stop") return this.send(action, fields);
-    if (!this.underWay.has(what)) this.underWay.set(what, this.send(action, fields).finally(() => this.underWay.delete(what)));
+    if (!this.underWay.has(what))
+      this.underWay.set(
+        what,
+        this.send(action, fields).finally(() => this.underWay.delete(what)),
+      );
     return this.underWay.get(what);
   }
 
   send(action, fields) {
-    const id = Array.from(crypto.getRandomValues(new Uint8Array(12)), (byte) => byte.toString(16).padStart(2, "0")).join("");
+    const id = Array.from(crypto.getRandomValues(new Uint8Array(12)), (byte) =>
+      byte.toString(16).padStart(2, "0"),
+    ).join("");
     const text = JSON.stringify({ do: action, id, ...fields });
     return new Promise((resolve) => {
-      const timer = setTimeout(() => this.settle(id, { ok: false, code: "page_not_known", values: {}, message: "" }), ANSWER_MS);
+      const timer = setTimeout(
+        () => this.settle(id, { ok: false, code: "page_not_known", values: {}, message: "" }),
+        ANSWER_MS,
+      );
       this.waiting.set(id, { text, resolve, timer, asked: Date.now() });
       if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(text);
       // "stop" that lies in a queue would be a lie: what is not on its way after a moment failed
-      else setTimeout(() => { if (!this.socket || this.socket.readyState !== WebSocket.OPEN) this.settle(id, { ok: false, code: "page_offline", values: {}, message: "" }); }, 1500);
+      else
+        setTimeout(() => {
+          if (!this.socket || this.socket.readyState !== WebSocket.OPEN)
+            this.settle(id, { ok: false, code: "page_offline", values: {}, message: "" });
+        }, 1500);
     });
   }
 }
 
 // Sentences by code, in the language of whoever reads them.
 export class Words {
-  constructor() { this.table = {}; this.language = "en"; }
+  constructor() {
+    this.table = {};
+    this.language = "en";
+  }
 
   async load(language) {
     this.table = await (await fetch(`words/${language}.json`)).json();
     this.language = language;
     document.documentElement.lang = language;
-    for (const element of document.querySelectorAll("[data-word]")) element.textContent = this.say(element.dataset.word);
+    for (const element of document.querySelectorAll("[data-word]"))
+      element.textContent = this.say(element.dataset.word);
     for (const element of document.querySelectorAll("[data-label]")) this.label(element, element.dataset.label);
     document.title = this.say("page_title");
   }
@@ -113,11 +144,15 @@ export class Words {
     if (element.tagName === "BUTTON") element.title = this.say(code, values);
   }
 
-  has(code) { return code in this.table; }
+  has(code) {
+    return code in this.table;
+  }
 
   say(code, values = {}, otherwise = "") {
     const sentence = this.table[code] || otherwise || String(code).replaceAll("_", " ");
-    return sentence.replace(/\{(\w+)\}/g, (_, name, at) => (name in values ? this.value(name, values, at) : `(${name})`));
+    return sentence.replace(/\{(\w+)\}/g, (_, name, at) =>
+      name in values ? this.value(name, values, at) : `(${name})`,
+    );
   }
 
   // A value that begins with $ is itself a code, with the sentence's other values; where a sentence begins with it, so with a capital.
@@ -129,10 +164,16 @@ export class Words {
   }
 
   // A border or wall that nobody named is numbered in the reader's language.
-  border(name) { return name.replace(/\b(border|wall) (\d+)\b/g, (_, kind, number) => this.say(`unnamed_${kind}`, { number })); }
+  border(name) {
+    return name.replace(/\b(border|wall) (\d+)\b/g, (_, kind, number) => this.say(`unnamed_${kind}`, { number }));
+  }
 
   // Of anything that has code, values and message.
-  tell(said) { return this.say(said.code, said.values, said.message); }
+  tell(said) {
+    return this.say(said.code, said.values, said.message);
+  }
 
-  number(value, digits = 1) { return Number(value).toLocaleString(this.language, { maximumFractionDigits: digits, minimumFractionDigits: 0 }); }
+  number(value, digits = 1) {
+    return Number(value).toLocaleString(this.language, { maximumFractionDigits: digits, minimumFractionDigits: 0 });
+  }
 }

@@ -3,7 +3,7 @@
 "use strict";
 
 const SVG = "http://www.w3.org/2000/svg";
-const HANDLE_PX = 24;  // half of a finger
+const HANDLE_PX = 24; // half of a finger
 const $ = (id) => document.getElementById(id);
 
 export function make(name, attributes = {}, parent = null) {
@@ -13,14 +13,17 @@ export function make(name, attributes = {}, parent = null) {
   return element;
 }
 
-export const pairs = (flat) => Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i] / 100, flat[2 * i + 1] / 100]);
+export const pairs = (flat) =>
+  Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i] / 100, flat[2 * i + 1] / 100]);
 export const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
-const path = (points, closed) => points.length ? "M" + points.map((p) => `${p[0]} ${p[1]}`).join("L") + (closed ? "Z" : "") : "";
-const short = (text) => text.length > 26 ? `${text.slice(0, 25)}…` : text;
+const path = (points, closed) =>
+  points.length ? "M" + points.map((p) => `${p[0]} ${p[1]}`).join("L") + (closed ? "Z" : "") : "";
+const short = (text) => (text.length > 26 ? `${text.slice(0, 25)}…` : text);
 const dots = (points) => points.map((p) => `M${p[0]} ${p[1]}h.001`).join("");
 
 function toSegment(p, a, b) {
-  const [dx, dy] = [b[0] - a[0], b[1] - a[1]], square = dx * dx + dy * dy;
+  const [dx, dy] = [b[0] - a[0], b[1] - a[1]],
+    square = dx * dx + dy * dy;
   const t = square ? Math.max(0, Math.min(1, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / square)) : 0;
   return distance(p, [a[0] + t * dx, a[1] + t * dy]);
 }
@@ -28,7 +31,8 @@ function toSegment(p, a, b) {
 // Fewer points, none of the others further than `tolerance` [m] from the line.
 export function simplify(points, tolerance) {
   if (points.length < 3) return points;
-  let worst = 0, at = 0;
+  let worst = 0,
+    at = 0;
   for (let i = 1; i < points.length - 1; i++) {
     const d = toSegment(points[i], points[0], points[points.length - 1]);
     if (d > worst) [worst, at] = [d, i];
@@ -41,59 +45,104 @@ export function inside(p, polygon) {
   let odd = false;
   for (let i = 0, j = polygon.length - 1; i < polygon.length; j = i++) {
     const [a, b] = [polygon[i], polygon[j]];
-    if ((a[1] > p[1]) !== (b[1] > p[1]) && p[0] < (b[0] - a[0]) * (p[1] - a[1]) / (b[1] - a[1]) + a[0]) odd = !odd;
+    if (a[1] > p[1] !== b[1] > p[1] && p[0] < ((b[0] - a[0]) * (p[1] - a[1])) / (b[1] - a[1]) + a[0]) odd = !odd;
   }
   return odd;
 }
 
 // The point inside that is furthest from the edges, of a grid of 24 x 24.
 export function middle(polygon) {
-  const xs = polygon.map((p) => p[0]), ys = polygon.map((p) => p[1]);
+  const xs = polygon.map((p) => p[0]),
+    ys = polygon.map((p) => p[1]);
   const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
-  let best = [(x0 + x1) / 2, (y0 + y1) / 2], depth = -Infinity;
-  for (let i = 0; i < 24; i++) for (let j = 0; j < 24; j++) {
-    const p = [x0 + (i + .5) * (x1 - x0) / 24, y0 + (j + .5) * (y1 - y0) / 24];
-    if (!inside(p, polygon)) continue;
-    let d = Infinity;
-    for (let k = 0; k < polygon.length; k++) d = Math.min(d, toSegment(p, polygon[k], polygon[(k + 1) % polygon.length]));
-    d -= .02 * distance(p, [(x0 + x1) / 2, (y0 + y1) / 2]);  // where several are as deep: the one in the middle
-    if (d > depth) [best, depth] = [p, d];
-  }
+  let best = [(x0 + x1) / 2, (y0 + y1) / 2],
+    depth = -Infinity;
+  for (let i = 0; i < 24; i++)
+    for (let j = 0; j < 24; j++) {
+      const p = [x0 + ((i + 0.5) * (x1 - x0)) / 24, y0 + ((j + 0.5) * (y1 - y0)) / 24];
+      if (!inside(p, polygon)) continue;
+      let d = Infinity;
+      for (let k = 0; k < polygon.length; k++)
+        d = Math.min(d, toSegment(p, polygon[k], polygon[(k + 1) % polygon.length]));
+      d -= 0.02 * distance(p, [(x0 + x1) / 2, (y0 + y1) / 2]); // where several are as deep: the one in the middle
+      if (d > depth) [best, depth] = [p, d];
+    }
   return best;
 }
 
 export class MapView {
   // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index), outside()
   constructor(words, on) {
-    Object.assign(this, { words, on, view: { x: 0, y: 0, scale: 50 }, info: null, borders: [], pointers: new Map(), drawing: false, cursor: null });
+    Object.assign(this, {
+      words,
+      on,
+      view: { x: 0, y: 0, scale: 50 },
+      info: null,
+      borders: [],
+      pointers: new Map(),
+      drawing: false,
+      cursor: null,
+    });
     this.element = $("map");
-    this.world = $("world"); this.placedGroup = $("placed"); this.handleGroup = $("handles");
+    this.world = $("world");
+    this.placedGroup = $("placed");
+    this.handleGroup = $("handles");
     this.layers = {};
     for (const name of ["borders", "progress", "draft"]) this.layers[name] = { lines: [], placed: [] };
     this.listen();
     new ResizeObserver(() => {
-      if (this.gesture === "stroke") { this.gesture = null; this.on.stroke([], false); }  // a phone that is turned: the finger is elsewhere now
-      if (!this.touched) this.fit(); else this.update();
+      if (this.gesture === "stroke") {
+        this.gesture = null;
+        this.on.stroke([], false);
+      } // a phone that is turned: the finger is elsewhere now
+      if (!this.touched) this.fit();
+      else this.update();
     }).observe(this.element);
   }
 
   // ------------------------------------------------------------- view
-  size() { const box = this.element.getBoundingClientRect(); return [box.width, box.height]; }
-  toScreen([x, y]) { const [w, h] = this.size(); return [w / 2 + (x - this.view.x) * this.view.scale, h / 2 - (y - this.view.y) * this.view.scale]; }
-  toWorld([u, v]) { const [w, h] = this.size(); return [this.view.x + (u - w / 2) / this.view.scale, this.view.y - (v - h / 2) / this.view.scale]; }
+  size() {
+    const box = this.element.getBoundingClientRect();
+    return [box.width, box.height];
+  }
+  toScreen([x, y]) {
+    const [w, h] = this.size();
+    return [w / 2 + (x - this.view.x) * this.view.scale, h / 2 - (y - this.view.y) * this.view.scale];
+  }
+  toWorld([u, v]) {
+    const [w, h] = this.size();
+    return [this.view.x + (u - w / 2) / this.view.scale, this.view.y - (v - h / 2) / this.view.scale];
+  }
 
   corners() {
-    const { origin: [x, y, yaw], rows, columns, resolution } = this.info, [c, s] = [Math.cos(yaw), Math.sin(yaw)];
-    return [[0, 0], [columns, 0], [columns, rows], [0, rows]].map(([i, j]) => [x + (c * i - s * j) * resolution, y + (s * i + c * j) * resolution]);
+    const {
+        origin: [x, y, yaw],
+        rows,
+        columns,
+        resolution,
+      } = this.info,
+      [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+    return [
+      [0, 0],
+      [columns, 0],
+      [columns, rows],
+      [0, rows],
+    ].map(([i, j]) => [x + (c * i - s * j) * resolution, y + (s * i + c * j) * resolution]);
   }
 
   fit() {
     const [w, h] = this.size();
-    if (!this.info || w < 24 || h < 24) return;  // not laid out yet: the observer calls again
-    const corners = this.corners(), xs = corners.map((p) => p[0]), ys = corners.map((p) => p[1]);
+    if (!this.info || w < 24 || h < 24) return; // not laid out yet: the observer calls again
+    const corners = this.corners(),
+      xs = corners.map((p) => p[0]),
+      ys = corners.map((p) => p[1]);
     const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
     $("map-area").style.setProperty("--aspect", ((y1 - y0) / (x1 - x0)).toFixed(3));
-    this.view = { x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale: Math.max(1, Math.min((w - 12) / (x1 - x0), (h - 12) / (y1 - y0))) };
+    this.view = {
+      x: (x0 + x1) / 2,
+      y: (y0 + y1) / 2,
+      scale: Math.max(1, Math.min((w - 12) / (x1 - x0), (h - 12) / (y1 - y0))),
+    };
     this.limits = [this.view.scale, Math.max(400, this.view.scale * 20)];
     this.box = [x0, x1, y0, y1];
     this.touched = false;
@@ -102,14 +151,20 @@ export class MapView {
 
   // Moves the view by pixels; the map cannot leave its frame.
   pan(right, down) {
-    this.view.x -= right / this.view.scale; this.view.y += down / this.view.scale;
+    this.view.x -= right / this.view.scale;
+    this.view.y += down / this.view.scale;
     this.keepInFrame();
   }
 
   keepInFrame() {
-    const [x0, x1, y0, y1] = this.box, [w, h] = this.size();
-    for (const [axis, low, high, frame] of [["x", x0, x1, w], ["y", y0, y1, h]]) {
-      const slack = Math.max(0, (high - low) / 2 + (HANDLE_PX - frame / 2) / this.view.scale), centre = (low + high) / 2;
+    const [x0, x1, y0, y1] = this.box,
+      [w, h] = this.size();
+    for (const [axis, low, high, frame] of [
+      ["x", x0, x1, w],
+      ["y", y0, y1, h],
+    ]) {
+      const slack = Math.max(0, (high - low) / 2 + (HANDLE_PX - frame / 2) / this.view.scale),
+        centre = (low + high) / 2;
       this.view[axis] = Math.max(centre - slack, Math.min(centre + slack, this.view[axis]));
     }
     this.touched = true;
@@ -118,7 +173,13 @@ export class MapView {
 
   // The point of the map that is nearest to a point of the world, so that every corner can be seen and gripped.
   onMap([px, py]) {
-    const { origin: [x, y, yaw], rows, columns, resolution } = this.info, [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+    const {
+        origin: [x, y, yaw],
+        rows,
+        columns,
+        resolution,
+      } = this.info,
+      [c, s] = [Math.cos(yaw), Math.sin(yaw)];
     const keep = (value, most) => Math.max(0, Math.min(most * resolution, value));
     const [i, j] = [keep(c * (px - x) + s * (py - y), columns), keep(c * (py - y) - s * (px - x), rows)];
     return [x + c * i - s * j, y + s * i + c * j];
@@ -126,72 +187,116 @@ export class MapView {
 
   zoom(factor, at = null) {
     if (!this.info) return;
-    const [w, h] = this.size(), point = at || [w / 2, h / 2], before = this.toWorld(point);
+    const [w, h] = this.size(),
+      point = at || [w / 2, h / 2],
+      before = this.toWorld(point);
     this.view.scale = Math.max(this.limits[0], Math.min(this.limits[1], this.view.scale * factor));
     const after = this.toWorld(point);
-    this.view.x += before[0] - after[0]; this.view.y += before[1] - after[1];
+    this.view.x += before[0] - after[0];
+    this.view.y += before[1] - after[1];
     this.keepInFrame();
   }
 
   update() {
     if (this.planned) return;
-    this.planned = requestAnimationFrame(() => { this.planned = 0; this.lay(); });
+    this.planned = requestAnimationFrame(() => {
+      this.planned = 0;
+      this.lay();
+    });
   }
 
   lay() {
     if (!this.info) return;
-    const { x, y, scale } = this.view, [w, h] = this.size();
+    const { x, y, scale } = this.view,
+      [w, h] = this.size();
     this.world.setAttribute("transform", `matrix(${scale} 0 0 ${-scale} ${w / 2 - x * scale} ${h / 2 + y * scale})`);
-    const { origin, resolution, cells, rows, columns } = this.info, [c, s] = [Math.cos(origin[2]), Math.sin(origin[2])];
+    const { origin, resolution, cells, rows, columns } = this.info,
+      [c, s] = [Math.cos(origin[2]), Math.sin(origin[2])];
     for (const image of $("pictures").children) {
       if (!image.naturalWidth) continue;
       // every picture begins at the map's lower left corner; they differ in how many cells a pixel has
-      const per = { floor: this.info.floor, region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
-      const k = per * resolution * scale, high = image.naturalHeight;
+      const per =
+        { floor: this.info.floor, region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
+      const k = per * resolution * scale,
+        high = image.naturalHeight;
       const [e, f] = [w / 2 + (origin[0] - x) * scale - s * k * high, h / 2 - (origin[1] - y) * scale - c * k * high];
       image.style.transform = `matrix(${c * k},${-s * k},${s * k},${c * k},${e},${f})`;
     }
-    const names = [];  // the boxes of those that are shown: one that would lie on another waits until there is room
+    const names = []; // the boxes of those that are shown: one that would lie on another waits until there is room
     for (const element of [...this.placedGroup.children, ...this.handleGroup.children]) {
       if (!element.at) continue;
       let [u, v] = this.toScreen(element.at);
       if (element.half) {
         [u, v] = [Math.max(element.half, Math.min(w - element.half, u)), Math.max(14, Math.min(h - 26, v))];
         const free = !names.some((one) => Math.abs(one.u - u) < one.half + element.half && Math.abs(one.v - v) < 30);
-        element.style.visibility = free ? "" : "hidden"; if (free) names.push({ u, v, half: element.half });
+        element.style.visibility = free ? "" : "hidden";
+        if (free) names.push({ u, v, half: element.half });
       }
-      element.setAttribute("transform", `translate(${u.toFixed(1)} ${v.toFixed(1)})` + (element.yaw === undefined ? "" : ` rotate(${(-element.yaw * 180 / Math.PI).toFixed(1)})`) + (element.metres ? ` scale(${Math.max(9, element.metres * scale).toFixed(2)})` : ""));
+      element.setAttribute(
+        "transform",
+        `translate(${u.toFixed(1)} ${v.toFixed(1)})` +
+          (element.yaw === undefined ? "" : ` rotate(${((-element.yaw * 180) / Math.PI).toFixed(1)})`) +
+          (element.metres ? ` scale(${Math.max(9, element.metres * scale).toFixed(2)})` : ""),
+      );
     }
   }
 
   // ------------------------------------------------------------- what is shown
   setMap(info) {
-    const other = !this.info || this.info.rows !== info.rows || this.info.columns !== info.columns || this.info.resolution !== info.resolution;
+    const other =
+      !this.info ||
+      this.info.rows !== info.rows ||
+      this.info.columns !== info.columns ||
+      this.info.resolution !== info.resolution;
     this.info = info;
     $("no-map").classList.add("gone");
     this.picture("base", `picture/map/${info.picture}.png`);
     this.picture("restricted", info.restricted ? `picture/restricted/${info.restricted}.png` : "");
-    if (other) this.fit(); else this.update();
+    if (other) this.fit();
+    else this.update();
   }
 
   picture(id, url) {
     const image = $(id);
     if (image.dataset.url === url) return;
     image.dataset.url = url;
-    if (!url) { image.classList.remove("there"); image.removeAttribute("src"); return; }
+    if (!url) {
+      image.classList.remove("there");
+      image.removeAttribute("src");
+      return;
+    }
     this.fetchPicture(image, url, 1000);
   }
 
   // Asks for a picture, and again as long as it is wanted and cannot be had: cameras may come later than the page.
   fetchPicture(image, url, pause) {
-    const next = new Image();  // the one before stays until the new one is there
-    next.onload = () => { if (image.dataset.url === url) { image.src = url; image.decode().catch(() => 0).then(() => { image.classList.add("there"); this.lay(); }); } };
-    next.onerror = () => setTimeout(() => { if (image.dataset.url === url) this.fetchPicture(image, url, Math.min(2 * pause, 8000)); }, pause);
+    const next = new Image(); // the one before stays until the new one is there
+    next.onload = () => {
+      if (image.dataset.url === url) {
+        image.src = url;
+        image
+          .decode()
+          .catch(() => 0)
+          .then(() => {
+            image.classList.add("there");
+            this.lay();
+          });
+      }
+    };
+    next.onerror = () =>
+      setTimeout(() => {
+        if (image.dataset.url === url) this.fetchPicture(image, url, Math.min(2 * pause, 8000));
+      }, pause);
     next.src = url;
   }
 
-  clear(layer) { for (const element of [...this.layers[layer].lines, ...this.layers[layer].placed]) element.remove(); this.layers[layer] = { lines: [], placed: [] }; }
-  line(layer, kind, d) { this.layers[layer].lines.push(make("path", { class: kind, d }, this.world)); }
+  clear(layer) {
+    for (const element of [...this.layers[layer].lines, ...this.layers[layer].placed]) element.remove();
+    this.layers[layer] = { lines: [], placed: [] };
+  }
+  line(layer, kind, d) {
+    this.layers[layer].lines.push(make("path", { class: kind, d }, this.world));
+  }
   place(layer, kind, at, parts) {
     const group = make("g", { class: kind }, this.placedGroup);
     group.at = at;
@@ -207,12 +312,23 @@ export class MapView {
     this.clear("borders");
     for (const border of this.borders) {
       if (border.id === hidden) continue;
-      this.line("borders", `border ${border.kind} ${border.off ? "off" : ""}`, path(border.line, border.kind === "polygon"));
-      const half = border.line.length / 2, ends = [border.line[Math.ceil(half) - 1], border.line[Math.floor(half)]];
-      const at = border.kind === "polygon" ? middle(border.line) : [(ends[0][0] + ends[1][0]) / 2, (ends[0][1] + ends[1][1]) / 2];
-      const name = this.words.border(border.name), y = border.kind === "polygon" ? .3 : -.6;
+      this.line(
+        "borders",
+        `border ${border.kind} ${border.off ? "off" : ""}`,
+        path(border.line, border.kind === "polygon"),
+      );
+      const half = border.line.length / 2,
+        ends = [border.line[Math.ceil(half) - 1], border.line[Math.floor(half)]];
+      const at =
+        border.kind === "polygon"
+          ? middle(border.line)
+          : [(ends[0][0] + ends[1][0]) / 2, (ends[0][1] + ends[1][1]) / 2];
+      const name = this.words.border(border.name),
+        y = border.kind === "polygon" ? 0.3 : -0.6;
       const group = this.place("borders", "name", at, [
-        ["text", { y: `${y}em` }, short(name)], ["text", { class: "note", y: `${y + 1.4}em` }, short(border.note)]]);
+        ["text", { y: `${y}em` }, short(name)],
+        ["text", { class: "note", y: `${y + 1.4}em` }, short(border.note)],
+      ]);
       // a name stays inside the frame
       group.half = Math.max(...[...group.children].map((text) => text.getComputedTextLength())) / 2 + 4;
     }
@@ -229,17 +345,28 @@ export class MapView {
     this.update();
   }
 
-  seed(layer, at) { this.place(layer, "seed", at, [["path", { d: "M-9 0A9 9 0 1 0 9 0A9 9 0 1 0-9 0M-4.5 0H4.5" }]]); }
+  seed(layer, at) {
+    this.place(layer, "seed", at, [["path", { d: "M-9 0A9 9 0 1 0 9 0A9 9 0 1 0-9 0M-4.5 0H4.5" }]]);
+  }
 
   setRobots(robots) {
     this.robots = this.robots || {};
     for (const [name, pose] of Object.entries(robots)) {
       let group = this.robots[name];
       if (!group) {
-        group = this.robots[name] = this.place(null, "robot", [0, 0], [["path", { d: "M1 0A1 1 0 1 1 1-.01ZM.95 0-.2.55V-.55Z", "fill-rule": "evenodd" }], ["title", {}, name || "robot"]]);
-        group.metres = .18;
+        group = this.robots[name] = this.place(
+          null,
+          "robot",
+          [0, 0],
+          [
+            ["path", { d: "M1 0A1 1 0 1 1 1-.01ZM.95 0-.2.55V-.55Z", "fill-rule": "evenodd" }],
+            ["title", {}, name || "robot"],
+          ],
+        );
+        group.metres = 0.18;
       }
-      group.at = [pose[0], pose[1]]; group.yaw = pose[2];
+      group.at = [pose[0], pose[1]];
+      group.yaw = pose[2];
     }
     this.update();
   }
@@ -253,10 +380,13 @@ export class MapView {
       this.spots[camera] = group;
       // what came before this page was opened, or before the link was lost, is not seen now
       const first = group.stamp === undefined;
-      group.stamp = spot[3]; group.at = [spot[0] / 100, spot[1] / 100];
+      group.stamp = spot[3];
+      group.at = [spot[0] / 100, spot[1] / 100];
       group.style.opacity = first && !this.live ? 0 : 1;
       clearTimeout(group.timer);
-      group.timer = setTimeout(() => { group.style.opacity = 0; }, 500);
+      group.timer = setTimeout(() => {
+        group.style.opacity = 0;
+      }, 500);
     }
     this.live = true;
     this.lay();
@@ -268,23 +398,46 @@ export class MapView {
     const focused = document.activeElement && document.activeElement.dataset && document.activeElement.dataset.corner;
     this.handleGroup.replaceChildren();
     if (!draft) return this.update();
-    const closed = draft.kind === "polygon", points = draft.points;
+    const closed = draft.kind === "polygon",
+      points = draft.points;
     this.line("draft", "draft", path(points, closed && !rough));
-    if (rough) { for (const p of points.slice(0, rough === "taps" ? 99 : 0)) this.place("draft", "knob", p, [["circle", { r: 7 }]]); return this.update(); }
-    const count = points.length;
-    if (count <= 24) for (let i = 0; i < (closed ? count : count - 1); i++) {
-      const next = points[(i + 1) % count];
-      if (distance(points[i], next) * this.view.scale > 60) this.handle("between", [(points[i][0] + next[0]) / 2, (points[i][1] + next[1]) / 2], 5, { between: i, label: this.words.say("page_between", { number: i + 1 }) });
+    if (rough) {
+      for (const p of points.slice(0, rough === "taps" ? 99 : 0))
+        this.place("draft", "knob", p, [["circle", { r: 7 }]]);
+      return this.update();
     }
-    points.forEach((p, i) => this.handle(i === chosen ? "chosen" : "", p, 8, { corner: i, label: this.words.say("page_corner", { number: i + 1, x: this.words.number(p[0], 2), y: this.words.number(p[1], 2) }) }));
+    const count = points.length;
+    if (count <= 24)
+      for (let i = 0; i < (closed ? count : count - 1); i++) {
+        const next = points[(i + 1) % count];
+        if (distance(points[i], next) * this.view.scale > 60)
+          this.handle("between", [(points[i][0] + next[0]) / 2, (points[i][1] + next[1]) / 2], 5, {
+            between: i,
+            label: this.words.say("page_between", { number: i + 1 }),
+          });
+      }
+    points.forEach((p, i) =>
+      this.handle(i === chosen ? "chosen" : "", p, 8, {
+        corner: i,
+        label: this.words.say("page_corner", {
+          number: i + 1,
+          x: this.words.number(p[0], 2),
+          y: this.words.number(p[1], 2),
+        }),
+      }),
+    );
     if (draft.kind !== "wall" && draft.seed) this.seed("draft", draft.seed);
     this.lay();
-    if (focused !== undefined) { const again = this.handleGroup.querySelector(`[data-corner="${focused}"]`); if (again) again.focus({ preventScroll: true }); }
+    if (focused !== undefined) {
+      const again = this.handleGroup.querySelector(`[data-corner="${focused}"]`);
+      if (again) again.focus({ preventScroll: true });
+    }
   }
 
   handle(kind, at, radius, { corner, between, label }) {
     const group = make("g", { class: kind, tabindex: 0, role: "button", "aria-label": label }, this.handleGroup);
-    if (corner !== undefined) group.dataset.corner = corner; else group.dataset.between = between;
+    if (corner !== undefined) group.dataset.corner = corner;
+    else group.dataset.between = between;
     group.at = at;
     make("circle", { class: "hit", r: corner === undefined ? 16 : HANDLE_PX }, group);
     make("circle", { class: "knob", r: radius }, group);
@@ -297,18 +450,41 @@ export class MapView {
   }
 
   // ------------------------------------------------------------- fingers, mouse, keys
-  at(event) { const box = this.element.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; }
+  at(event) {
+    const box = this.element.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  }
 
   listen() {
     const element = this.element;
     element.addEventListener("pointerdown", (event) => this.down(event));
     element.addEventListener("pointermove", (event) => this.move(event));
-    for (const name of ["pointerup", "pointercancel"]) element.addEventListener(name, (event) => this.up(event, name === "pointerup"));
-    element.addEventListener("wheel", (event) => { event.preventDefault(); this.zoom(Math.exp(-event.deltaY * .0015), this.at(event)); }, { passive: false });
+    for (const name of ["pointerup", "pointercancel"])
+      element.addEventListener(name, (event) => this.up(event, name === "pointerup"));
+    element.addEventListener(
+      "wheel",
+      (event) => {
+        event.preventDefault();
+        this.zoom(Math.exp(-event.deltaY * 0.0015), this.at(event));
+      },
+      { passive: false },
+    );
     // one finger scrolls the page while nothing is drawn, two move the map
-    element.addEventListener("touchmove", (event) => { if (event.touches.length > 1) event.preventDefault(); }, { passive: false });
+    element.addEventListener(
+      "touchmove",
+      (event) => {
+        if (event.touches.length > 1) event.preventDefault();
+      },
+      { passive: false },
+    );
     // a tap is over when the finger is lifted: its click would press what the tap has brought up under the finger
-    element.addEventListener("touchend", (event) => { if (event.cancelable) event.preventDefault(); }, { passive: false });
+    element.addEventListener(
+      "touchend",
+      (event) => {
+        if (event.cancelable) event.preventDefault();
+      },
+      { passive: false },
+    );
     element.addEventListener("keydown", (event) => this.key(event));
     element.addEventListener("blur", () => this.setCursor(null));
   }
@@ -316,15 +492,31 @@ export class MapView {
   down(event) {
     if (event.button > 0 || !this.info) return;
     const here = this.at(event);
-    try { this.element.setPointerCapture(event.pointerId); } catch (_) { /* a pointer that is gone already */ }
+    try {
+      this.element.setPointerCapture(event.pointerId);
+    } catch (_) {
+      /* a pointer that is gone already */
+    }
     this.pointers.set(event.pointerId, here);
-    if (this.pointers.size > 1) { this.gesture = "pinch"; this.on.stroke([], false); return; }
+    if (this.pointers.size > 1) {
+      this.gesture = "pinch";
+      this.on.stroke([], false);
+      return;
+    }
     const handle = event.target.closest && event.target.closest("#handles g");
-    this.start = here; this.moved = false;
-    if (handle && handle.dataset.corner !== undefined) { this.gesture = "corner"; this.corner = Number(handle.dataset.corner); this.on.choose(this.corner); }
-    else if (handle) { this.gesture = "between"; this.corner = Number(handle.dataset.between); }
-    else if (this.drawing) { this.gesture = "stroke"; this.strokePoints = [this.toWorld(here)]; }
-    else this.gesture = "pan";
+    this.start = here;
+    this.moved = false;
+    if (handle && handle.dataset.corner !== undefined) {
+      this.gesture = "corner";
+      this.corner = Number(handle.dataset.corner);
+      this.on.choose(this.corner);
+    } else if (handle) {
+      this.gesture = "between";
+      this.corner = Number(handle.dataset.between);
+    } else if (this.drawing) {
+      this.gesture = "stroke";
+      this.strokePoints = [this.toWorld(here)];
+    } else this.gesture = "pan";
   }
 
   move(event) {
@@ -341,30 +533,46 @@ export class MapView {
     } else if (!this.moved && distance(here, this.start) < 6) return;
     else {
       this.moved = true;
-      if (this.gesture === "pan") { if (event.pointerType !== "touch") this.pan(here[0] - before[0], here[1] - before[1]); }
-      else if (this.gesture === "stroke") {
+      if (this.gesture === "pan") {
+        if (event.pointerType !== "touch") this.pan(here[0] - before[0], here[1] - before[1]);
+      } else if (this.gesture === "stroke") {
         const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [event];
         for (const one of events.length ? events : [event]) this.strokePoints.push(this.toWorld(this.at(one)));
-        this.on.stroke(this.strokePoints.map((point) => this.onMap(point)), false);
-      } else if (this.gesture === "between") { this.gesture = "corner"; this.corner = this.on.between(this.corner, this.onMap(this.toWorld(here))); }
-      else if (this.gesture === "corner") this.on.drag(this.corner, this.onMap(this.toWorld(here)), false);
+        this.on.stroke(
+          this.strokePoints.map((point) => this.onMap(point)),
+          false,
+        );
+      } else if (this.gesture === "between") {
+        this.gesture = "corner";
+        this.corner = this.on.between(this.corner, this.onMap(this.toWorld(here)));
+      } else if (this.gesture === "corner") this.on.drag(this.corner, this.onMap(this.toWorld(here)), false);
     }
     this.pointers.set(event.pointerId, here);
   }
 
   up(event, regular) {
-    const last = this.pointers.get(event.pointerId), gesture = this.gesture;
+    const last = this.pointers.get(event.pointerId),
+      gesture = this.gesture;
     if (!this.pointers.delete(event.pointerId) || this.pointers.size) return;
     this.gesture = null;
     // a corner stays where the finger was last, also when the browser takes the gesture away
-    if (gesture === "corner" && this.moved) this.on.drag(this.corner, this.onMap(this.toWorld(regular ? this.at(event) : last)), true);
+    if (gesture === "corner" && this.moved)
+      this.on.drag(this.corner, this.onMap(this.toWorld(regular ? this.at(event) : last)), true);
     if (gesture === "stroke" && !regular) this.on.stroke([], false);
     if (gesture === "pinch" || !regular) return;
     const here = this.at(event);
-    const point = this.toWorld(here), onMap = this.onMap(point), beside = (one) => distance(one, this.onMap(one)) * this.view.scale > HANDLE_PX;
+    const point = this.toWorld(here),
+      onMap = this.onMap(point),
+      beside = (one) => distance(one, this.onMap(one)) * this.view.scale > HANDLE_PX;
     if (gesture === "stroke" && this.moved) {
-      if (this.strokePoints.every(beside)) { this.on.stroke([onMap], false); this.on.outside(); }
-      else this.on.stroke(this.strokePoints.map((one) => this.onMap(one)), true);
+      if (this.strokePoints.every(beside)) {
+        this.on.stroke([onMap], false);
+        this.on.outside();
+      } else
+        this.on.stroke(
+          this.strokePoints.map((one) => this.onMap(one)),
+          true,
+        );
     } else if (gesture === "between") this.on.between(this.corner, onMap);
     else if (!this.moved && (gesture === "pan" || gesture === "stroke")) {
       if ((this.drawing || this.picking) && beside(point)) this.on.outside();
@@ -374,27 +582,38 @@ export class MapView {
 
   // The border at a point: the nearest line within a finger's reach, else the smallest polygon around it.
   pick(point) {
-    let best = null, reach = HANDLE_PX / this.view.scale;
+    let best = null,
+      reach = HANDLE_PX / this.view.scale;
     for (const border of this.borders) {
       const line = border.kind === "polygon" ? [...border.line, border.line[0]] : border.line;
-      for (let i = 1; i < line.length; i++) { const d = toSegment(point, line[i - 1], line[i]); if (d < reach) [reach, best] = [d, border.id]; }
+      for (let i = 1; i < line.length; i++) {
+        const d = toSegment(point, line[i - 1], line[i]);
+        if (d < reach) [reach, best] = [d, border.id];
+      }
     }
     if (best) return best;
-    const around = this.borders.filter((border) => border.kind === "polygon" && inside(point, border.line)).sort((a, b) => a.area - b.area);
+    const around = this.borders
+      .filter((border) => border.kind === "polygon" && inside(point, border.line))
+      .sort((a, b) => a.area - b.area);
     return around.length ? around[0].id : null;
   }
 
   key(event) {
-    const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }, step = arrows[event.key];
+    const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] },
+      step = arrows[event.key];
     const corner = event.target.dataset && event.target.dataset.corner;
-    const reach = event.shiftKey ? .25 : .05;
+    const reach = event.shiftKey ? 0.25 : 0.05;
     if (corner !== undefined) {
       const at = event.target.at;
       if (step) this.on.drag(Number(corner), this.onMap([at[0] + step[0] * reach, at[1] + step[1] * reach]), true);
       else if (event.key === "Delete" || event.key === "Backspace") this.on.removeCorner(Number(corner));
       else if (event.key === "Enter" || event.key === " ") this.on.choose(Number(corner));
       else return;
-    } else if (event.target.dataset && event.target.dataset.between !== undefined && (event.key === "Enter" || event.key === " ")) {
+    } else if (
+      event.target.dataset &&
+      event.target.dataset.between !== undefined &&
+      (event.key === "Enter" || event.key === " ")
+    ) {
       this.on.between(Number(event.target.dataset.between), event.target.at);
     } else if (step && (this.drawing || this.picking)) {
       const at = this.cursor ? this.cursor.at : [this.view.x, this.view.y];
