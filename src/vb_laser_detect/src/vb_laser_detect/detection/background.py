@@ -33,7 +33,6 @@ _WEIGHT = 0.25  # of a frame whenever a strip is blended in
 _KEYFRAME = 6  # [images] a moving camera's background is kept for: people walk on
 _KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe
 _MARGIN = 24  # [px] around a region that is examined
-_AROUND = 7  # [blocks] the neighbourhood of a spot, whose median is taken for the floor under it
 # half the rows must do, in half the time: spots cover several. In a Bayer image's pattern two neighbours hold all
 # colours
 _COLOUR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
@@ -71,15 +70,6 @@ class Background:
         self._brightest: Optional[np.ndarray] = None
         self._images = 0  # since the keyframe, with motion
 
-    def fill_from_neighbourhood(self, where: np.ndarray) -> None:
-        """Replaces blocks, (rows, columns) bool, by the median of their neighbourhood: the spot on them is no floor."""
-        # edges of carpets, next to which spots are drawn, stay in a median; a Bayer image's places have their own
-        floor = np.empty_like(self.image)
-        for place in [np.s_[y::2, x::2] for y in (0, 1) for x in (0, 1)] if floor.ndim == 2 else [np.s_[:, :]]:
-            means = cv2.resize(np.ascontiguousarray(self.image[place]), where.shape[::-1], interpolation=cv2.INTER_AREA)
-            floor[place] = cv2.resize(cv2.medianBlur(means, _AROUND), floor[place].shape[1::-1])
-        self._take(floor, where, 1.0)
-
     def measure_rise(
         self, image: np.ndarray, motion: Optional[np.ndarray], half: Optional[np.ndarray] = None
     ) -> Tuple[np.ndarray, np.ndarray]:
@@ -108,10 +98,12 @@ class Background:
         """Makes the reference of a moving camera exact around regions [px]; elsewhere it is the image itself."""
         for left, top, right, bottom in regions if self.motion is not None else ():
             part = (slice(max(0, top - _MARGIN), bottom + _MARGIN), slice(max(0, left - _MARGIN), right + _MARGIN))
-            self.reference[part] = cv2.dilate(self._moved_part(part, image), _SQUARE)
+            self.reference[part] = cv2.dilate(self.moved_part(part, image), _SQUARE)
 
-    def _moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
+    def moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
         """Returns a part of the background as the camera sees it now; of the image where nothing was in view."""
+        if self.motion is None:
+            return self.image[part]
         there = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
         return warp(self.image, there, image[part].copy(), cv2.INTER_CUBIC)
 
@@ -177,7 +169,7 @@ class Background:
             part = slice(top, top + high), slice(left, left + wide)
             rows, columns = (slice(one.start // BLOCK, one.stop // BLOCK) for one in part)
             cv2.copyTo(
-                self._moved_part(part, image),
+                self.moved_part(part, image),
                 mask_of_blocks(np.ascontiguousarray(spots[rows, columns]), high, wide),
                 kept[part],
             )

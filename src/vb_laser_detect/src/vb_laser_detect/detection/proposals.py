@@ -2,7 +2,7 @@
 
 One idea: a moving camera is a stationary one over a background that moves along (`background`); `image_registration`
 estimates its motion. The first image of a scene is its background: what shines there may be a lamp, and only its motion
-can tell. Under a spot that was followed until a light was switched, the median of its surroundings replaces the floor.
+can tell. When a light is switched, the floor under a spot that was followed until then is known in the old light.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from vb_laser_detect.detection.background import Background
 from vb_laser_detect.detection.blocks import BLOCK, Region, blocks_around, halve, find_regions
+from vb_laser_detect.detection.features import relight
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.image_registration import ImageRegistration, is_still
 from vb_laser_detect.detection.tracking import Expected, Spot
@@ -150,13 +151,15 @@ class Proposer:
         )
 
     def _start(self, image: np.ndarray, expected: Sequence[Expected]) -> None:
-        background = self._background = Background(image)
+        """Begins a background. A spot is no floor: where one is expected, the background before is taken in the new light."""
+        floor = image.copy()
+        for one in expected:
+            rows, columns = blocks_around(self._background.blocks, one.u, one.v, one.reach + one.widest)
+            part = slice(BLOCK * rows.start, BLOCK * rows.stop), slice(BLOCK * columns.start, BLOCK * columns.stop)
+            if image[part].size:
+                floor[part] = relight(self._background.moved_part(part, image), image[part], one.widest)
+        self._background = Background(floor)
         self._begin()
-        if expected:
-            where = np.zeros(background.blocks, bool)
-            for one in expected:
-                where[blocks_around(where.shape, one.u, one.v, one.reach)] = True
-            background.fill_from_neighbourhood(where)
 
     def _begin(self) -> None:
         """Makes the last image the background's keyframe."""
