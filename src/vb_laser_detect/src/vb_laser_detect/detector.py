@@ -152,7 +152,8 @@ class SpotDetector:
                 spot = Spot(*proposal.middle, float(proposal.region[2] - proposal.region[0]), rejection=rejection)
             else:
                 spot = self._examine(proposal, searched, camera)
-            seen.append(spot)
+            if not any(_same_blob(spot, other) for other in seen):
+                seen.append(spot)
             # the one spot is found where it is expected: nothing else can take its place
             followed = followed or _is_followed_spot(spot, proposal.expected)
         return seen
@@ -239,6 +240,12 @@ class SpotDetector:
         if blob.diameter < smallest:
             return "too_small"
         return "too_large" if blob.diameter > largest else ""
+
+
+def _same_blob(spot: Spot, other: Spot) -> bool:
+    """Tells whether two regions have led to the same blob."""
+    near = math.hypot(spot.u - other.u, spot.v - other.v) < 2.0
+    return near and bool(other.rejection) == bool(spot.rejection)
 
 
 def _is_followed_spot(spot: Spot, expected: Optional[Expected]) -> bool:
