@@ -8,7 +8,7 @@ import math
 import time
 
 from selenium import webdriver
-from selenium.common.exceptions import StaleElementReferenceException
+from selenium.common.exceptions import ElementClickInterceptedException, StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
 
 PHONE, WALL = (360, 740), (1920, 1080)
@@ -87,14 +87,15 @@ class Browser:
         """Clicks the first enabled element of a selector, with this text if one is given."""
         script = """[...document.querySelectorAll(arguments[0])].find(
             (e) => !e.disabled && e.getClientRects().length && (!arguments[1] || e.textContent.trim() === arguments[1]))"""
-        while True:
-            self.wait_arrived()
+        for _ in range(10):
             element = self.wait(script, selector, text, what=f"{selector} {text or ''}")
-            # what came from the nodes meanwhile may have replaced it
-            with contextlib.suppress(StaleElementReferenceException):
+            self.wait_arrived()  # it may have come up only now
+            # what came from the nodes meanwhile may have replaced it, or locks its surroundings for a moment
+            with contextlib.suppress(StaleElementReferenceException, ElementClickInterceptedException):
                 self.run("arguments[0].scrollIntoView({block: 'center'})", element)
                 element.click()
                 return
+        raise AssertionError(f"cannot be pressed: {selector} {text or ''}; the page says: {self.said()}")
 
     def wait_arrived(self):
         """Waits until what has just come up can be pressed."""
