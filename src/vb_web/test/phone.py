@@ -98,9 +98,10 @@ class Browser:
         raise AssertionError(f"cannot be pressed: {selector} {text or ''}; the page says: {self.said()}")
 
     def wait_arrived(self):
-        """Waits until what has just come up can be pressed."""
+        """Waits until what has just come up, or was below a dialog that has just closed, can be pressed."""
         self.wait(
             "[...document.querySelectorAll('main, #line, #panel, #dialog')].every((one) => getComputedStyle(one).pointerEvents !== 'none')"
+            " && document.querySelector('main').inert === document.getElementById('dialog').open"
         )
 
     def field(self, selector):

@@ -76,9 +76,16 @@ function dropStanding() {
 }
 
 // A second tap at once, as one zooms a picture, presses nothing that the first has brought up or uncovered.
-const lock = (...parts) => {
-  for (const part of parts) part.animate({ pointerEvents: ["none", "none"] }, 400);
-};
+const LOCKED_MS = 400;
+const unlocking = new Map(); // part: the timer that ends its lock; an animation would stand still in a page that is not painted
+function lock(part) {
+  clearTimeout(unlocking.get(part));
+  part.classList.add("locked");
+  unlocking.set(
+    part,
+    setTimeout(() => part.classList.remove("locked"), LOCKED_MS),
+  );
+}
 
 function toast(text, bad = false, code = "", more = null) {
   clearTimeout(toastTimer);
