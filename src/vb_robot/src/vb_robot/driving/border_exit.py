@@ -17,7 +17,7 @@ from vb_robot.clearance_map import ClearanceMap, clearance_grid, crop
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest, steer
 from vb_robot.driving.workspace import LETHAL_THRESHOLD, Workspace
 from vb_robot.navigation_parameters import PATH_MARGIN
-from vb_robot.poses import Pose
+from vb_robot.poses import Pose, look_ahead
 
 LOOKAHEAD = 0.2  # [m] to the point of the path that it steers for
 MAX_PATH_DEVIATION = 0.15  # [m] farther off (the localisation jumped) a new path is planned
@@ -136,14 +136,12 @@ class BorderExit:
             self.pause()
         if self._route is None:
             return self._give_up(now, "no_way_out")
-        rest = self._route[int(np.argmin(np.linalg.norm(self._route - pose[:2], axis=1))) :]
-        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rest, axis=0), axis=1))])
-        remaining = float(along[-1]) + math.dist(rest[0], pose[:2])
+        target, off, rest = look_ahead(self._route, pose[:2], LOOKAHEAD)
+        remaining = rest + off
         if remaining < self._shortest[0] - PROGRESS:
             self._shortest = remaining, now
         elif now - self._shortest[1] > PATIENCE:
             return self._give_up(now, held_by or "takes_too_long")
-        target = rest[min(int(np.searchsorted(along, LOOKAHEAD)), len(rest) - 1)]
         if math.dist(target, pose[:2]) < 0.015:
             return VelocityRequest(0.0, 0.0)
         bearing = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])

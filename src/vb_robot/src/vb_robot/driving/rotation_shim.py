@@ -13,7 +13,7 @@ from typing import Optional
 import numpy as np
 
 from vb_robot.driving.spot_follower import VelocityRequest
-from vb_robot.poses import Pose
+from vb_robot.poses import Pose, look_ahead
 
 AHEAD = 0.3  # [m] along the path: where it leads from here
 NEAR = 0.15  # [m] from the goal it is navigation's matter which way the robot faces
@@ -56,13 +56,8 @@ class RotationShim:
         """Returns by which angle [rad] the path leads away from the heading; None if there is none to follow here."""
         if self.path is None or not len(self.path):
             return None
-        here = np.asarray(pose[:2])
-        distances = np.linalg.norm(self.path - here, axis=1)
-        nearest = int(np.argmin(distances))
-        rest = self.path[nearest:]
-        lengths = np.cumsum(np.linalg.norm(np.diff(rest, axis=0), axis=1))
-        target = rest[min(int(np.searchsorted(lengths, AHEAD)) + 1, len(rest) - 1)]
-        x, y = target - here
-        if distances[nearest] > LOST or math.hypot(x, y) < NEAR:
+        target, off, _ = look_ahead(self.path, pose[:2], AHEAD)
+        x, y = target - np.asarray(pose[:2])
+        if off > LOST or math.hypot(x, y) < NEAR:
             return None
         return math.remainder(math.atan2(y, x) - pose[2], 2.0 * math.pi)
