@@ -55,10 +55,9 @@ def run(name: str, build: Callable[[], Any]) -> None:
 def _log_without_registering() -> None:
     """Keeps rospy from asking the ROS master for a parameter at each logged line.
 
-    It does so by a subscription under the node's name, as long as the parameter is not set. A node
-    that has been replaced by another of the same name and logs one more line while it ends is then
-    taken for the newer of the two, and the
-    master stops the other one: about once in seventy replacements.
+    It does so by a subscription under the node's name, as long as the parameter is not set. A node that has been
+    replaced by another of the same name and logs one more line while it ends is then taken for the newer of the two,
+    and the master stops the other one: about once in seventy replacements.
     """
     name = "/rosout_disable_topics_generation"
     get_param_server_cache().set(name, bool(rospy.get_param(name, False)))
