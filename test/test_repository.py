@@ -3,6 +3,7 @@
 import ast
 import importlib.machinery
 import importlib.util
+import os
 import re
 import subprocess
 import sys
@@ -125,6 +126,17 @@ def test_manifests_use_rosdep_keys(package):
 def test_no_manifest_at_the_top():
     # it would hide src/* from catkin
     assert not (TOP / "package.xml").exists()
+
+
+def test_links_in_the_tree_stay_inside_it():
+    listed = subprocess.run(
+        ["git", "ls-files", "-s"], cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True, check=True
+    ).stdout.splitlines()
+    links = [TOP / line.split("\t")[1] for line in listed if line.startswith("120000")]
+    assert links
+    for link in links:
+        target = os.readlink(str(link))
+        assert not os.path.isabs(target) and TOP in (link.parent / target).resolve().parents, link
 
 
 def test_requirements_are_pinned():
