@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+import yaml
 
 from vb_core import names, sentences
 
@@ -147,6 +148,29 @@ def test_requirements_are_pinned():
     ), wanted
 
 
+def test_hooks_before_a_commit_are_the_linters_of_the_tests():
+    hooks = yaml.safe_load((TOP / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    pinned = (TOP / "requirements.txt").read_text(encoding="utf-8")
+    assert {hook["id"] for repository in hooks for hook in repository["hooks"]} == {"ruff", "ruff-format", "codespell"}
+    for repository in hooks:
+        name = repository["hooks"][0]["id"]
+        assert f"\n{name}=={repository['rev'].lstrip('v')}\n" in pinned
+
+
+def test_issue_forms_ask_what_contributing_asks_for():
+    forms = sorted((TOP / ".github" / "ISSUE_TEMPLATE").glob("[!c]*.yml"))
+    read = {path.stem: yaml.safe_load(path.read_text(encoding="utf-8")) for path in forms}
+    assert all({"name", "description", "body"} <= set(form) for form in read.values())
+    asked = [field["id"] for field in read["bug"]["body"]]
+    assert asked == ["revision", "system", "command", "answer", "expected", "check_lab"]
+
+
+def test_manifests_are_of_format_3():
+    for package in PACKAGES:
+        root = ElementTree.parse(str(TOP / "src" / package / "package.xml")).getroot()
+        assert root.get("format") == "3", package
+
+
 # ------------------------------------------------------------ pure modules
 ROS = (
     "rospy",
@@ -161,19 +185,7 @@ ROS = (
     "interactive_markers",
     "message_filters",
 )
-# what other programs may import on a machine without ROS (docs/explanation/architecture.md)
-PROMISED = (
-    "vb_core.grid_map",
-    "vb_laser_detect.detector",
-    "vb_fusion.extraction",
-    "vb_map_integration.border",
-    "vb_map_integration.integration",
-    "vb_voice_wizard.recognizer",
-    "vb_voice_wizard.interaction",
-    "vb_evaluation.metrics",
-)
-# promised or not, these show how a stage is used
-EXAMPLES = (*PROMISED, "vb_robot.driving.gate", "vb_evaluation.study.plan")
+PROMISED = load_script("reference").MODULES  # docs/reference/modules.md
 IMPORT_WITHOUT_ROS = """
 import importlib, sys
 
@@ -330,6 +342,38 @@ def test_reference_reads_several_names_with_several_types():
         ("topic", "/b"): ({"x_msgs/A"}, {"node"}, set()),
         ("topic", "c"): ({"x_msgs/C"}, {"node"}, set()),
     }
+
+
+MODULES_PAGE = (TOP / "docs" / "reference" / "modules.md").read_text(encoding="utf-8")
+
+
+def test_reference_has_an_example_of_each_promised_module():
+    assert re.findall(r"^## (\S+)", MODULES_PAGE, re.M) == list(PROMISED)
+    assert MODULES_PAGE.count("```python") == len(PROMISED)
+
+
+@pytest.mark.parametrize("program", re.findall(r"```python\n(.*?)```", MODULES_PAGE, re.S), ids=PROMISED)
+def test_an_example_of_the_reference_can_be_pasted(program):
+    exec(compile(program, "modules.md", "exec"), {})
+
+
+@pytest.mark.parametrize(
+    "source, complaint",
+    [
+        ('"""Says nothing."""\n', "no example"),
+        ('"""Adds.\n\n>>> 1\n1\n"""\ndef add(): pass\n', "no docstring: vb_x.module.add"),
+        ('"""Adds.\n\n>>> 1\n1\n"""\n__all__ = ["add"]\n', "__all__ names add"),
+    ],
+    ids=["example", "docstring", "definition"],
+)
+def test_reference_refuses_a_module_that_it_cannot_read(monkeypatch, tmp_path, source, complaint):
+    reference = load_script("reference")
+    path = tmp_path / "src/vb_x/src/vb_x/module.py"
+    path.parent.mkdir(parents=True)
+    path.write_text(source)
+    monkeypatch.setattr(reference, "TOP", tmp_path)
+    with pytest.raises(ValueError, match=complaint):
+        reference.write_module("vb_x.module")
 
 
 # ------------------------------------------------------------ words
@@ -499,7 +543,7 @@ def test_a_command_that_does_not_exist_is_found():
 
 @pytest.mark.parametrize(
     "call",
-    [f"testmod(importlib.import_module('{module}'))" for module in EXAMPLES]
+    [f"testmod(importlib.import_module('{module}'))" for module in PROMISED]
     + [f"testfile({str(TOP / 'README.md')!r}, module_relative=False)"],
 )
 def test_examples_run(call):
