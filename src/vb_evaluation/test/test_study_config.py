@@ -1,6 +1,7 @@
 """The study's configuration: people, changes, hash, what curves and sensitivity consist of."""
 
 import re
+import textwrap
 
 import numpy as np
 import pytest
@@ -233,7 +234,7 @@ def test_the_examples_of_the_documentation_work(tmp_path):
     text = (repository_top() / "docs" / "how-to" / "extend-the-study.md").read_text(encoding="utf-8")
     studies = []
     for number, document in enumerate(re.findall(r"```yaml\n(.*?)```", text, re.S)):
-        (tmp_path / f"{number}.yaml").write_text(document)
+        (tmp_path / f"{number}.yaml").write_text(textwrap.dedent(document))
         studies.append(config.load(tmp_path / f"{number}.yaml"))
     assert [study.world.name for study in studies].count("studio") == 1 and len(studies) > 1
     for study in studies:
