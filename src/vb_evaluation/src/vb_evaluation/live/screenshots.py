@@ -111,7 +111,7 @@ def _take(lab: "StagedLab", folder: Path, top: Path, size: Tuple[int, int], out:
 
         def shoot(name: str) -> None:
             path = out / f"{name}_{size[1]}.png"
-            last[:] = [_still_picture(os.environ["DISPLAY"], path, last)]
+            last[:] = [still_picture(os.environ["DISPLAY"], path, last)]
             if shutil.which("convert"):  # a palette: a quarter of the size, and invisible in an image of flat colours
                 subprocess.run(["convert", str(path), "-strip", "-colors", "128", f"PNG8:{path}"], check=False)
             print(f"wrote {path}", flush=True)
@@ -216,7 +216,7 @@ def _until(condition: Callable[[], Any], what: str) -> None:
         raise CodedError("not_shown", f"{what} did not come")
 
 
-def _still_picture(display: str, path: Path, before: Sequence[np.ndarray]) -> np.ndarray:
+def still_picture(display: str, path: Path, before: Sequence[np.ndarray]) -> np.ndarray:
     """Takes a screenshot once the screen is still and differs from the one before; on a busy machine RViz lags.
 
     Raises:
