@@ -17,7 +17,7 @@ PROCESSES ?=
 SCHEDULER ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup navigation demo test unit rostest screenshots study soak clean
+.PHONY: help setup navigation demo test unit rostest screenshots docs study soak clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 13
@@ -43,6 +43,10 @@ rostest: setup ## only the tests of nodes
 
 screenshots: setup ## pictures of the smart display in every state, into docs/images/display
 	@. scripts/env.sh && python3 scripts/screenshots
+
+docs: ## the documentation as a site, into out/site
+	@test -x out/mkdocs/bin/mkdocs || { python3 -m venv out/mkdocs && out/mkdocs/bin/pip install -q mkdocs-material==9.6.14; }
+	@out/mkdocs/bin/mkdocs build --quiet --strict
 
 study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 SIZE=default|full FRESH=1 CONFIG=file OUT=folder PROCESSES=number SCHEDULER=address
 	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" --size $(if $(QUICK),quick,$(SIZE)) $(if $(FRESH),--fresh) \

@@ -1,12 +1,15 @@
-"""Hook of mkdocs: a link from a page to a file outside of docs/ becomes that file's path, which the site cannot show.
+"""Hook of mkdocs: the site shows the pages as GitHub does.
 
-On GitHub the same links lead to the files.
+A link from a page to a file outside of docs/ becomes that file's path, which the site cannot show; on GitHub it leads to
+the file. What belongs to an item of a list is indented by four spaces, as Python-Markdown wants it.
 """
 
 import posixpath
 import re
 
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(((?:\.\./)+[^)#\s]+)(?:#[^)\s]*)?\)")
+
+_ITEM = re.compile(r"(?:[-*]|\d+\.) +")
 
 
 def name_outside_files(markdown: str, page: str) -> str:
@@ -27,6 +30,23 @@ def name_outside_files(markdown: str, page: str) -> str:
     return _LINK.sub(name, markdown)
 
 
+def indent_lists(markdown: str) -> str:
+    """Indents what belongs to an item of a list by four spaces per level; in the pages it is in line with the item's text."""
+    lines, texts, fence = [], [], False  # texts: the column of each open item's text
+    for line in markdown.split("\n"):
+        content = line.lstrip()
+        indent = len(line) - len(content)
+        while content and texts and indent < texts[-1]:
+            texts.pop()
+        beyond = indent - (texts[-1] if texts else 0)
+        lines.append(" " * (4 * len(texts) + beyond) + content if content else "")
+        fence ^= content.startswith("```")
+        item = _ITEM.match(content)
+        if item and beyond < 4 and not fence:  # further in, it is code
+            texts.append(indent + len(item.group()))
+    return "\n".join(lines)
+
+
 def on_page_markdown(markdown, page, **_):
     """Edits a page before mkdocs turns it into HTML."""
-    return name_outside_files(markdown, page.file.src_uri)
+    return indent_lists(name_outside_files(markdown, page.file.src_uri))

@@ -479,6 +479,18 @@ def test_the_site_has_no_link_out_of_its_folder():
     )
 
 
+def test_the_site_shows_what_belongs_to_an_item_of_a_list():
+    site = load_script("site_links.py")
+    page = (
+        "1. Type\n\n       make demo\n\n   - Deep\n     down\n\n   Then\n\nEnd\n\n    - code\n      of it\n- a\n  b\n\n"
+        "```\n- c\n  d\n```"
+    )
+    assert site.indent_lists(page) == (
+        "1. Type\n\n        make demo\n\n    - Deep\n        down\n\n    Then\n\nEnd\n\n    - code\n      of it\n- a\n    b\n\n"
+        "```\n- c\n  d\n```"
+    )
+
+
 def test_the_table_of_places_names_what_is_there():
     table = (TOP / "docs" / "index.md").read_text(encoding="utf-8").split("## Where things are in the code")[1]
     places = re.findall(r"\]\(([^)]+)\) `([\w.]+)`", table)
@@ -537,8 +549,8 @@ def test_commands_in_pages_exist():
 
 
 def test_a_command_that_does_not_exist_is_found():
-    text = "    make docs\n    . env.sh && rosrun vb_web page\n    rosrun vb_web pag\n`roslaunch vb_bringup no.launch`, `make demo`"
-    assert missing_commands(text) == ["make docs", "rosrun vb_web pag", "roslaunch vb_bringup no.launch"]
+    text = "    make pages\n    . env.sh && rosrun vb_web page\n    rosrun vb_web pag\n`roslaunch vb_bringup no.launch`, `make demo`"
+    assert missing_commands(text) == ["make pages", "rosrun vb_web pag", "roslaunch vb_bringup no.launch"]
 
 
 @pytest.mark.parametrize(
