@@ -1,7 +1,8 @@
 """Hook of mkdocs: the site shows the pages as GitHub does.
 
 A link from a page to a file outside of docs/ becomes that file's path, which the site cannot show; on GitHub it leads to
-the file. What belongs to an item of a list is indented by four spaces, as Python-Markdown wants it.
+the file. What belongs to an item of a list is indented by four spaces, and an item of several paragraphs ends with an
+empty line, as Python-Markdown wants it.
 """
 
 import posixpath
@@ -32,18 +33,21 @@ def name_outside_files(markdown: str, page: str) -> str:
 
 def indent_lists(markdown: str) -> str:
     """Indents what belongs to an item of a list by four spaces per level; in the pages it is in line with the item's text."""
-    lines, texts, fence = [], [], False  # texts: the column of each open item's text
+    lines, texts, fence, parts = [], [], False, False  # texts: the column of each open item's text
     for line in markdown.split("\n"):
         content = line.lstrip()
         indent = len(line) - len(content)
         while content and texts and indent < texts[-1]:
             texts.pop()
         beyond = indent - (texts[-1] if texts else 0)
-        lines.append(" " * (4 * len(texts) + beyond) + content if content else "")
+        shown = " " * (4 * len(texts) + beyond) + content if content else ""
         fence ^= content.startswith("```")
         item = _ITEM.match(content)
         if item and beyond < 4 and not fence:  # further in, it is code
+            lines += [""] if parts and lines[-1] else []  # after an item of several paragraphs
             texts.append(indent + len(item.group()))
+        parts = not item and (parts or not content)
+        lines.append(shown)
     return "\n".join(lines)
 
 
