@@ -486,8 +486,8 @@ def test_the_site_shows_what_belongs_to_an_item_of_a_list():
         "```\n- c\n  d\n```"
     )
     assert site.indent_lists(page) == (
-        "1. Type\n\n        make demo\n\n    - Deep\n        down\n\n    Then\n\n2. Say\n3. So\n\nEnd\n\n    - code\n      of it\n- a\n    b\n\n"
-        "```\n- c\n  d\n```"
+        "1. Type\n\n        make demo\n\n    - Deep\n        down\n\n    Then\n\n2. Say\n3. So\n\nEnd\n\n    - code\n      of it\n"
+        "- a\n    b\n\n```\n- c\n  d\n```"
     )
 
 
