@@ -4,7 +4,7 @@
 // side to be restricted; "review" moves corners of the draft.
 "use strict";
 import { Link, Words } from "./link.js";
-import { MapView, distance, inside, middle, pairs, simplify } from "./map.js";
+import { MapView, distance, inside, mark, middle, pairs, simplify } from "./map.js";
 
 const $ = (id) => document.getElementById(id);
 const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
@@ -489,6 +489,7 @@ function drawBorders() {
           const open = element(
             "button",
             {
+            element("span", { class: "mark" }, mark(index)),
               type: "button",
               class: "name",
               "data-key": `border ${border.id}`,
