@@ -353,6 +353,10 @@ function drawReview() {
   if (mode !== "review") {
     const end = (kind) =>
       Object.assign(
+    const takeBack = Object.assign(
+      button("page_take_back", () => showRough((taps = taps.slice(0, -1)), "taps")),
+      { disabled: !taps.length },
+    );
         button(`page_end_${kind}`, () => begin([...taps], kind), kind === "polygon" ? "primary" : ""),
         { disabled: taps.length < (kind === "polygon" ? 3 : 2) },
       );
@@ -371,7 +375,7 @@ function drawReview() {
         "div",
         { class: "row" },
         cancel,
-        ...(mode === "draw" ? [end("curve"), end("polygon")] : [close]).filter(Boolean),
+        ...(mode === "draw" ? [takeBack, end("curve"), end("polygon")] : [close]).filter(Boolean),
       ),
     ]);
   }
