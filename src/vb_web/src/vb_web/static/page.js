@@ -1253,6 +1253,16 @@ window.addEventListener("popstate", () => {
     goBack();
     keepBack();
   }
+// Stop keeps its place and size on the screen also while two fingers have enlarged the page, which helps to read it.
+function keepStop() {
+  const { scale, offsetLeft, offsetTop } = window.visualViewport,
+    { style } = $("stop");
+  style.transform = "";
+  const { x, y } = $("stop").getBoundingClientRect();
+  if (scale > 1)
+    style.transform = `translate(${offsetLeft + x / scale - x}px, ${offsetTop + y / scale - y}px) scale(${1 / scale})`;
+}
+for (const change of ["resize", "scroll"]) window.visualViewport.addEventListener(change, keepStop);
 });
 document.addEventListener("keydown", (event) => {
   if (event.key === "Escape") goBack();
