@@ -95,6 +95,23 @@ def test_an_unnamed_border_is_numbered_by_those_that_are_there(tmp_path):
     assert [(border.id, border.name) for border in keeper.borders] == [("b2", "border 2"), ("b3", "border 1")]
 
 
+def test_undo_and_redo_bring_back_no_name_that_another_has(tmp_path):
+    """An unnamed border may have the number of a removed one: undo goes back in order, and takes the newer one first."""
+    draw = np.random.default_rng(5)
+    keeper = integrator(tmp_path)
+    for step in range(200):
+        names = {border.id: border.name for border in keeper.borders}
+        actions = [lambda: keeper.add(square(*draw.integers(5, 60, 2), name=""), float(step))]
+        if names:
+            actions += [lambda: keeper.remove(draw.choice(sorted(names)), float(step))] * 2
+        actions += [getattr(keeper, one) for one in keeper.steps]
+        actions[draw.integers(len(actions))]()
+        after = [border.name for border in keeper.borders]
+        assert len(set(after)) == len(after)
+        # and what stays keeps its name
+        assert all(names.get(border.id, border.name) == border.name for border in keeper.borders)
+
+
 def test_before_a_map_everything_is_refused():
     keeper = MapIntegrator(IntegratorParams(), None)
     for action in (lambda: keeper.add(square(10, 10), 1.0), keeper.clear, lambda: keeper.posterior):

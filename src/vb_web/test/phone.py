@@ -28,7 +28,7 @@ PATIENCE_S = 120.0  # a busy machine takes ten times as long; only a fault waits
 class Browser:
     """One browser with the page open."""
 
-    def __init__(self, url, size=PHONE, language="en", dark=False):
+    def __init__(self, url, size=PHONE, language="en", dark=False, mobile=False):
         options = webdriver.ChromeOptions()
         options.binary_location = "/usr/bin/chromium"
         for switch in (*_SWITCHES, f"--lang={language}"):
@@ -38,12 +38,13 @@ class Browser:
         self.driver = webdriver.Chrome(service=Service("/usr/bin/chromedriver"), options=options)
         self.driver.set_script_timeout(PATIENCE_S)
         self.url = url
+        self.mobile = mobile  # two fingers enlarge the page
         self.resize(size, dark)
         self.driver.get(url)
 
     def resize(self, size, dark=False):
         phone = size[0] < 800
-        metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 2 if phone else 1, "mobile": False}
+        metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 2 if phone else 1, "mobile": self.mobile}
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
@@ -143,10 +144,16 @@ class Browser:
 
     def fingers(self, steps, lift=True):
         """Puts fingers on points of the floor [m], a list of them for each step."""
-        places = [[dict(zip("xy", self.on_screen(point)), id=i) for i, point in enumerate(step)] for step in steps]
+        self.fingers_on_screen([[self.on_screen(point) for point in step] for step in steps], lift)
+
+    def fingers_on_screen(self, steps, lift=True):
+        """Puts fingers on points of the screen [px], a list of them for each step."""
         count = 0
-        for step in places:
-            self._touch("touchStart" if len(step) > count else "touchMove", step)
+        for step in steps:
+            self._touch(
+                "touchStart" if len(step) > count else "touchMove",
+                [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(step)],
+            )
             count = len(step)
         if lift:
             self.lift()

@@ -483,6 +483,151 @@ class PageTest(unittest.TestCase):
         self.browser.click("#review button", "Cancel")
         self.remove_all()
 
+    def test_3ab_two_fingers_enlarge_the_page_and_stop_keeps_its_place_on_the_screen(self):
+        small = Browser(self.browser.url, (360, 640), mobile=True)
+        try:
+            small.wait_ready()
+            # on the screen, and not in the page: what was seen of it times the scale
+            place = """const { scale, offsetLeft, offsetTop } = visualViewport,
+                box = document.getElementById('stop').getBoundingClientRect();
+                return [(box.left - offsetLeft) * scale, (box.top - offsetTop) * scale, box.width * scale, box.height * scale]"""
+            before = small.run(place)
+            apart = [[(180 - 10 * step, 500 + 5 * step), (200 + 10 * step, 500 - 5 * step)] for step in range(1, 13)]
+            small.fingers_on_screen([apart[0][:1], *apart])
+            small.wait("visualViewport.scale > 1.5 && visualViewport.offsetTop > 50", what="an enlarged page")
+            np.testing.assert_allclose(small.run(place), before, atol=1.0)
+            self.assertEqual(
+                small.run("""const box = document.getElementById('stop').getBoundingClientRect();
+                return document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2).closest('button').id"""),
+                "stop",
+            )
+            small.run("document.getElementById('stop').click()")
+            small.wait("document.body.classList.contains('stopped')", what="the stop")
+            self.browser.wait_text("#banners", "All robots are stopped")
+        finally:
+            small.close()
+        self.browser.click("#resume")
+        until(lambda: not self.heard[names.STATE].stopped, "go on")
+
+    def test_3ac_each_border_in_view_has_its_name_or_its_mark_and_nothing_else_has(self):
+        self.browser.wait_arrived()
+        lines = {"a": CARPET, "b": [[x + 0.4, y + 2.2] for x, y in CARPET]}
+        lines.update((name, [[x, 2.3], [x, 3.0]]) for name, x in (("c", 3.9), ("d", 4.1), ("e", 4.3)))
+        self.browser.run(
+            """window.virtualBorders.map.setBorders(Object.entries(arguments[0]).map(([name, line]) => ({
+            id: name, name: `A name of some length: ${name}`, note: "", area: 1, points: line.flat().map((v) => 100 * v),
+            kind: line.length > 2 ? "polygon" : "wall" })), "")""",
+            lines,
+        )
+        look = """const map = window.virtualBorders.map; map.view = { ...map.view, ...arguments[0] }; map.lay();
+            return [...document.querySelectorAll('#placed .name')].map((group) => {
+                const shown = [...group.querySelectorAll(':scope > text, .mark')].filter((one) => one.getClientRects().length
+                    && getComputedStyle(one).visibility !== 'hidden');
+                return [group.border.id, ...shown.map((one) => [one.textContent, one.getBoundingClientRect().toJSON()])]; })"""
+        frame = self.browser.run("return document.getElementById('map').getBoundingClientRect().toJSON()")
+        scale = self.browser.run("return window.virtualBorders.map.limits[0]")
+        for factor, x, y in ((1, 4, 2.5), (1.5, 4, 2.5), (4, 4.1, 2.6), (6, 4, 1.5), (5, 1.0, 1.0), (12, 4.1, 2.0)):
+            view = {"scale": scale * factor, "x": x, "y": y}
+            half = [frame["width"] / view["scale"] / 2, frame["height"] / view["scale"] / 2]
+            boxes = []
+            for name, *shown in self.browser.run(look, view):
+                low, high = np.min(lines[name], axis=0), np.max(lines[name], axis=0)
+                inside = bool(np.all(high > [x - half[0], y - half[1]]) and np.all(low < [x + half[0], y + half[1]]))
+                self.assertEqual(len(shown), int(inside), f"{name} at {view}: {shown}")
+                boxes += shown
+            for number, (text, box) in enumerate(boxes):
+                self.assertGreaterEqual(box["left"], frame["left"] - 1, text)
+                self.assertLessEqual(box["right"], frame["right"] + 1, text)
+                for other, there in boxes[:number]:
+                    apart = (
+                        box["left"] >= there["right"] - 1
+                        or there["left"] >= box["right"] - 1
+                        or box["top"] >= there["bottom"] - 1
+                        or there["top"] >= box["bottom"] - 1
+                    )
+                    self.assertTrue(apart, f"{text} and {other} at {view}")
+        self.browser.driver.refresh()
+        self.browser.wait_ready()
+
+    def test_3ad_lengths_a_scale_and_the_last_corner(self):
+        scale = """const map = window.virtualBorders.map; map.lay(); const bar = document.getElementById('scale');
+            return [parseFloat(bar.textContent), bar.getBoundingClientRect().width / map.view.scale]"""
+        for factor in (1, 3, 3):
+            self.browser.run("window.virtualBorders.map.zoom(arguments[0])", factor)
+            told, true = self.browser.run(scale)
+            self.assertAlmostEqual(told / true, 1.0, delta=0.02)
+        self.browser.click("#zoom-fit")
+        lengths = "return [...document.querySelectorAll('#placed .length')].map((one) => parseFloat(one.textContent))"
+        corners = "return document.querySelectorAll('#placed .knob').length"
+        self.browser.click("#draw")
+        for point in ([3.0, 1.0], [5.0, 1.0], [5.0, 2.5]):
+            self.browser.tap(point)
+        self.assertAlmostEqual(self.browser.run(lengths)[0], 1.5, delta=0.1)
+        self.browser.click("#review button", "Remove last corner")
+        self.assertEqual(self.browser.run(corners), 2)
+        self.assertAlmostEqual(self.browser.run(lengths)[0], 2.0, delta=0.1)
+        for _ in range(2):
+            self.browser.click("#review button", "Remove last corner")
+        self.assertEqual(self.browser.run(corners), 0)
+        self.assertTrue(
+            self.browser.run(
+                "return [...document.querySelectorAll('#review button')].find((e) => e.textContent === 'Remove last corner').disabled"
+            )
+        )
+        self.browser.stroke(round_the(CARPET))
+        self.browser.wait_text("#review", "m²")
+        self.assertEqual(self.browser.run(lengths), [])
+        corner = self.browser.run("return window.virtualBorders.draft().points[0]")
+        self.browser.tap(corner)
+        sides = self.browser.run("""const points = window.virtualBorders.draft().points, last = points[points.length - 1];
+            return [points[1], last].map((one) => Math.hypot(one[0] - points[0][0], one[1] - points[0][1]))""")
+        np.testing.assert_allclose(sorted(self.browser.run(lengths)), sorted(sides), atol=0.006)
+        self.browser.click("#review button", "Cancel")
+        # a wall's length is always told
+        self.browser.click("#wall")
+        for point in ([3.3, 4.0], [3.3, 3.1]):
+            self.browser.tap(point)
+        self.browser.wait_text("#review", "Save this wall?")
+        self.assertAlmostEqual(self.browser.run(lengths)[0], 0.9, delta=0.1)
+        self.browser.click("#review button", "Cancel")
+
+    def test_3ae_a_wall_with_a_warning_hides_no_name_and_a_dialog_moves_nothing_behind_it(self):
+        small = Browser(self.browser.url, (360, 640))
+        try:
+            small.wait_ready()
+            small.click("#wall")
+            for point in ([3.2, 3.95], [3.2, 3.1]):  # a doorway
+                small.tap(point)
+            small.wait_text("#review", "separate parts")
+            small.wait_arrived()
+            small.run("window.scrollTo(0, 0)")
+            for part in ("input", ".issue", ".primary"):
+                self.assertTrue(
+                    small.run(
+                        """const one = document.querySelector(`#review ${arguments[0]}`), box = one.getBoundingClientRect();
+                        return [box.top + 2, box.bottom - 2].every(
+                            (y) => document.elementFromPoint(box.left + box.width / 2, y) === one)""",
+                        part,
+                    ),
+                    part,
+                )
+            small.click("#review button", "Cancel")
+            small.wait("document.body.dataset.mode == 'look'", what="the end of the drawing")
+            small.run("window.scrollTo(0, 200)")
+            small.click("#settings-button")
+            small.wait_arrived()
+            small.run("window.scrollTo(0, 200)")
+            box = small.run("return document.getElementById('dialog').getBoundingClientRect().toJSON()")
+            top = small.run("return scrollY")
+            small.fingers_on_screen([[(box["left"] + 40, box["top"] + 140 - 20 * step)] for step in range(7)])
+            small.wait_click()
+            self.assertEqual(small.run("return scrollY"), top)
+            self.assertEqual(
+                small.run("return getComputedStyle(document.getElementById('dialog-title')).outlineStyle"), "none"
+            )
+        finally:
+            small.close()
+
     def test_3b_a_manager_that_hangs_is_told_with_the_age_of_what_is_shown(self):
         uri = rosgraph.Master("/rostest_page").lookupNode("/interaction_manager")
         process = ServerProxy(uri).getPid("/rostest_page")[2]

@@ -4,6 +4,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const HANDLE_PX = 24; // half of a finger
+const MARK_PX = 10;
 const $ = (id) => document.getElementById(id);
 
 export function make(name, attributes = {}, parent = null) {
@@ -50,18 +51,21 @@ export function inside(p, polygon) {
   return odd;
 }
 
-// The point inside that is furthest from the edges, of a grid of 24 x 24.
-export function middle(polygon) {
+// The point of what is inside a polygon and a box [left, right, low, high] that is furthest from their edges, of a grid of
+// 24 x 24; null if there is none.
+function deepest(polygon, [left, right, low, high]) {
   const xs = polygon.map((p) => p[0]),
     ys = polygon.map((p) => p[1]);
-  const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
-  let best = [(x0 + x1) / 2, (y0 + y1) / 2],
+  const [x0, x1] = [Math.max(left, Math.min(...xs)), Math.min(right, Math.max(...xs))];
+  const [y0, y1] = [Math.max(low, Math.min(...ys)), Math.min(high, Math.max(...ys))];
+  let best = null,
     depth = -Infinity;
+  if (x0 > x1 || y0 > y1) return null;
   for (let i = 0; i < 24; i++)
     for (let j = 0; j < 24; j++) {
       const p = [x0 + ((i + 0.5) * (x1 - x0)) / 24, y0 + ((j + 0.5) * (y1 - y0)) / 24];
       if (!inside(p, polygon)) continue;
-      let d = Infinity;
+      let d = Math.min(p[0] - left, right - p[0], p[1] - low, high - p[1]);
       for (let k = 0; k < polygon.length; k++)
         d = Math.min(d, toSegment(p, polygon[k], polygon[(k + 1) % polygon.length]));
       d -= 0.02 * distance(p, [(x0 + x1) / 2, (y0 + y1) / 2]); // where several are as deep: the one in the middle
@@ -69,6 +73,14 @@ export function middle(polygon) {
     }
   return best;
 }
+
+const mean = (points) => [0, 1].map((axis) => points.reduce((sum, p) => sum + p[axis], 0) / points.length);
+
+// The point inside that is furthest from the edges; of a polygon that has no inside, its corners' mean.
+export const middle = (polygon) => deepest(polygon, [-Infinity, Infinity, -Infinity, Infinity]) || mean(polygon);
+
+// What stands on the map for a border whose name has no room, and in the list before its name.
+export const mark = (index) => String.fromCharCode(65 + (index % 26)) + (index < 26 ? "" : Math.floor(index / 26));
 
 export class MapView {
   // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index), outside()
@@ -114,26 +126,26 @@ export class MapView {
     return [this.view.x + (u - w / 2) / this.view.scale, this.view.y - (v - h / 2) / this.view.scale];
   }
 
-  corners() {
-    const {
-        origin: [x, y, yaw],
-        rows,
-        columns,
-        resolution,
-      } = this.info,
-      [c, s] = [Math.cos(yaw), Math.sin(yaw)];
-    return [
-      [0, 0],
-      [columns, 0],
-      [columns, rows],
-      [0, rows],
-    ].map(([i, j]) => [x + (c * i - s * j) * resolution, y + (s * i + c * j) * resolution]);
+  // Between metres right of and above the map's lower left corner, and the world.
+  fromCorner([right, up]) {
+    const { x, y, cos, sin } = this.info;
+    return [x + cos * right - sin * up, y + sin * right + cos * up];
+  }
+  toCorner([px, py]) {
+    const { x, y, cos, sin } = this.info;
+    return [cos * (px - x) + sin * (py - y), cos * (py - y) - sin * (px - x)];
   }
 
   fit() {
     const [w, h] = this.size();
     if (!this.info || w < 24 || h < 24) return; // not laid out yet: the observer calls again
-    const corners = this.corners(),
+    const { width, height } = this.info,
+      corners = [
+        [0, 0],
+        [width, 0],
+        [width, height],
+        [0, height],
+      ].map((one) => this.fromCorner(one)),
       xs = corners.map((p) => p[0]),
       ys = corners.map((p) => p[1]);
     const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
@@ -172,17 +184,10 @@ export class MapView {
   }
 
   // The point of the map that is nearest to a point of the world, so that every corner can be seen and gripped.
-  onMap([px, py]) {
-    const {
-        origin: [x, y, yaw],
-        rows,
-        columns,
-        resolution,
-      } = this.info,
-      [c, s] = [Math.cos(yaw), Math.sin(yaw)];
-    const keep = (value, most) => Math.max(0, Math.min(most * resolution, value));
-    const [i, j] = [keep(c * (px - x) + s * (py - y), columns), keep(c * (py - y) - s * (px - x), rows)];
-    return [x + c * i - s * j, y + s * i + c * j];
+  onMap(point) {
+    const { width, height } = this.info,
+      [right, up] = this.toCorner(point);
+    return this.fromCorner([Math.max(0, Math.min(width, right)), Math.max(0, Math.min(height, up))]);
   }
 
   zoom(factor, at = null) {
@@ -210,35 +215,134 @@ export class MapView {
     const { x, y, scale } = this.view,
       [w, h] = this.size();
     this.world.setAttribute("transform", `matrix(${scale} 0 0 ${-scale} ${w / 2 - x * scale} ${h / 2 + y * scale})`);
-    const { origin, resolution, cells, rows, columns } = this.info,
-      [c, s] = [Math.cos(origin[2]), Math.sin(origin[2])];
+    const { resolution, cells, rows, columns, cos, sin } = this.info,
+      [left, bottom] = this.toScreen(this.fromCorner([0, 0]));
     for (const image of $("pictures").children) {
       if (!image.naturalWidth) continue;
       // every picture begins at the map's lower left corner; they differ in how many cells a pixel has
       const per =
         { floor: this.info.floor, region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
-      const k = per * resolution * scale,
+      const [c, s] = [cos, sin].map((one) => one * per * resolution * scale),
         high = image.naturalHeight;
-      const [e, f] = [w / 2 + (origin[0] - x) * scale - s * k * high, h / 2 - (origin[1] - y) * scale - c * k * high];
-      image.style.transform = `matrix(${c * k},${-s * k},${s * k},${c * k},${e},${f})`;
+      image.style.transform = `matrix(${c},${-s},${s},${c},${left - s * high},${bottom - c * high})`;
     }
-    const names = []; // the boxes of those that are shown: one that would lie on another waits until there is room
     for (const element of [...this.placedGroup.children, ...this.handleGroup.children]) {
       if (!element.at) continue;
-      let [u, v] = this.toScreen(element.at);
-      if (element.half) {
-        [u, v] = [Math.max(element.half, Math.min(w - element.half, u)), Math.max(14, Math.min(h - 26, v))];
-        const free = !names.some((one) => Math.abs(one.u - u) < one.half + element.half && Math.abs(one.v - v) < 30);
-        element.style.visibility = free ? "" : "hidden";
-        if (free) names.push({ u, v, half: element.half });
-      }
+      const [u, v] = this.toScreen(element.at);
       element.setAttribute(
         "transform",
         `translate(${u.toFixed(1)} ${v.toFixed(1)})` +
           (element.yaw === undefined ? "" : ` rotate(${((-element.yaw * 180) / Math.PI).toFixed(1)})`) +
-          (element.metres ? ` scale(${Math.max(9, element.metres * scale).toFixed(2)})` : ""),
+          (element.metres ? ` scale(${Math.max(12, element.metres * scale).toFixed(2)})` : ""),
       );
     }
+    this.layWriting();
+  }
+
+  // Nothing that is written covers anything else that is. First the scale and lengths, then a mark for each border of which
+  // something is in view, where it is; then its name instead of the mark, if there is room for it.
+  layWriting() {
+    const [w, h] = this.size(),
+      taken = [this.layScale()];
+    const isFree = (box) =>
+      taken.every(
+        (one) => Math.abs(one.u - box.u) >= one.half + box.half || Math.abs(one.v - box.v) >= one.high + box.high,
+      );
+    const inFrame = ({ u, v, half, high }) => ({
+      u: Math.max(half, Math.min(w - half, u)),
+      v: Math.max(high, Math.min(h - high, v)),
+      half,
+      high,
+    });
+    const put = (group, { u, v }) => group.setAttribute("transform", `translate(${u.toFixed(1)} ${v.toFixed(1)})`);
+    for (const group of this.placedGroup.querySelectorAll(".length")) {
+      const [a, b, centre] = group.side.map((one) => this.toScreen(one)),
+        long = distance(a, b);
+      let [nu, nv] = [(b[1] - a[1]) / long, (a[0] - b[0]) / long]; // away from the shape, upwards if that is no shape
+      const away = nu * (a[0] - centre[0]) + nv * (a[1] - centre[1]);
+      if (Math.abs(away) > 1 ? away < 0 : nv > 0) [nu, nv] = [-nu, -nv];
+      const { half, high } = group.extent,
+        gap = 10 + Math.abs(nu) * half + Math.abs(nv) * high;
+      const box = inFrame({ u: (a[0] + b[0]) / 2 + nu * gap, v: (a[1] + b[1]) / 2 + nv * gap, half, high });
+      const shown = long > HANDLE_PX && isFree(box);
+      group.style.visibility = shown ? "" : "hidden";
+      if (!shown) continue;
+      put(group, box);
+      taken.push(box);
+    }
+    const marks = new Map();
+    for (const group of this.placedGroup.querySelectorAll(".name")) {
+      const at = this.middleInView(group.border);
+      group.style.visibility = at ? "" : "hidden";
+      if (!at) continue;
+      const [u, v] = this.toScreen(at),
+        box = { ...inFrame({ u, v, half: MARK_PX, high: MARK_PX }), at: { u, v } };
+      while (!isFree(box)) box.u += u < w / 2 ? 2 : -2;
+      taken.push(box);
+      marks.set(group, box);
+    }
+    let unnamed = false;
+    for (const [group, box] of marks) {
+      taken.splice(taken.indexOf(box), 1);
+      const name = this.namePlaces(group, box.at)
+        .map((one) => ({ from: one, to: inFrame({ ...one, ...group.extent }) }))
+        // it may be shifted into the frame as long as it is still where it belongs
+        .find(({ from, to }) => Math.abs(to.u - from.u) < to.half && Math.abs(to.v - from.v) < to.high && isFree(to));
+      put(group, name ? name.to : box);
+      taken.push(name ? name.to : box);
+      group.classList.toggle("marked", !name);
+      unnamed = unnamed || !name;
+    }
+    document.body.classList.toggle("marks", unnamed);
+  }
+
+  // Where a border's name may stand: on an area, beside a line.
+  namePlaces({ border, extent: { half, high } }, { u, v }) {
+    if (border.kind === "polygon") return [{ u, v }];
+    const [a, b] = [border.line[0], border.line[border.line.length - 1]].map((one) => this.toScreen(one)),
+      steep = Math.abs(a[1] - b[1]) > Math.abs(a[0] - b[0]);
+    const beside = [half + 6, -half - 6].map((by) => ({ u: u + by, v })),
+      above = [-high - 6, high + 6].map((by) => ({ u, v: v + by }));
+    return steep ? [...beside, ...above] : [...above, ...beside];
+  }
+
+  // The middle of what can be seen of a border; null if that is nothing.
+  middleInView(border) {
+    const [w, h] = this.size(),
+      [left, high] = this.toWorld([0, 0]),
+      [right, low] = this.toWorld([w, h]);
+    const inView = (p) => p[0] >= left && p[0] <= right && p[1] >= low && p[1] <= high;
+    const closed = border.kind === "polygon";
+    if (closed && border.line.every(inView)) return (border.middle = border.middle || middle(border.line));
+    const within = closed && deepest(border.line, [left, right, low, high]);
+    if (within) return within;
+    const ends = closed ? [...border.line, border.line[0]] : border.line,
+      seen = [];
+    for (let i = 1; i < ends.length; i++) {
+      const [a, b] = [ends[i - 1], ends[i]],
+        steps = Math.ceil((distance(a, b) * this.view.scale) / 8) + 1;
+      for (let k = 0; k < steps; k++)
+        seen.push([a[0] + ((b[0] - a[0]) * (k + 0.5)) / steps, a[1] + ((b[1] - a[1]) * (k + 0.5)) / steps]);
+    }
+    const visible = seen.filter(inView);
+    return visible.length ? visible[Math.floor(visible.length / 2)] : null;
+  }
+
+  // Lays the scale's bar, of a round length; returns its box.
+  layScale() {
+    const most = 100 / this.view.scale,
+      power = 10 ** Math.floor(Math.log10(most)),
+      length = [5, 2, 1].map((one) => one * power).find((one) => one <= most);
+    const text = `${this.words.number(length, 2)} m`;
+    if ($("scale").textContent !== text) $("scale").textContent = text;
+    $("scale").style.width = `${(length * this.view.scale).toFixed(1)}px`;
+    const { offsetLeft, offsetTop, offsetWidth, offsetHeight } = $("scale");
+    return {
+      u: offsetLeft + offsetWidth / 2,
+      v: offsetTop + offsetHeight / 2,
+      half: offsetWidth / 2 + 4,
+      high: offsetHeight / 2 + 4,
+    };
   }
 
   // ------------------------------------------------------------- what is shown
@@ -248,7 +352,14 @@ export class MapView {
       this.info.rows !== info.rows ||
       this.info.columns !== info.columns ||
       this.info.resolution !== info.resolution;
-    this.info = info;
+    const {
+      origin: [x, y, yaw],
+      rows,
+      columns,
+      resolution,
+    } = info;
+    const [width, height] = [columns * resolution, rows * resolution];
+    this.info = { ...info, x, y, cos: Math.cos(yaw), sin: Math.sin(yaw), width, height };
     $("no-map").classList.add("gone");
     this.picture("base", `picture/map/${info.picture}.png`);
     this.picture("restricted", info.restricted ? `picture/restricted/${info.restricted}.png` : "");
@@ -306,9 +417,30 @@ export class MapView {
     return group;
   }
 
+  // Writes lines of text, one below the other, whose place layWriting finds.
+  write(layer, kind, texts) {
+    const lines = texts.filter(Boolean),
+      group = make("g", { class: kind }, this.placedGroup);
+    lines.forEach((text, i) => {
+      const y = `${(0.35 + 1.3 * (i - (lines.length - 1) / 2)).toFixed(2)}em`;
+      make("text", { class: i ? "note" : "", y }, group).textContent = text;
+    });
+    const half = Math.max(...[...group.children].map((text) => text.getComputedTextLength())) / 2 + 4;
+    group.extent = { half, high: 3 + 9 * lines.length };
+    this.layers[layer].placed.push(group);
+    this.update();
+    return group;
+  }
+
+  // The length of a draft's side, written away from the draft's middle.
+  measure(side, centre) {
+    const text = `${this.words.number(distance(...side), 2)} m`;
+    this.write("draft", "length", [text]).side = [...side, centre];
+  }
+
   // `hidden` is the id of the border that is being changed; a border's `note` stands under its name.
   setBorders(borders, hidden) {
-    this.borders = borders.map((border) => ({ ...border, line: pairs(border.points) }));
+    this.borders = borders.map((border, index) => ({ ...border, index, line: pairs(border.points) }));
     this.clear("borders");
     for (const border of this.borders) {
       if (border.id === hidden) continue;
@@ -317,20 +449,14 @@ export class MapView {
         `border ${border.kind} ${border.off ? "off" : ""}`,
         path(border.line, border.kind === "polygon"),
       );
-      const half = border.line.length / 2,
-        ends = [border.line[Math.ceil(half) - 1], border.line[Math.floor(half)]];
-      const at =
-        border.kind === "polygon"
-          ? middle(border.line)
-          : [(ends[0][0] + ends[1][0]) / 2, (ends[0][1] + ends[1][1]) / 2];
-      const name = this.words.border(border.name),
-        y = border.kind === "polygon" ? 0.3 : -0.6;
-      const group = this.place("borders", "name", at, [
-        ["text", { y: `${y}em` }, short(name)],
-        ["text", { class: "note", y: `${y + 1.4}em` }, short(border.note)],
+      const group = this.write("borders", "name", [
+        short(this.words.border(border.name) || this.words.say("page_no_name")),
+        short(border.note),
       ]);
-      // a name stays inside the frame
-      group.half = Math.max(...[...group.children].map((text) => text.getComputedTextLength())) / 2 + 4;
+      group.border = border;
+      const sign = make("g", { class: "mark" }, group);
+      make("circle", { r: MARK_PX }, sign);
+      make("text", { y: "0.35em" }, sign).textContent = mark(border.index);
     }
     this.update();
   }
@@ -359,7 +485,8 @@ export class MapView {
           "robot",
           [0, 0],
           [
-            ["path", { d: "M1 0A1 1 0 1 1 1-.01ZM.95 0-.2.55V-.55Z", "fill-rule": "evenodd" }],
+            ["path", { class: "body", d: "M1 0A1 1 0 1 1 1-.01Z" }],
+            ["path", { class: "heading", d: "M.8 0-.6.5-.3 0-.6-.5Z" }],
             ["title", {}, name || "robot"],
           ],
         );
@@ -404,9 +531,15 @@ export class MapView {
     if (rough) {
       for (const p of points.slice(0, rough === "taps" ? 99 : 0))
         this.place("draft", "knob", p, [["circle", { r: 7 }]]);
+      if (rough === "taps" && points.length > 1) this.measure(points.slice(-2), mean(points));
       return this.update();
     }
-    const count = points.length;
+    const count = points.length,
+      sides = points.map((p, i) => [p, points[(i + 1) % count]]).slice(0, closed ? count : count - 1);
+    sides.forEach((side, i) => {
+      if (count === 2 || (chosen !== null && (i === chosen || (i + 1) % count === chosen)))
+        this.measure(side, mean(points));
+    });
     if (count <= 24)
       for (let i = 0; i < (closed ? count : count - 1); i++) {
         const next = points[(i + 1) % count];

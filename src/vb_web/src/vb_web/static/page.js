@@ -4,7 +4,7 @@
 // side to be restricted; "review" moves corners of the draft.
 "use strict";
 import { Link, Words } from "./link.js";
-import { MapView, distance, inside, middle, pairs, simplify } from "./map.js";
+import { MapView, distance, inside, mark, middle, pairs, simplify } from "./map.js";
 
 const $ = (id) => document.getElementById(id);
 const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
@@ -23,7 +23,7 @@ let online = false,
   taps = [],
   chosenCorner = null,
   check = null,
-  checking = 0,
+  checking = null, // the question that has no answer yet
   floorOn = false,
   floorSeers = "",
   toastTimer = 0;
@@ -176,8 +176,7 @@ function setMode(next) {
   map.drawing = next === "draw" || next === "wall";
   map.picking = next === "side";
   if (next === "look") {
-    draft = null;
-    check = null;
+    draft = check = checking = null;
   }
   if (next === "look" || next === "draw" || next === "wall") {
     taps = [];
@@ -190,10 +189,8 @@ function setMode(next) {
   if (next === "review") examine();
   drawBorders();
   drawReview();
-  if (next === "draw" || next === "wall" || next === "side") {
-    $("map-area").scrollIntoView({ block: "nearest" });
-    $("map").focus({ preventScroll: true });
-  }
+  $("map-area").scrollIntoView({ block: "nearest" });
+  if (next === "draw" || next === "wall" || next === "side") $("map").focus({ preventScroll: true });
 }
 
 function showRough(points, kind) {
@@ -283,13 +280,13 @@ const draftFields = (of = draft) => ({
   enabled: of.enabled,
 });
 
-// Asks what saving would do; the newest question counts.
+// Asks what saving would do; the newest question counts, and the last answer stands until its answer: nothing jumps.
 async function examine() {
-  const number = ++checking;
-  check = null;
+  const question = (checking = {});
   drawReview();
   const answer = await link.ask("preview", { draft: draftFields(), border: draft.border });
-  if (number !== checking || !draft) return;
+  if (question !== checking || !draft) return;
+  checking = null;
   check = answer;
   map.picture("region", answer.region || "");
   drawReview();
@@ -356,6 +353,10 @@ function drawReview() {
         button(`page_end_${kind}`, () => begin([...taps], kind), kind === "polygon" ? "primary" : ""),
         { disabled: taps.length < (kind === "polygon" ? 3 : 2) },
       );
+    const takeBack = Object.assign(
+      button("page_take_back", () => showRough((taps = taps.slice(0, -1)), "taps")),
+      { disabled: !taps.length },
+    );
     const close =
       mode === "side" && draft.kind === "curve" && draft.points.length > 2
         ? button("page_end_polygon", () => {
@@ -371,7 +372,7 @@ function drawReview() {
         "div",
         { class: "row" },
         cancel,
-        ...(mode === "draw" ? [end("curve"), end("polygon")] : [close]).filter(Boolean),
+        ...(mode === "draw" ? [takeBack, end("curve"), end("polygon")] : [close]).filter(Boolean),
       ),
     ]);
   }
@@ -396,7 +397,16 @@ function drawReview() {
   const corner = chosenCorner !== null && draft.points.length > (draft.kind === "polygon" ? 3 : 2);
   fill(box, [
     element("h2", {}, say(draft.border ? "page_title_edit" : "page_title_review", what(draft.kind))),
-    element("label", {}, element("span", {}, say("page_name")), name),
+    element("label", { class: "beside" }, element("span", {}, say("page_name")), name),
+    // what saving would do stands above what can be chosen: it is seen before one saves, also on a small screen
+    check === null
+      ? element("p", { class: "muted" }, say("page_checking"))
+      : refused
+        ? element("p", { class: "issue error" }, words.tell(check))
+        : wall
+          ? null
+          : figures(check.area),
+    ...issues(refused ? [] : check && check.issues),
     wall
       ? null
       : select("page_zone", draft.zone, ["keep_out", "avoid", "slow"], (value) => {
@@ -412,26 +422,11 @@ function drawReview() {
         ? null
         : Object.assign(button("page_remove_corner", removeCorner), { disabled: !corner }),
     ),
-    // what is wrong stands where one saves, and grows away from the button
     element(
       "div",
-      { class: "decide" },
-      ...[
-        check === null
-          ? element("p", { class: "muted" }, say("page_checking"))
-          : refused
-            ? element("p", { class: "issue error" }, words.tell(check))
-            : wall
-              ? null
-              : figures(check.area),
-        ...issues(refused ? [] : check && check.issues),
-      ].filter(Boolean),
-      element(
-        "div",
-        { class: "row" },
-        cancel,
-        Object.assign(button("page_save", save, "primary"), { disabled: !check || refused }),
-      ),
+      { class: "row decide" },
+      cancel,
+      Object.assign(button("page_save", save, "primary"), { disabled: !check || checking || refused }),
     ),
   ]);
 }
@@ -476,7 +471,7 @@ function drawBorders() {
     $("borders"),
     !list.length
       ? [element("li", { class: "muted" }, say("page_no_borders"))]
-      : list.map((border) => {
+      : list.map((border, index) => {
           const toggle = element("button", {
             type: "button",
             class: "switch operator",
@@ -494,6 +489,7 @@ function drawBorders() {
               "data-key": `border ${border.id}`,
               onclick: () => borderDialog(border.id),
             },
+            element("span", { class: "mark" }, mark(index)),
             element("span", {}, words.border(border.name) || say("page_no_name"), element("small", {}, why(border))),
           );
           return element("li", {}, open, toggle);
@@ -1119,6 +1115,7 @@ async function settings() {
           onclick: async () => {
             localStorage.setItem("language", one);
             await words.load(one);
+            toast(""); // it is in the language before
             drawAll();
             settings();
           },
@@ -1256,6 +1253,16 @@ $("dialog").addEventListener("close", () => {
   document.querySelector("main").inert = false;
   lock(document.querySelector("main"));
 });
+// Stop keeps its place and size on the screen also while two fingers have enlarged the page, which helps to read it.
+function keepStop() {
+  const { scale, offsetLeft, offsetTop } = window.visualViewport,
+    { style } = $("stop");
+  style.transform = "";
+  const { x, y } = $("stop").getBoundingClientRect();
+  if (scale > 1)
+    style.transform = `translate(${offsetLeft + x / scale - x}px, ${offsetTop + y / scale - y}px) scale(${1 / scale})`;
+}
+for (const change of ["resize", "scroll"]) window.visualViewport.addEventListener(change, keepStop);
 // a keyboard that shrinks the page covers no field that one types in
 window.addEventListener("resize", () => {
   if (document.activeElement.matches("input")) document.activeElement.scrollIntoView({ block: "center" });
