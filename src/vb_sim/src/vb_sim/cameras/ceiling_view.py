@@ -21,7 +21,7 @@ from vb_sim.lab_history import Snapshot
 from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.camera_models import CameraModels, make_generator
 from vb_sim.room.projected_light import FloorLight
-from vb_sim.room.spot import SpotImage, render_spot
+from vb_sim.room.spot import SpotImage, add_spot, render_spot
 from vb_sim.room.world import CeilingCamera
 
 # moving things are drawn with half the resolution; a Bayer pattern has no more colour anyway
@@ -342,9 +342,8 @@ class CeilingView:
     # ------------------------------------------------------------- the laser
     def spot(self, snapshot: Snapshot) -> Optional[SpotImage]:
         """Renders the light of the laser's spot, as if nothing hid it; None if the camera does not look there."""
-        source = None
-        if snapshot.person is not None:
-            source = bodies.hand_position(snapshot.person, snapshot.laser, self._hand_height)
+        person = snapshot.person
+        source = bodies.hand_position(person, snapshot.laser, self._hand_height) if person is not None else None
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.model, self.pose, self._optics)
 
     def spot_visible(self, center: Tuple[float, float], sprites: Sequence[_Sprite]) -> float:
@@ -377,12 +376,5 @@ class CeilingView:
         row = min(max(int(spot.center[1]) // _HALF, 0), self._albedo.shape[0] - 1)
         albedo = self._albedo[row, column] / (255.0 * self._optics.exposure_gain)
         weights = visible * snapshot.around.exposure * albedo * self._optics.response(snapshot.laser_color)
-        light = pixels.apply_color_filters(spot.light, weights, self.encoding, spot.column, spot.row)
-        rows = slice(spot.row, spot.row + spot.light.shape[0])
-        columns = slice(spot.column, spot.column + spot.light.shape[1])
-        part = image[rows, columns]
-        self._undo.append((rows, columns, part.copy()))
-        if self._noisy:
-            sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / self._noise.full_well_e))
-            light += sigma * self._rng.standard_normal(light.shape, dtype=np.float32)
-        part[...] = np.clip(part + light + 0.5, 0, 255)
+        self._undo.append((*spot.area, image[spot.area].copy()))
+        add_spot(image, spot, weights, self.encoding, (self._noise.full_well_e, self._rng) if self._noisy else None)
