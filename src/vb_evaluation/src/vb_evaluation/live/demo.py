@@ -148,7 +148,7 @@ class Demo:
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
         if self._screen and not screenshot(self._screen, options.out / "smart_display.png"):
             self._print("no picture of the smart display could be taken")
-        return self._conclude(observer, before, after, driven, saved)
+        return self._conclude(observer, {"before": before, "after": after}, driven, saved)
 
     # ------------------------------------------------------------- starting
     def _launch(self) -> None:
@@ -287,15 +287,16 @@ class Demo:
             self._print(f"the map could not be saved: {failed}")
 
     # ------------------------------------------------------------- the end
-    def _conclude(
-        self, observer: Observer, before: np.ndarray, after: np.ndarray, driven: GoalOutcome, saved: bool
-    ) -> int:
+    def _conclude(self, observer: Observer, plans: Dict[str, np.ndarray], driven: GoalOutcome, saved: bool) -> int:
+        """Writes summary and picture, and says whether the border is respected; returns what `main` does."""
         options, state, prior = self.options, observer.state, observer.prior
-        truth = floor_plan.ground_truth(options.world, options.scenario)
         region = metrics.restricted_cells(prior, observer.posterior)
-        score = metrics.jaccard(truth, region) if saved and truth.shape == region.shape else 0.0
+        truth: Optional[np.ndarray] = floor_plan.ground_truth(options.world, options.scenario)
+        if truth.shape != region.shape:
+            truth = None
+        score = metrics.jaccard(truth, region) if saved and truth is not None else 0.0
         times = {"guide": state.guide_s, "border": state.border_s, "seed": state.seed_s}
-        ways = {"before": before, "after": after, "driven": driven.path}
+        ways = {**plans, "driven": driven.path}
         summary = {
             "scenario": options.scenario.key,
             "method": options.method,
@@ -311,44 +312,31 @@ class Demo:
             "drive_s": round(driven.seconds, 1),
         }
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-        pictures.draw_before_after(
-            options.out / "before_after.png",
-            prior,
-            region,
-            truth if truth.shape == region.shape else None,
-            before,
-            after,
-            _chain(observer, state.last_border_id),
-            driven.path,
-            f"{options.scenario.title}, {METHODS[options.method]}: Jaccard index {score:.3f}",
-        )
+        title = f"{options.scenario.title}, {METHODS[options.method]}: Jaccard index {score:.3f}"
+        lines = {**ways, "border": _chain(observer, state.last_border_id)}
+        pictures.draw_before_after(options.out / "before_after.png", title, prior, region, truth, lines)
         table = Table(title="result", show_header=False)
         for key, value in summary.items():
-            entries = value.items() if isinstance(value, dict) else [("", value)]
-            for part, entry in entries:
+            for part, entry in value.items() if isinstance(value, dict) else [("", value)]:
                 table.add_row(f"{key} {part}".strip().replace("_", " "), "none" if entry is None else str(entry))
         self.console.print(table, f"written to {options.out}")
-        verdict = (
-            "no border came out"
-            if not saved
-            else "the way still crosses the border"
-            if summary["path_after_crosses_border"]
-            else "the robot entered the border"
-            if summary["path_driven_crosses_border"]
-            else f"the robot did not get to the goal: {driven.outcome}"
-            if len(after) and driven.outcome != "reached"
-            else ""
-        )
-        if verdict:
-            self.console.print(verdict, style="bold red")
-            return 1
-        self.console.print(
-            "the robot went round the border"
-            if len(after)
-            else "no way crosses the border: the goal is out of " "reach now",
-            style="bold green",
-        )
-        return 0
+        fault, gone = _fault(summary), "no way crosses the border: the goal is out of reach now"
+        praise = gone if summary["path_after_m"] is None else "the robot went round the border"
+        self.console.print(fault or praise, style="bold red" if fault else "bold green")
+        return 1 if fault else 0
+
+
+def _fault(summary: Dict[str, Any]) -> str:
+    """Says what is wrong with a result; empty if the border is respected."""
+    if not summary["completed"]:
+        return "no border came out"
+    if summary["path_after_crosses_border"]:
+        return "the way still crosses the border"
+    if summary["path_driven_crosses_border"]:
+        return "the robot entered the border"
+    if summary["path_after_m"] is not None and summary["drive_outcome"] != "reached":
+        return f"the robot did not get to the goal: {summary['drive_outcome']}"
+    return ""
 
 
 def _chain(observer: Observer, border_id: str) -> np.ndarray:
