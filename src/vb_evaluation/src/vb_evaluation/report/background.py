@@ -26,13 +26,13 @@ def order(study: StudyResults) -> List[Block]:
             ("period: second minus first", (second[:, 0] - second[:, 1]) / 2, (first[:, 0] - first[:, 1]) / 2),
             ("carry-over", first.sum(axis=1), second.sum(axis=1)),
         ):
-            found = statistics.unpaired(a, b)
+            p, shift = statistics.unpaired(a, b)
             rows.append(
                 {
                     "measure": words,
                     "effect": effect,
-                    "difference": found.shift.text(digits),
-                    "p": statistics.format_p(found.p) if study.people else "",
+                    "difference": shift.text(digits),
+                    "p": statistics.format_p(p) if study.people else "",
                     "groups": f"{len(first)} + {len(second)}",
                 }
             )
