@@ -22,6 +22,8 @@ import time
 from pathlib import Path
 from typing import Any, Dict, List
 
+import psutil
+
 from vb_evaluation.processes import Child
 
 TOP = Path(__file__).resolve().parent.parent
@@ -142,17 +144,13 @@ def play(cameras: List[str], path: Path) -> None:
 # ---------------------------------------------------------------------- measuring
 def used(processes: List[int]) -> float:
     """Returns the processor time [s] that some processes have taken so far."""
-    ticks = 0
-    for process in processes:
-        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-        ticks += int(fields[11]) + int(fields[12])
-    return ticks / os.sysconf("SC_CLK_TCK")
+    return sum(sum(psutil.Process(process).cpu_times()[:2]) for process in processes)
 
 
 def busy() -> float:
     """Returns the processor time [s] that all processes of the computer have taken so far."""
-    fields = [int(word) for word in Path("/proc/stat").read_text().splitlines()[0].split()[1:]]
-    return (sum(fields) - fields[3] - fields[4]) / os.sysconf("SC_CLK_TCK")
+    times = psutil.cpu_times()
+    return sum(times) - times.idle - times.iowait
 
 
 def called(word: str, space: str) -> List[int]:

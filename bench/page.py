@@ -33,6 +33,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
+import psutil
+from result_table import revision
 
 TOP = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(TOP / "src" / "vb_web" / "test"))
@@ -95,8 +97,7 @@ def page_pid():
 
 
 def cpu_seconds(pid):
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return sum(psutil.Process(pid).cpu_times()[:2])
 
 
 class Pointer:
@@ -548,9 +549,7 @@ def main():
     if given.what == "pictures":
         print(*lines)
         return
-    revision = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True
-    ).stdout.strip()
+    made_by = revision()
     load = os.getloadavg()[0]
     RESULTS.parent.mkdir(parents=True, exist_ok=True)
     if not RESULTS.exists():
@@ -563,7 +562,7 @@ def main():
         for line in lines:
             print(line)
             file.write(
-                f"| `bench/page.py {given.what}` | {time.strftime('%Y-%m-%d %H:%M')}, {revision}, {load:.1f} | {line} |\n"
+                f"| `bench/page.py {given.what}` | {time.strftime('%Y-%m-%d %H:%M')}, {made_by}, {load:.1f} | {line} |\n"
             )
 
 

@@ -39,7 +39,7 @@ from vb_core.ros.cameras import info_from_camera  # noqa: E402
 from vb_core.ros.images import image_message  # noqa: E402
 from vb_core.ros import messages  # noqa: E402
 from vb_evaluation.observer import wait_until  # noqa: E402
-from vb_evaluation.processes import Child, free_port  # noqa: E402
+from vb_evaluation.processes import Child, free_port, roslaunch  # noqa: E402
 from vb_msgs.msg import DetectorStatus, LaserSpot  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
 from vb_sim.room.camera_models import CameraModels  # noqa: E402
@@ -106,16 +106,8 @@ def main() -> int:
     os.environ.update({"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_LOG_DIR": str(folder / "log")})
     cameras = [camera.name for camera in lab().cameras]
     with contextlib.ExitStack() as stack:
-        launch = Child(
-            [
-                "roslaunch",
-                "-p",
-                str(port),
-                str(TOP / "launch/parts/perception.launch"),
-                f"cameras:={' '.join(cameras)}",
-            ],
-            folder / "roslaunch.txt",
-        )
+        file = TOP / "launch/parts/perception.launch"
+        launch = roslaunch([file], folder / "roslaunch.txt", port, cameras=" ".join(cameras))
         stack.callback(launch.stop)
         if not wait_until(rosgraph.is_master_online, 60.0):
             print("the master did not come up", file=sys.stderr)

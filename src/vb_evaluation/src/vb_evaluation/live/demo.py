@@ -35,7 +35,7 @@ from vb_evaluation import metrics
 from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
 from vb_evaluation.live import pictures
 from vb_evaluation.observer import Observer, wait_until
-from vb_evaluation.processes import Child, free_port, screenshot, start_screen
+from vb_evaluation.processes import Child, free_port, roslaunch, screenshot, start_screen
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
@@ -167,36 +167,28 @@ class Demo:
             self._stack.callback(screen.stop)
             os.environ.update(DISPLAY=self._screen, LIBGL_ALWAYS_SOFTWARE="1")
         os.environ.setdefault("QT_X11_NO_MITSHM", "1")
+        models = {"models": options.models} if options.models else {}
         self._launched = self._roslaunch(
-            "simulation.launch",
-            [str(_LAUNCH / "parts" / "models.launch"), f"models:={options.models}"] if options.models else [],
+            ["simulation.launch", *(["parts/models.launch"] if models else [])],
+            **models,
             navigation=options.navigation,
             cameras=" ".join(self._cameras) or "none",
             state=state,
             maps=options.out,
             page_port=page,
-            rviz=str(options.rviz).lower(),
+            rviz=options.rviz,
         )
         # rospy would complain about a master that is not up yet
         if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT_S):
             raise CodedError("not_ready", "the ROS master did not come up")
         self._print(f"watch it, and take part, at http://127.0.0.1:{page}/")
 
-    def _roslaunch(self, name: str, more: List[str], **arguments: Any) -> Child:
-        """Starts a launch file for this world, method and seed."""
+    def _roslaunch(self, files: List[str], **arguments: Any) -> Child:
+        """Starts launch files for this world, method and seed."""
         options = self.options
         arguments.update(world=options.world_path, method=options.method, seed=options.seed)
-        child = Child(
-            [
-                "roslaunch",
-                "-p",
-                str(self._port),
-                str(_LAUNCH / name),
-                *(f"{key}:={value}" for key, value in arguments.items()),
-                *more,
-            ],
-            options.out / "log" / f"{Path(name).stem}.txt",
-        )
+        log = options.out / "log" / f"{Path(files[0]).stem}.txt"
+        child = roslaunch([_LAUNCH / name for name in files], log, self._port, **arguments)
         self._stack.callback(child.stop)
         return child
 
@@ -229,7 +221,7 @@ class Demo:
 
     def _follow(self, observer: Observer) -> None:
         """Lets the participant come, and tells what happens until the person is done."""
-        self._roslaunch("parts/participant.launch", [], scenario=self.options.scenario.key)
+        self._roslaunch(["parts/participant.launch"], scenario=self.options.scenario.key)
         if not wait_until(
             lambda: self._print_progress(observer) or observer.outcome is not None or not self._launched.running,
             INTERACTION_TIMEOUT_S,

@@ -38,7 +38,7 @@ from vb_core.ros import commands, services
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, points_from_array, transform_message
 from vb_core.ros.notices import message_from_notice
 from vb_evaluation.observer import Observer, wait_until
-from vb_evaluation.processes import Child, free_port, screenshot, start_screen
+from vb_evaluation.processes import Child, free_port, roslaunch, screenshot, start_screen
 from vb_msgs.msg import LaserSpot, NoticeArray, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest
 from vb_sim.room import floor_plan
@@ -90,17 +90,8 @@ def _take(lab: "StagedLab", folder: Path, top: Path, size: Tuple[int, int], out:
         screen, os.environ["DISPLAY"] = start_screen(folder / "xvfb.txt", *size)
         stack.callback(screen.stop)
         parts = top / "launch" / "parts"
-        launched = Child(
-            [
-                "roslaunch",
-                str(parts / "borders.launch"),
-                str(parts / "feedback.launch"),
-                f"state:={folder}",
-                "record:=false",
-                f"language:={language}",
-            ],
-            folder / "launch.txt",
-        )
+        files = [parts / "borders.launch", parts / "feedback.launch"]
+        launched = roslaunch(files, folder / "launch.txt", state=folder, record=False, language=language)
         stack.callback(launched.stop)
         seen = Observer()
         if not wait_until(
