@@ -35,21 +35,10 @@ FRAMES = 25  # of each view, played back and forth
 LEARN_S = 4.0  # without a laser before, for the background
 WARM_S = 3.0  # of drawing before anything is counted
 PORT = 12871
-FIELDS = [
-    "cameras",
-    "hosts",
-    "cores",
-    "searched_share",
-    "spots_per_s",
-    "latency_ms",
-    "latency_p95_ms",
-    "detector_core_share",
-    "detector_ms_per_image",
-    "fusion_core_share",
-    "player_core_share",
-    "others_core_share",
-    "cable_kB_per_s",
-]
+FIELDS = (
+    "cameras hosts cores searched_share spots_per_s latency_ms latency_p95_ms detector_core_share "
+    "detector_ms_per_image fusion_core_share player_core_share others_core_share cable_kB_per_s"
+).split()
 
 
 def address(host: int) -> str:
