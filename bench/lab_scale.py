@@ -49,37 +49,12 @@ def address(host: int) -> str:
 # ---------------------------------------------------------------------- images
 def render(path: Path) -> None:
     """Writes FRAMES images of each of the lab's cameras, with a laser and two people, and each camera's empty view first."""
-    import math
-
     import numpy as np
-    from spot_scenes import (
-        CARPET,
-        DARK,
-        RATE as SCENE_RATE,
-        WHITE,
-        Rooms,
-        Walk,
-        along,
-        lab,
-        place_and_velocity,
-        walking,
-    )
+    from spot_scenes import Rooms, draw_round_carpet, lab
 
-    from vb_sim.lab_history import Snapshot
     from vb_sim.room.camera_models import CameraModels
 
-    room, rooms = lab(), Rooms(CameraModels(), 1)
-    border, people = along(CARPET, 0.4), walking(Walk(room, 3, WHITE, DARK), Walk(room, 4, (150, 40, 40), WHITE))
-    pictures = []
-    for camera in room.cameras:
-        view = rooms.view(room, camera.name)
-        pictures.append([view.frame(Snapshot(0.0, {})).copy()])
-        for number in range(FRAMES):
-            now = number / SCENE_RATE
-            laser, velocity = place_and_velocity(border, now)
-            person = (4.6, 2.9, math.atan2(laser[1] - 2.9, laser[0] - 4.6))
-            pictures[-1].append(view.frame(Snapshot(now, {}, laser, "red", velocity, person, people(now))).copy())
-    np.save(str(path), np.array(pictures))
+    np.save(str(path), np.array(draw_round_carpet(lab(), Rooms(CameraModels(), 1), FRAMES)))
 
 
 def play(cameras: List[str], path: Path) -> None:
