@@ -17,7 +17,6 @@ from vb_core.files import append_line
 from vb_evaluation.kit.conduct import NextRun
 from vb_evaluation.kit.recording import LOG, MAPS, SESSION
 from vb_evaluation.provenance import revision
-from vb_evaluation.study import runner
 from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.result import Result, RunTask
 from vb_map_integration.border import VirtualBorder
@@ -26,6 +25,9 @@ from vb_map_integration.storage.recording import MapRecording
 
 def person(study: Study, outcomes: List[bool]) -> Callable[[NextRun], Callable[[], None]]:
     """Returns the person that `conduct` starts instead of the system; appends to `outcomes` whether the run was completed."""
+
+    # only running needs ROS
+    from vb_evaluation.study import runner
 
     def start(planned: NextRun) -> Callable[[], None]:
         number = int(re.sub(r"\D", "", planned.entry.participant) or 1)
