@@ -14,7 +14,7 @@ from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.dispatching.dispatch import GoalStatus
 from vb_robot.dispatching.dispatcher import RobotStatus
-from vb_robot.driving.driver import Command, Driver
+from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import Workspace
@@ -83,16 +83,16 @@ class DrivenRobot:
         camera: str,
         grid: GridMap,
         profile: RobotProfile,
-        leaves: bool = False,
+        exit_borders: bool = False,
     ) -> None:
         self._index, self._lab, self._body = index, lab, lab.robots[index]
         self._navigator, self._profile = navigator, profile
         self._state = (0, "", 0.0)
         self._said_at = -math.inf
-        self.driver = Driver(profile, camera, (camera,), leaves)
+        self.arbiter = Arbiter(profile, camera, (camera,), exit_borders)
         robot = lab.world.robots[index]
-        self.driver.follower.view = FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range)
-        self.driver.set_maps(Workspace(grid, None, profile.radius))
+        self.arbiter.follower.view = FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range)
+        self.arbiter.set_maps(Workspace(grid, None, profile.radius))
         self.lost: Set[str] = set()
         self.command = Command()
         self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
@@ -103,7 +103,7 @@ class DrivenRobot:
     def set_map(self, grid: GridMap) -> None:
         """Takes the map with borders."""
         self._navigator.set_map(grid)
-        self.driver.set_maps(Workspace(grid, None, self._profile.radius))
+        self.arbiter.set_maps(Workspace(grid, None, self._profile.radius))
 
     def set_state(self, state: int, interaction_id: str, entered: float) -> None:
         """Takes the interaction's state."""
@@ -113,7 +113,7 @@ class DrivenRobot:
     def add(self, sighting: Sighting) -> None:
         """Takes a spot of any camera."""
         if not self.lost & {"spots", "network"}:
-            self.driver.add(sighting)
+            self.arbiter.add(sighting)
 
     def scan(self, now: float) -> None:
         """Looks round."""
@@ -123,7 +123,7 @@ class DrivenRobot:
         hit = np.isfinite(ranges)
         self._obstacles = ranges[hit, None] * np.column_stack([np.cos(angles[hit]), np.sin(angles[hit])])
         model = self._lab.scan_model
-        self.driver.gate.set_scan(
+        self.arbiter.gate.set_scan(
             Scan(
                 ranges,
                 angles[0],
@@ -170,12 +170,12 @@ class DrivenRobot:
         if drive.arrived:
             self._end(GoalStatus.REACHED)
             return
-        self.driver.request(NAVIGATION, drive.speed, drive.turn_rate, now)
+        self.arbiter.request(NAVIGATION, drive.speed, drive.turn_rate, now)
 
     def _end(self, status: GoalStatus) -> None:
         self._goal_status = status
         self._navigator.halt()
-        self.driver.request(NAVIGATION, 0.0, 0.0, self._lab.now)
+        self.arbiter.request(NAVIGATION, 0.0, 0.0, self._lab.now)
 
     # ------------------------------------------------------------- who drives
     def drive(self, now: float) -> None:
@@ -185,11 +185,11 @@ class DrivenRobot:
         state, interaction_id, entered = self._state
         if not self.lost & {"state", "network"} and not 0.0 <= now - self._said_at < STATE_PERIOD - 1e-9:
             self._said_at = now
-            self.driver.set_state(state, interaction_id, entered, now)
+            self.arbiter.set_state(state, interaction_id, entered, now)
         if "pose" not in self.lost:
-            self.driver.gate.set_pose(self._body.estimate(), now)
-        self.driver.goal_active = self.driving
-        self.command = command = self.driver.step(now)
+            self.arbiter.gate.set_pose(self._body.estimate(), now)
+        self.arbiter.goal_active = self.driving
+        self.command = command = self.arbiter.step(now)
         if command.cancel:
             self.cancel()
         if command.publish:

@@ -9,7 +9,7 @@
 In one process the same nodes run without a ROS master, in simulated time as fast as the processor goes
 (vb_evaluation.virtual_ros). Once the border is saved navigation is sent to places on either side
 of it and in it: it must go round or refuse. Over ROS the whole system is started with roslaunch under a master of its
-own, and goes on for some seconds in which a robot that the border swallowed leaves it. Either way the judge sees the
+own, and goes on for some seconds in which a robot that the border enclosed leaves it. Either way the judge sees the
 lab's ground truth 50 times a second, none of what the robot believes.
 Leaves out/bench/robot_runs.json (robot_runs_ros.json), one entry per run; bad runs stay in it; with --table also
 docs/results/robots_runs.md. Exits non-zero if a run broke a rule.
@@ -140,7 +140,7 @@ class Judge:
         figures["least_clearance_m"] = min(figures["least_clearance_m"], clearance)
         if self._border_gap is not None:
             gap = min(float(self._border_gap[row, column]) - self._radius, 0.0)
-            # one that has left may not come back, one that was swallowed may not go deeper
+            # one that has left may not come back, one that was enclosed may not go deeper
             self._allowed_gap = gap if np.isinf(self._allowed_gap) else max(self._allowed_gap, gap)
             self._most("border_entered_m", self._allowed_gap - gap)
         if self._before is not None and now > self._before[0]:
@@ -305,7 +305,7 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
             environment,
         )
         wait_until(lambda: judge.outcome or not launched.running, RUN_S)
-        until = rospy.get_time() + AFTER_S  # a robot that the border swallowed leaves it now
+        until = rospy.get_time() + AFTER_S  # a robot that the border enclosed leaves it now
         wait_until(lambda: rospy.get_time() >= until, 30.0)
         for subscriber in subscribers:
             subscriber.unregister()

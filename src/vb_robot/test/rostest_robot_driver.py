@@ -44,7 +44,7 @@ class DriverTest(unittest.TestCase):
         cls.drivers, cls.notices = {}, {}
         for body in (cls.stimulus, cls.ada):
             rospy.Subscriber(f"{body.prefix}cmd_vel", Twist, cls.on_command, body)
-        rospy.Subscriber(names.DRIVERS, DriverState, lambda m: cls.drivers.update({m.robot: (m.driver, m.code)}))
+        rospy.Subscriber(names.DRIVERS, DriverState, lambda m: cls.drivers.update({m.robot: (m.source, m.code)}))
         rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices)
         cls.navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
         cls.stop = rospy.Publisher(names.STOP, Bool, queue_size=1)
@@ -199,7 +199,7 @@ class DriverTest(unittest.TestCase):
         # before it saw where the robot had been put, which is a robot that somebody took into a border
         self.publish_border()
         self.stimulus.set_state(DEFAULT)
-        self.assertTrue(wait_until(lambda: self.has_notice("robot_leaves_border", "ada")))
+        self.assertTrue(wait_until(lambda: self.has_notice("robot_exits_border", "ada")))
         self.assertTrue(wait_until(lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0)))
         self.assertTrue(wait_until(lambda: not self.has_notice("robot_inside_border", "ada")))
 
@@ -257,7 +257,7 @@ class DriverTest(unittest.TestCase):
             rospy.delete_param("robot_profile")
 
     def test_bad_parameter_is_named(self):
-        assert_bad_parameter_is_named(self, robot_driver_node.build, "leave_borders", "sometimes")
+        assert_bad_parameter_is_named(self, robot_driver_node.build, "exit_borders", "sometimes")
 
 
 if __name__ == "__main__":

@@ -81,7 +81,7 @@ def test_a_map_lets_a_robot_out_but_not_further_in():
     assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.0, 0.05, False) == pytest.approx(1.0 - 0.18 - 0.05, abs=0.04)
     assert ground.free_distance((3.9, 2.5, 0.0), 0.2, 0.0, 0.05, False) <= 0.04
     assert ground.free_distance((3.9, 2.5, 0.0), -0.2, 0.0, 0.05, False) == math.inf
-    assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.1, 0.05, leaving=True) == math.inf
+    assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.1, 0.05, exiting=True) == math.inf
 
 
 def test_what_the_localisation_may_be_off_is_kept_off_borders_and_not_off_walls():

@@ -699,7 +699,7 @@ class PageTest(unittest.TestCase):
             notices.set(
                 [
                     Notice("interaction_ends_soon", Severity.WARNING),
-                    Notice("robot_leaves_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
+                    Notice("robot_exits_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
                 ]
             )
             self.browser.wait_text("#notices", "discarded soon")
@@ -787,7 +787,7 @@ class PageTest(unittest.TestCase):
         image = Image(height=4, width=4, encoding="mono8", step=4, data=bytes(16))
 
         def publish(_event):
-            driver.publish(DriverState(robot="one", driver="navigation", code="obstacle"))
+            driver.publish(DriverState(robot="one", source="navigation", code="obstacle"))
             for camera in ("north", "south"):
                 detector.publish(DetectorStatus(camera=camera))
             images.publish(image)

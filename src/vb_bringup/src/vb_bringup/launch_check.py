@@ -174,7 +174,7 @@ KINDS: Dict[str, Kind] = {
         name: _TRUTH
         for name in (
             "robot",
-            "leave_borders",
+            "exit_borders",
             "record_maps",
             "rviz",
             "sound",

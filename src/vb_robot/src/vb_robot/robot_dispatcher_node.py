@@ -63,7 +63,7 @@ class RobotDispatcherNode:
 
     def __init__(self, profiles: Mapping[str, RobotProfile]) -> None:
         self._dispatcher = dispatcher = Dispatcher({name: profile.radius for name, profile in profiles.items()})
-        self._beat = node.WakeTimer(PERIOD)
+        self._timer = node.WakeTimer(PERIOD)
         self._inputs: Deque[Callable[[], None]] = deque()  # for the worker, in the order in which they came
         transforms = TransformLookup()
         self._viewpoint = rospy.Publisher("~viewpoint", PoseStamped, queue_size=1, latch=True)
@@ -96,11 +96,11 @@ class RobotDispatcherNode:
                 names.PROGRESS, BorderProgress, functools.partial(self._queue_input, self._take_progress), queue_size=1
             ),
         ]
-        self._worker = node.Worker(self._beat, lambda _woken: self._decide())
+        self._worker = node.Worker(self._timer, lambda _woken: self._decide())
 
     def close(self) -> None:
         """Cancels every goal: nothing would supervise it any more."""
-        self._beat.close()
+        self._timer.close()
         self._notices.close()
         for robot in self._robots:
             robot.pursue(None)
@@ -111,7 +111,7 @@ class RobotDispatcherNode:
 
     def _on_state(self, message: InteractionState) -> None:
         self._queue_input(self._take_state, message)
-        self._beat.set()  # when the state ends the robots have to stop at once
+        self._timer.set()  # when the state ends the robots have to stop at once
 
     def _take_view(self, robot: str, view: FloorView) -> None:
         self._dispatcher.maps[robot].view = view

@@ -112,8 +112,8 @@ class InteractionManagerNode:
         self._notices = NoticePublisher()
         with self._lock:
             self._publish()
-        self._beat = node.WakeTimer(_REPEATED_AFTER)
-        node.Worker(self._beat, lambda _woken: self._on_beat())
+        self._timer = node.WakeTimer(_REPEATED_AFTER)
+        node.Worker(self._timer, lambda _woken: self._on_beat())
         rospy.Subscriber(names.STOP, Bool, self._on_stop, queue_size=10)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
@@ -121,7 +121,7 @@ class InteractionManagerNode:
 
     def close(self) -> None:
         """Ends the workers."""
-        self._beat.close()
+        self._timer.close()
         self._preview.close()
 
     # ------------------------------------------------------------------ inputs

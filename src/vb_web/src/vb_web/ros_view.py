@@ -160,7 +160,7 @@ def driver_entry(message: DriverState) -> Dict[str, Any]:
     """Converts who drives a robot, and the sentence that says why it stands or drives."""
     code = f"robot_{message.code}" + ("_held" if message.code == "inside_border" else "")
     values = {"who": sentences.robot_value(message.robot), "others": "$page_other_program"}
-    return {"driver": message.driver, "code": code, "values": values, "message": message.message}
+    return {"source": message.source, "code": code, "values": values, "message": message.message}
 
 
 def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:

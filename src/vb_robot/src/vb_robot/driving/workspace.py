@@ -154,19 +154,19 @@ class Workspace:
             ),
         ).name
 
-    def free_distance(self, pose: Pose, v: float, w: float, margin: float, leaving: bool) -> float:
+    def free_distance(self, pose: Pose, v: float, w: float, margin: float, exiting: bool) -> float:
         """Returns how far [m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
 
         A robot that is too near already may move so that it does not come nearer; one that a new border has
-        swallowed may move within it, so that a person can guide it out. Off the map nothing is free.
+        enclosed may move within it, so that a person can guide it out. Off the map nothing is free.
 
         Args:
-            leaving: borders do not count.
+            exiting: borders do not count.
         """
         steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
         clearance = sample(
             self.borders,
-            self._to_physical if leaving else self._to_blocked,
+            self._to_physical if exiting else self._to_blocked,
             arc(pose, steps * math.copysign(1.0, v), w / v),
         )
         needed = min(self._radius + margin, float(clearance[0]))

@@ -934,7 +934,7 @@ function drawHealth() {
     [...new Set([...Object.keys(view.robots || {}), ...Object.keys(drivers)])].sort().map((name) => {
       const one = drivers[name],
         who = { who: name || "$the_robot" },
-        driver = one && one.there ? `page_driver_${one.driver}` : "";
+        source = one && one.there ? `page_source_${one.source}` : "";
       return element(
         "li",
         {},
@@ -942,7 +942,7 @@ function drawHealth() {
           "span",
           {},
           driver ? words.tell(one) : say(one ? "page_driver_gone" : "page_no_driver", who),
-          words.has(driver) ? element("small", { class: "muted" }, say(driver)) : null,
+          words.has(source) ? element("small", { class: "muted" }, say(source)) : null,
         ),
       );
     }),
