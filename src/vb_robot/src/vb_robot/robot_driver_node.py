@@ -368,7 +368,7 @@ class RobotDriverNode:
         code = f"robot_{command.code}"
         message = DriverState(
             robot=self._params.robot,
-            driver=command.source,
+            source=command.source,
             code=command.code,
             speed=command.v,
             turn_rate=command.w,
