@@ -185,7 +185,7 @@ def _choose(
 
 def _held(lab: Lab, places: np.ndarray) -> np.ndarray:
     """(N, 2) [px] where the detector sees the laser that is held on each place; NaN where it does not."""
-    detector, stamp, found = SpotDetector(DetectorParams.stationary(hold_s=3600.0)), 0.0, []
+    detector, stamp, found = SpotDetector(DetectorParams.stationary(max_dwell_time=3600.0)), 0.0, []
     detector.encoding = lab.view.encoding
     for place in [None, *places]:
         held = HeldSpot()

@@ -41,7 +41,7 @@ BROWSERS, SECONDS, SPOTS_HZ = 20, 30.0, 75  # three cameras of 25 images a secon
 LAUNCH = """<launch>
   {map}
   <node pkg="vb_map_integration" type="map_integrator" name="map_integrator" output="log">
-    <param name="store_dir" value="{state}/borders"/><param name="map_dir" value="{state}/maps"/></node>
+    <param name="database_dir" value="{state}/borders"/><param name="map_dir" value="{state}/maps"/></node>
   <node pkg="vb_voice_wizard" type="interaction_manager" name="interaction_manager" output="log">
     <param name="log_file" value="{state}/i.jsonl"/><param name="state_file" value="{state}/s.json"/></node>
   <node pkg="vb_web" type="page" name="page" output="log">

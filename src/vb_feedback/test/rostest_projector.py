@@ -69,7 +69,7 @@ class ProjectorTest(unittest.TestCase):
             f"_width:={SIZE[0]}",
             f"_height:={SIZE[1]}",
             "_window:=false",
-            "_check:=0.5",
+            "_check_duration:=0.5",
         )
         clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
         wait_until(lambda: clicks.get_num_connections() and self.pictures, "the first marker")

@@ -202,7 +202,7 @@ class CalibrateCameraTest(unittest.TestCase):
 
         red.render = render
         # where the running lab looks for calibrations
-        rospy.set_param("/camera_poses/folder", self.folder.name)
+        rospy.set_param("/camera_poses/calibration_dir", self.folder.name)
         self.addCleanup(rospy.delete_param, "/camera_poses")
         command = self.start("spots", "red")
         command.wait_for("Hold the spot")
@@ -274,7 +274,7 @@ class CalibrateCameraTest(unittest.TestCase):
         self.check_pose("blue", POSE, 0.03, 0.5)
 
         # the pose that the file holds is what launch/parts/perception.launch publishes
-        rospy.set_param("/camera_poses", {"folder": self.folder.name, "cameras": "blue green", "look_s": 0.2})
+        rospy.set_param("/camera_poses", {"calibration_dir": self.folder.name, "cameras": "blue green", "check_period": 0.2})
         poses = subprocess.Popen(["rosrun", "vb_laser_detect", "camera_poses"])
         self.addCleanup(poses.wait)
         self.addCleanup(poses.terminate)

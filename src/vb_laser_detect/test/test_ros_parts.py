@@ -184,7 +184,7 @@ def test_counts_are_the_status_s_fields():
 
 def test_a_clock_that_was_right_says_nothing_once_its_computer_is_silent():
     node = clock_check_node.ClockCheckNode.__new__(clock_check_node.ClockCheckNode)
-    node._params, node._lock = clock_check_node.ClockCheckParams(nodes="red", period_s=10.0), threading.Lock()
+    node._params, node._lock = clock_check_node.ClockCheckParams(nodes="red", measurement_period=10.0), threading.Lock()
     levels = []
     for age in (1.0, 60.0):
         node._offsets, node._measured = {"red": ClockOffset(0.001, 0.001)}, {"red": time.monotonic() - age}
@@ -196,11 +196,11 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
     monkeypatch.setattr(
         rospy,
         "get_param",
-        lambda name, default=None: {"/spot_detector_red/detector": {"min_rise": 11.0, "hold_s": 20.0}}.get(
+        lambda name, default=None: {"/spot_detector_red/detector": {"difference_threshold": 11.0, "max_dwell_time": 20.0}}.get(
             name, default
         ),
     )
-    assert calibrate_camera_node.detector_params_of("red").min_rise == 11.0
+    assert calibrate_camera_node.detector_params_of("red").difference_threshold == 11.0
     assert calibrate_camera_node.detector_params_of("green") == DetectorParams.stationary()
 
 

@@ -378,7 +378,7 @@ def test_the_kind_is_decided_from_the_gap():
 
 
 def test_parameters_are_checked():
-    for bad in ({"occupied_threshold": 0}, {"fit_length_m": 0.0}, {"seed_radius_m": -1.0}, {"unheard_of": 1}):
+    for bad in ({"occupied_threshold": 0}, {"extension_fit_length": 0.0}, {"max_seed_shift": -1.0}, {"unheard_of": 1}):
         with pytest.raises(CodedError) as caught:
             IntegrationParams.from_mapping(bad)
         assert next(iter(bad)) in caught.value.message

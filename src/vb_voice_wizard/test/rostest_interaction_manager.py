@@ -475,7 +475,7 @@ class InteractionManagerTest(unittest.TestCase):
         finally:
             impatient.stop()
             # what a node was given stays on the parameter server, for the next one of this name too
-            for name in ("idle_limit", "idle_warning"):
+            for name in ("idle_timeout", "idle_warning"):
                 rospy.delete_param(f"/interaction_manager/{name}")
             self.node.start()
 

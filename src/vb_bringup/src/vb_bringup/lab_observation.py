@@ -176,7 +176,7 @@ def observe_lab(seconds: float) -> List[CheckLine]:
     else:
         code = "lab_display_ok" if display else "lab_display_off"
     lines.append(CheckLine("display", CheckState.WARNING if waits else CheckState.OK, code, {"node": display}))
-    place = Path(str(rospy.get_param("/map_integrator/store_dir", "~"))).expanduser()
+    place = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
     while not place.exists():
         place = place.parent
     lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20, os.access(str(place), os.W_OK)))
@@ -232,7 +232,7 @@ class _CalibrationFiles:
         self._files = calibration_file
         node = next((node for node in graph.nodes if node.split("/")[-1] == "camera_poses"), "")
         found = _parameters(node) if node else {}
-        self._folder = str(found.get("folder", ""))
+        self._folder = str(found.get("calibration_dir", ""))
         self._cameras = str(found.get("cameras", "")).split()
 
     def describe(self, camera: str) -> Mapping[str, Any]:

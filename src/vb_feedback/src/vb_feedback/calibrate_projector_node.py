@@ -37,7 +37,7 @@ class CalibrationParams(Parameters):
     window: bool = param(True)
     window_x: int = param(0, "px", low=-32768, high=32767)
     window_y: int = param(0, "px", low=-32768, high=32767)
-    check: float = param(20.0, "s", low=0.0, high=600.0)
+    check_duration: float = param(20.0, "s", low=0.0, high=600.0)
 
 
 class CalibrateProjectorNode:
@@ -113,13 +113,13 @@ class CalibrateProjectorNode:
             "calibrate_projector: wrote %s; the grid now shown has lines every 0.5 m, bright ones every 1 m, "
             "for %g s",
             path,
-            params.check,
+            params.check_duration,
         )
         self._show(floor_image.draw_grid_image(calibration))
         node.start_thread(self._end)
 
     def _end(self) -> None:
-        rospy.rostime.wallsleep(self._params.check)
+        rospy.rostime.wallsleep(self._params.check_duration)
         rospy.signal_shutdown("calibrated")
 
 

@@ -42,7 +42,7 @@ class FusionParams(Parameters):
     rate: float = param(8.0, "Hz", low=1.0, high=50.0, doc="progress while spots come")
     idle_rate: float = param(1.0, "Hz", above=0.0, high=50.0, doc="progress in Border and Seed while none come")
     max_points: int = param(300, low=0, high=5000, doc="points in a progress message")
-    live_share: float = param(0.12, above=0.0, high=1.0, doc="share of one core that the live chain may take")
+    live_cpu_share: float = param(0.12, above=0.0, high=1.0, doc="share of one core that the live chain may take")
     journal: str = param("~/.ros/virtual_borders/border_fusion.jsonl", doc="file to restore from; empty: none")
 
 
@@ -67,7 +67,7 @@ class BorderFusionNode:
         self._params = params
         self._extraction = extraction
         self._collector = Collector(collecting)
-        self._live = LiveExtractor(extraction, params.live_share)
+        self._live = LiveExtractor(extraction, params.live_cpu_share)
         path = Path(params.journal).expanduser() if params.journal else None
         self._spot_log = SpotLog(path, collecting.max_spots)
         self._lock = threading.Lock()

@@ -67,8 +67,8 @@ class ExtractionParams(Parameters):
     min_size: int = param(10, low=2, high=100000, doc="fewest points of a border")
     thinning_dist: float = param(0.1, "m", above=0.0, high=1.0, doc="thinning: maxNeighborDist; paper mode only")
     polygon_dist: float = param(0.5, "m", above=0.0, high=5.0, doc="polygon generation: maxNeighborDist; paper only")
-    tolerance: float = param(0.005, "m", low=0.0, high=0.1, doc="vertices that change less are left out; robust only")
-    kind: str = param("decide", choices=("decide", "polygon", "curve"), doc="overrides the rule of line/closure.py")
+    simplification_tolerance: float = param(0.005, "m", low=0.0, high=0.1, doc="vertices that change less are left out; robust only")
+    kind: str = param("auto", choices=("auto", "polygon", "curve"), doc="overrides the rule of line/closure.py")
 
     @classmethod
     def paper(cls, **changes) -> "ExtractionParams":
@@ -237,7 +237,7 @@ def _make_line(
             decision = closure.classify_closure(line)  # a straight line, though a polygon was asked for
     else:
         line = fit_line(stroke, False, sides)
-    chain = _simplify(line, decision.closed, params.tolerance)
+    chain = _simplify(line, decision.closed, params.simplification_tolerance)
     stages = {"cluster": drawn.points, "placed": placed.points, "thinned": stroke.points}
     return _result(chain, decision, left_out.points, int(left_out.spots.sum()), stages)
 

@@ -244,7 +244,7 @@ class CalibrationDialog:
         path = calibration_file.calibration_path(a.folder, a.camera)
         date = datetime.datetime.now().isoformat(" ", "minutes")
         calibration_file.save(path, calibration_file.make_document(pose, estimate, observed, a.command, date))
-        looked_for = str(rospy.get_param("/camera_poses/folder", ""))
+        looked_for = str(rospy.get_param("/camera_poses/calibration_dir", ""))
         if looked_for and Path(looked_for).expanduser().resolve() != path.parent.resolve():
             say(f"wrote {path}; the running lab.launch looks in {looked_for}: start it with calibration:={a.folder}")
         else:
@@ -264,7 +264,7 @@ Four places are needed, six to eight are good: near the corners of what the came
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._held, self._lock = HeldSpot(), threading.Lock()
         # a held spot must not become background while the person finds the place in RViz
-        self._detector = SpotDetector(detector_params_of(arguments.camera).replace(hold_s=3600.0))
+        self._detector = SpotDetector(detector_params_of(arguments.camera).replace(max_dwell_time=3600.0))
         self._reader = PixelReader()
         super().__init__(arguments, PoseEstimationParams(point_sigma=arguments.point_sigma))
 
@@ -444,7 +444,7 @@ def main() -> int:
         if arguments.command == "check":
             return check(arguments)
         rospy.init_node("calibrate_camera", anonymous=True)
-        arguments.folder = arguments.folder or str(rospy.get_param("/camera_poses/folder", FOLDER))
+        arguments.folder = arguments.folder or str(rospy.get_param("/camera_poses/calibration_dir", FOLDER))
         return (BoardCalibrationDialog if arguments.command == "board" else SpotCalibrationDialog)(arguments).run()
     except CodedError as error:
         print(f"calibrate_camera: {error}", file=sys.stderr)

@@ -215,7 +215,7 @@ class SpotDetector:
                 self.backfilled += track.unpublished
                 track.unpublished = []
             certain = spot.confidence >= max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
-            if certain and self._stamp - track.resting_since < self.params.hold_s:
+            if certain and self._stamp - track.dwelling_since < self.params.max_dwell_time:
                 kept.append(spot)
         return confirmed, kept
 

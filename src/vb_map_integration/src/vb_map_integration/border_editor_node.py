@@ -52,8 +52,8 @@ class EditorParams(Parameters):
     """The editor's parameters."""
 
     frame_id: str = param(names.MAP_FRAME)
-    tolerance_m: float = param(0.02, "m", low=0.0)
-    new_size_m: float = param(1.0, "m", above=0.0)
+    simplification_tolerance: float = param(0.02, "m", low=0.0)
+    new_border_size: float = param(1.0, "m", above=0.0)
 
 
 class BorderEditorNode:
@@ -188,7 +188,7 @@ class BorderEditorNode:
                 self._replace(key, change(draft, int(part)))
         elif stored is not None:
             if entry == EDIT:
-                self._replace(key, editing.simplify(stored, self._params.tolerance_m))
+                self._replace(key, editing.simplify(stored, self._params.simplification_tolerance))
             elif entry == TOGGLE:
                 revision = self._revision
                 self._work.put(lambda: self._report(self._client.enable(key, not stored.enabled, revision)))
@@ -198,7 +198,7 @@ class BorderEditorNode:
 
     def _on_tool(self, entry: int) -> None:
         if entry in (NEW_POLYGON, NEW_CURVE):
-            self._replace(NEW, editing.new_border(self._tool, self._params.new_size_m, entry == NEW_POLYGON))
+            self._replace(NEW, editing.new_border(self._tool, self._params.new_border_size, entry == NEW_POLYGON))
         elif entry in (UNDO, REDO):
             self._work.put(lambda: self._report(self._client.trigger(names.UNDO if entry == UNDO else names.REDO)))
 

@@ -52,11 +52,11 @@ class IntegrationParams(Parameters):
     occupied_threshold: int = param(
         OCCUPIED_THRESHOLD, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's"
     )
-    fit_length_m: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
-    end_tolerance_m: float = param(
+    extension_fit_length: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
+    wall_snap_distance: float = param(
         0.2, "m", low=0.0, doc="how far a drawn end may be from its wall: less than a robot's width"
     )
-    seed_radius_m: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")
+    max_seed_shift: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")
     max_area_share: float = param(0.98, low=0.0, high=1.0, doc="share of the free space that is worth a warning")
 
 
@@ -308,7 +308,7 @@ def _curve(
     def find_seed(barred: np.ndarray, away: Optional[np.ndarray]) -> Tuple[int, int]:
         return _free_cell(barred, seed, prior, params, issues, away)
 
-    fit, tolerance = params.fit_length_m / prior.resolution, params.end_tolerance_m / prior.resolution
+    fit, tolerance = params.extension_fit_length / prior.resolution, params.wall_snap_distance / prior.resolution
     framed = _framed(cells, params.occupied_threshold)
     cut = curve.separate(framed, points, fit, tolerance, seed, find_seed)
     if cut is None:
@@ -340,7 +340,7 @@ def _free_cell(
     column, row = (int(value) for value in np.floor(seed + 0.5))
     if not barred[row, column]:
         return row, column
-    radius = params.seed_radius_m / prior.resolution
+    radius = params.max_seed_shift / prior.resolution
     reach = int(radius) + 1
     top, left = max(0, row - reach), max(0, column - reach)
     window = barred[top : row + reach + 1, left : column + reach + 1]
@@ -350,7 +350,7 @@ def _free_cell(
     if away is not None:
         distance[offset @ away <= 0.0] = np.inf
     if len(distance) == 0 or distance.min() > radius:
-        raise IntegrationError("seed_on_obstacle", radius=params.seed_radius_m)
+        raise IntegrationError("seed_on_obstacle", radius=params.max_seed_shift)
     best = int(np.argmin(distance))
     moved = distance[best] * prior.resolution
     issues.append(make_issue(WARNING, "seed_moved", distance=f"{moved:.2f}"))

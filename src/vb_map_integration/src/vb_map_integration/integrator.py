@@ -40,8 +40,8 @@ _NAMED = 3  # borders by which a place is described
 class IntegratorParams(IntegrationParams):
     """The map integrator's parameters."""
 
-    robot_radius_m: float = param(0.18, "m", low=0.0, doc="robot's radius, for what it can reach; TurtleBot 2")
-    min_component_m2: float = param(0.1, "m^2", low=0.0, doc="smaller parts of the free space are not counted")
+    robot_radius: float = param(0.18, "m", low=0.0, doc="robot's radius, for what it can reach; TurtleBot 2")
+    min_component_area: float = param(0.1, "m^2", low=0.0, doc="smaller parts of the free space are not counted")
     check_reachability: bool = param(True, doc="whether saving looks for free space that falls into parts")
     dock: list = param([], "m", doc="x and y of the robot's dock; empty: none")
     robot_name: str = param("", doc="whose map this is: borders for other robots are left out; empty: all act")
@@ -468,8 +468,8 @@ class MapIntegrator:
         if goals is not None or self.params.check_reachability:
             options = {
                 "robot": places.get("robot"),
-                "radius_m": self.params.robot_radius_m,
-                "min_component_m2": self.params.min_component_m2,
+                "radius_m": self.params.robot_radius,
+                "min_component_area": self.params.min_component_area,
                 "occupied_threshold": self.params.occupied_threshold,
             }
             if self._parts is None:

@@ -46,7 +46,7 @@ class LabSimulatorParams(Parameters):
 
     world: str = param("")
     models: str = param("")
-    state_folder: str = param("")
+    state_dir: str = param("")
     seed: int = param(1, "", low=0)
     rate: float = param(50.0, "1/s", low=10.0, high=200.0)
     pose_divisor: int = param(2, "steps", low=1)
@@ -98,7 +98,7 @@ class LabSimulatorNode:
     Services:
         ~reset (std_srvs/Trigger): puts every robot back to its start
     Parameters: see `LabSimulatorParams` and config/lab_simulator.yaml. Poses survive the process in a
-        small file in ~state_folder that is tagged with /run_id.
+        small file in ~state_dir that is tagged with /run_id.
     """
 
     def __init__(
@@ -368,7 +368,7 @@ def build() -> LabSimulatorNode:
     localisation = read_section(models, "localisation", LocalisationModel)
     scan = read_section(models, "scan", ScanModel)
     lab = Lab(load_world(params.world), robot, localisation, scan, params.seed)
-    folder = os.path.expanduser(params.state_folder) or os.path.join(rospkg.get_ros_home(), "vb_sim")
+    folder = os.path.expanduser(params.state_dir) or os.path.join(rospkg.get_ros_home(), "vb_sim")
     run: Optional[object] = rospy.get_param("/run_id", "none")
     state = CheckpointFile(folder, "lab", str(run))
     state.forget_others()

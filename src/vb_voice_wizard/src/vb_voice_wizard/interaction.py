@@ -72,12 +72,12 @@ class InteractionParams(Parameters):
 
     robot: bool = param(True)
     confirm_save: str = param(UNCERTAIN, choices=(NEVER, UNCERTAIN, ALWAYS))
-    idle_limit: float = param(300.0, "s", low=1.0, high=86400.0)
+    idle_timeout: float = param(300.0, "s", low=1.0, high=86400.0)
     idle_warning: float = param(60.0, "s", low=1.0, high=3600.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require_order("idle_warning", "idle_limit")
+        self.require_order("idle_warning", "idle_timeout")
 
 
 @dataclass(frozen=True)
@@ -389,7 +389,7 @@ class Interaction:
         """[s] when the interaction ends by itself if nothing happens; 0: not soon, or there is none."""
         if self.state == State.DEFAULT or self.pending:
             return 0.0
-        ends = self._active + self._params.idle_limit
+        ends = self._active + self._params.idle_timeout
         return ends if self._counted_until >= ends - self._params.idle_warning else 0.0
 
     def end_if_idle(self, now: float) -> bool:
@@ -397,7 +397,7 @@ class Interaction:
         self.advance(now)
         if not self.ends_at or now < self.ends_at:
             return False
-        idle = self._params.idle_limit
+        idle = self._params.idle_timeout
         self._end(UNANSWERED if self.unanswered_save else ABANDONED, "", now)
         minutes = f"{idle / 60.0:g}"
         self._answered(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))

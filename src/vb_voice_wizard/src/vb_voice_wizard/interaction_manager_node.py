@@ -49,8 +49,8 @@ class ManagerParams(InteractionParams):
     state_file: str = param("~/.ros/virtual_borders/interaction_state.json")
     method: str = param("nrs")
     occupancy: float = param(1.0, "", low=0.0, high=1.0)
-    service_wait: float = param(2.0, "s", above=0.0, high=10.0)
-    service_answer: float = param(5.0, "s", above=0.0, high=60.0)
+    service_timeout: float = param(2.0, "s", above=0.0, high=10.0)
+    response_timeout: float = param(5.0, "s", above=0.0, high=60.0)
 
 
 class InteractionManagerNode:
@@ -97,7 +97,7 @@ class InteractionManagerNode:
         self._lock = threading.Lock()
         self._interaction = Interaction(params)
         # a save calls two services, undo calls one three times
-        self._patience_s = 3.0 * (params.service_wait + params.service_answer)
+        self._patience_s = 3.0 * (params.service_timeout + params.response_timeout)
         self._answer_cache = AnswerCache(self._patience_s)
         self._memory_lost = False
         self._cameras: List[str] = []
@@ -105,7 +105,7 @@ class InteractionManagerNode:
         self._recall()
 
         told = NoticeListener().current
-        self._services = BorderServices(params.occupancy, params.service_wait, params.service_answer, told)
+        self._services = BorderServices(params.occupancy, params.service_timeout, params.response_timeout, told)
         self._preview = Previewer(self._services, told)
         self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10)  # not latched: an old word must never come again
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)

@@ -51,9 +51,9 @@ class VoiceParams(Parameters):
             "recognized": 0.1,
         }
     )
-    mute_after: float = param(0.25, "s", low=0.0, high=2.0)
-    repeat_after: float = param(0.5, "s", low=0.0, high=10.0)
-    service_answer: float = param(12.0, "s", above=0.0, high=60.0)
+    mute_margin: float = param(0.25, "s", low=0.0, high=2.0)
+    min_repeat_interval: float = param(0.5, "s", low=0.0, high=10.0)
+    response_timeout: float = param(12.0, "s", above=0.0, high=60.0)
 
 
 class VoiceCommandsNode:
@@ -106,7 +106,7 @@ class VoiceCommandsNode:
         self._heard = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # a command's answer may take seconds; listening goes on meanwhile
-        self._orders = commands.CommandSender("voice", self._on_answer, answer_s=params.service_answer, size=4)
+        self._orders = commands.CommandSender("voice", self._on_answer, answer_s=params.response_timeout, size=4)
         node.Worker(self._sound, self._listen)
         node.Worker(self._watch, lambda _woken: self._on_watch())
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
@@ -172,7 +172,7 @@ class VoiceCommandsNode:
         duration = self._durations.get(message.name, 0.0)
         if duration > 0.0:
             with self._mute_lock:
-                self._muted_until = max(self._muted_until, time.monotonic() + duration + self._params.mute_after)
+                self._muted_until = max(self._muted_until, time.monotonic() + duration + self._params.mute_margin)
 
     def _muted(self, when: float) -> bool:
         with self._mute_lock:
@@ -196,7 +196,7 @@ class VoiceCommandsNode:
         if issue.command and self._muted(time.monotonic()):
             issue = issue.refused("muted")
         now = time.monotonic()
-        if issue.command and issue.command == self._last_command and now - self._last_time < self._params.repeat_after:
+        if issue.command and issue.command == self._last_command and now - self._last_time < self._params.min_repeat_interval:
             issue = issue.refused("repeated")
         silence = 0.0 if utterance.too_long else END_SILENCE_S
         answer_s = now - when + silence

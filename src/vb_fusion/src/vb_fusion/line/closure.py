@@ -44,12 +44,12 @@ class Closure:
     values: Dict[str, str] = field(default_factory=dict)
 
 
-def classify_closure(points: np.ndarray, kind: str = "decide") -> Closure:
+def classify_closure(points: np.ndarray, kind: str = "auto") -> Closure:
     """Decides whether a line is a polygon or a separating curve.
 
     Args:
         points: (M, 2) [m], the line as drawn, M >= 2.
-        kind: "decide" for the rule, "polygon" or "curve" to override it.
+        kind: "auto" for the rule, "polygon" or "curve" to override it.
     """
     points = np.asarray(points, dtype=float)
     end = len(points) - 1

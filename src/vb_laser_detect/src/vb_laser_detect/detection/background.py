@@ -70,7 +70,7 @@ class Background:
         self._brightest: Optional[np.ndarray] = None
         self._images = 0  # since the keyframe, with motion
 
-    def measure_rise(
+    def subtract_background(
         self, image: np.ndarray, motion: Optional[np.ndarray], half: Optional[np.ndarray] = None
     ) -> Tuple[np.ndarray, np.ndarray]:
         """Compares an image with the background.

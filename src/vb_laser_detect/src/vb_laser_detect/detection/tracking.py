@@ -119,7 +119,7 @@ class Track:
     Attributes:
         place: (4,) u, v [px] and x, y [m], the last ones, with their velocity per second.
         created: [s] when it was seen first.
-        rest_position, resting_since: (2,) [px] from where it has hardly moved since then.
+        dwell_position, dwelling_since: (2,) [px] from where it has hardly moved since then.
         unpublished: what was seen before it was confirmed, the oldest first.
     """
 
@@ -127,8 +127,8 @@ class Track:
     place: np.ndarray
     stamp: float
     created: float
-    rest_position: np.ndarray
-    resting_since: float
+    dwell_position: np.ndarray
+    dwelling_since: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(4))
     hits: int = 0
     diameter: float = 0.0
@@ -172,8 +172,8 @@ class SpotTracker:
         gap = max(_GAP_S, _GAP_PERIODS * self.period_s)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         for track in self._tracks if motion is not None else ():
-            track.place[:2], track.rest_position = cv2.perspectiveTransform(
-                np.array([[track.place[:2], track.rest_position]]), motion
+            track.place[:2], track.dwell_position = cv2.perspectiveTransform(
+                np.array([[track.place[:2], track.dwell_position]]), motion
             )[0]
         expected = [self._expect(track) for track in self._tracks if track.confirmed]
         return sorted(expected, key=lambda one: not one.published)
@@ -229,8 +229,8 @@ class SpotTracker:
             elif self._stamp > track.stamp:
                 track.velocity = (place - track.place) / (self._stamp - track.stamp)
                 track.place, track.stamp = place, self._stamp
-                if math.hypot(*(place[:2] - track.rest_position)) > _SLACK_PX:
-                    track.rest_position, track.resting_since = place[:2].copy(), self._stamp
+                if math.hypot(*(place[:2] - track.dwell_position)) > _SLACK_PX:
+                    track.dwell_position, track.dwelling_since = place[:2].copy(), self._stamp
         return found
 
     def _see(self, track: Track, spot: Spot) -> None:

@@ -14,7 +14,7 @@ from vb_map_integration.borders.issues import ERROR, WARNING, Issue, Integration
 
 # whether the chain is closed, by kind
 KINDS = {
-    BorderMessage.DECIDE: None,
+    BorderMessage.AUTO: None,
     BorderMessage.POLYGON: True,
     BorderMessage.SEPARATING_CURVE: False,
     BorderMessage.VIRTUAL_WALL: False,
