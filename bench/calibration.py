@@ -115,7 +115,7 @@ class Lab:
         return self._view
 
     def free(self, points: np.ndarray) -> bool:
-        """Tells whether the camera sees floor at all of these points."""
+        """Returns whether the camera sees floor at all of these points."""
         return all(self.view.spot_share(Snapshot(0.0, laser=(float(x), float(y)))) > 0.9 for x, y in points)
 
 

@@ -336,7 +336,7 @@ def figures(folder: Path) -> None:
             ),
         ),
         (
-            "3_stations",
+            "3_samples",
             "stage 2: where it was",
             lambda a: (
                 a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),

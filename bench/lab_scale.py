@@ -206,7 +206,7 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
         while not rosgraph.is_master_online():
             time.sleep(0.1)
         rospy.set_param("/go", False)
-        rospy.set_param("/border_fusion/journal", str(folder / "fusion.jsonl"))
+        rospy.set_param("/border_fusion/spot_log_file", str(folder / "fusion.jsonl"))
         start(0, "rosrun", "vb_fusion", "border_fusion")
         for host in range(hosts):
             own = cameras[host::hosts]

@@ -136,7 +136,7 @@ def many_times(count: int = 10_000) -> Dict[str, Any]:
             grid = house(320 + floor, 200)
             place = database.add_map(grid, fingerprint(grid))
             borders = [polygon(grid, random, 0.1).replace(id=f"b{floor * count + k + 1}") for k in range(count // 20)]
-            database.take_over(place, borders, f"floor {floor}")
+            database.import_legacy(place, borders, f"floor {floor}")
         database.close()
         started = time.perf_counter()
         keeper = MapIntegrator(IntegratorParams(check_reachability=False), Path(folder))

@@ -463,7 +463,7 @@ def pictures(folder):
                     take("dark")
                     page.resize(size)
                     send(make_request("define_border", "bench", 10.0))
-                    page.wait_text("body", sentences.translate("no_spot_seen", {}, language))
+                    page.wait_text("body", sentences.translate("spot_not_seen_check_laser", {}, language))
                     take("unseen")
                     send(make_request("save", "voice", 10.0))
                     page.wait_text("#laser", sentences.translate("missing_spots", {}, language))
@@ -479,7 +479,7 @@ def pictures(folder):
 
 
 def has_floor(port):
-    """Tells whether the page has a picture of the floor: the cameras run."""
+    """Returns whether the page has a picture of the floor: the cameras run."""
     with contextlib.suppress(OSError):
         return urllib.request.urlopen(f"http://127.0.0.1:{port}/floor.webp", timeout=30).status == 200
 

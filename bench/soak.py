@@ -67,7 +67,7 @@ SPEED = 0.4  # [m/s] of the pointer, within what people do (0.2 to 0.7)
 RATE = 12.5  # [1/s] spots of each camera
 RESOLUTION = 0.05
 CAMERAS = ("red", "green")
-PATIENCE = 40.0  # [s] of wall time for an answer on a busy machine; a killed node needs some seconds to come back
+TIMEOUT = 40.0  # [s] of wall time for an answer on a busy machine; a killed node needs some seconds to come back
 NOTICED_S = 5.0  # [s] of simulated time within which a fault must be told
 DISK_MIB = 48  # of the state folder, as root
 HERE, THERE = "10.254.79.1", "10.254.79.2"  # the two computers' addresses; they exist within the namespaces only
@@ -288,7 +288,7 @@ class Soak:
             self.tick(1.0)
             time.sleep(0.004)
 
-    def wait(self, condition: Callable[[], Any], what: str, ticking: bool = False, limit: float = PATIENCE) -> Any:
+    def wait(self, condition: Callable[[], Any], what: str, ticking: bool = False, limit: float = TIMEOUT) -> Any:
         """Waits, in wall time, for something that a node is to do."""
         deadline = time.monotonic() + limit
         while time.monotonic() < deadline:
@@ -333,7 +333,7 @@ class Soak:
 
     def call(self, service: str, kind: Any, **fields: Any) -> Any:
         """Calls a service; while its node comes back from the dead, again."""
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + TIMEOUT
         while True:
             try:
                 return rospy.ServiceProxy(service, kind)(**fields)
@@ -849,7 +849,7 @@ def camera_host() -> int:
 
 
 def live_apart() -> bool:
-    """Tells whether this process has namespaces of its own; as root it starts itself again within such."""
+    """Returns whether this process has namespaces of its own; as root it starts itself again within such."""
     if os.environ.get("SOAK_APART") == "1":
         return True
     if os.getuid() != 0 or any(shutil.which(tool) is None for tool in ("unshare", "ip", "mount", "nsenter")):

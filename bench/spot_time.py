@@ -4,7 +4,7 @@
     bench/spot_time.py [--other SRC] [--rounds 6] [--cases WORD ...]
 
 Two processes search the same rendered images in turn, ten at a time, each on one thread; times are the thread's own, so
-that what else runs disturbs both alike. Tells the median per image [ms], and the median of the ratios of paired rounds.
+that what else runs disturbs both alike. Prints the median per image [ms], and the median of the ratios of paired rounds.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ def test_a_border_that_nobody_named_is_numbered_in_the_readers_language():
     assert sentences.border_name("border 3") == "Border 3" and sentences.border_name("border 3", "de") == "Grenze 3"
     assert sentences.border_name("Rug", "de") == "Rug" and sentences.border_name("", "de") == ""
     assert (
-        sentences.translate("border_back", {"borders": "border 3, wall 4, Rug"}, "de")
+        sentences.translate("border_restored", {"borders": "border 3, wall 4, Rug"}, "de")
         == "Wieder in der Karte: Grenze 3, Wand 4, Rug."
     )
     assert sentences.translate("robot_touches_border", {"who": "ada", "border": "'border 3'"}, "de").endswith(

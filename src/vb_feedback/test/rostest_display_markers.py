@@ -122,7 +122,7 @@ class DisplayMarkersTest(unittest.TestCase):
         drawn = BorderProgress(
             interaction_id="i7",
             cameras=["red", "robot"],
-            seeing=["robot"],
+            cameras_seeing_spot=["robot"],
             points=[Point(0, 2, 0), Point(1, 2, 0)],
             point_cameras=bytes([0, 1]),
             chain=[Point(0, 2, 0), Point(1, 2, 0), Point(1, 3, 0)],

@@ -24,10 +24,10 @@ LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
 def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
     layout = fit_view(extent, aspect)
     many = ("red", "green", "blue", "a_camera_with_a_long_name", "hall", "robot", "one too many")
-    for commands, seeing, message, notices in itertools.product(
+    for commands, cameras_seeing_spot, message, notices in itertools.product(
         ((), COMMANDS[:4]), ((), many), ("Ok.", LONG), ((), NOTICES)
     ):
-        shapes = words(layout, PanelContent(state, 3599.0, commands, False, message, seeing, notices))
+        shapes = words(layout, PanelContent(state, 3599.0, commands, False, message, cameras_seeing_spot, notices))
         for kind in (TEXT, PLATE):
             boxes = text_boxes([shape for shape in shapes if shape.kind == kind])
             for one, other in itertools.combinations(boxes, 2):

@@ -23,7 +23,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from players import FixedCamera, RobotCamera  # noqa: E402
 from scenes import GREEN, RED  # noqa: E402
 
-PATIENCE = 120.0
+TIMEOUT = 120.0
 GUARD = (2.5, 1.5)  # [m] where a robot stands, on the circle that red's laser draws
 
 
@@ -108,7 +108,7 @@ class SpotDetectorTest(unittest.TestCase):
 
     def wait(self, condition, what):
         with self.changed:
-            self.assertTrue(self.changed.wait_for(condition, PATIENCE), f"waited in vain for {what}: {self.status}")
+            self.assertTrue(self.changed.wait_for(condition, TIMEOUT), f"waited in vain for {what}: {self.status}")
 
     def check(self, camera, projections, limit):
         self.wait(lambda: sum(spot.camera == camera for spot in self.spots) >= 15, "spots of " + camera)

@@ -28,7 +28,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from players import FixedCamera, RobotCamera  # noqa: E402
 from scenes import RED  # noqa: E402
 
-PATIENCE = 120.0
+TIMEOUT = 120.0
 WARN_EVERY = 10.0
 
 
@@ -124,7 +124,7 @@ class FaultsTest(unittest.TestCase):
         o = self.observer
         with o.changed:
             self.assertTrue(
-                o.changed.wait_for(condition, PATIENCE), f"waited in vain for {what}: {o.status} {o.diagnostics}"
+                o.changed.wait_for(condition, TIMEOUT), f"waited in vain for {what}: {o.status} {o.diagnostics}"
             )
 
     def wait_for_spots(self, camera, count=3, projection=None):
@@ -279,9 +279,9 @@ class FaultsTest(unittest.TestCase):
         self.wait(lambda: self.observer.diagnostics[name].level == DiagnosticStatus.OK, "all well again")
 
     def tuning(self):
-        client = Client("/spot_detector_red/detector", timeout=PATIENCE)
+        client = Client("/spot_detector_red/detector", timeout=TIMEOUT)
         self.addCleanup(client.close)
-        described = {entry["name"]: entry for entry in client.get_parameter_descriptions(timeout=PATIENCE)}
+        described = {entry["name"]: entry for entry in client.get_parameter_descriptions(timeout=TIMEOUT)}
         self.assertEqual((described["confirm_frames"]["min"], described["confirm_frames"]["type"]), (1, "int"))
         self.assertNotIn("moving_camera", described)
         before = self.observer.refused("red", "too_small")
@@ -297,7 +297,7 @@ class FaultsTest(unittest.TestCase):
         client.update_configuration({"min_diameter_mm": 3.0})
         self.wait_for_spots("red")
         # the projection's, and the node's own
-        other = Client("/spot_detector_red/projection", timeout=PATIENCE)
+        other = Client("/spot_detector_red/projection", timeout=TIMEOUT)
         self.addCleanup(other.close)
         other.update_configuration({"max_range": 1.0})
         self.wait(lambda: self.observer.refused("red", "too_far") > 3, "a floor that is too far away")

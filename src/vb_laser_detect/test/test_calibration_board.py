@@ -200,8 +200,8 @@ def test_agreement_of_slow_cameras():
 
 def test_agreement_needs_cameras_that_see_the_spot_together():
     for sightings, code in (
-        ([], "one_camera"),
-        (draw({"red": ((0, 0), 0.0)}), "one_camera"),
+        ([], "too_few_cameras"),
+        (draw({"red": ((0, 0), 0.0)}), "too_few_cameras"),
         (draw({"red": ((0, 0), 0.0)}, 2.0) + draw({"green": ((0, 0), 50.0)}, 2.0), "no_overlap"),
         (draw({"red": ((0, 0), 0.0), "green": ((0, 0), 0.0)}, 0.5), "no_overlap"),
     ):

@@ -83,7 +83,9 @@ def test_the_example_of_a_machines_file_can_be_read():
 
 def test_parameters_can_be_set_for_all_detectors_and_for_one(tmp_path):
     for name, value in (("ceiling", 11), ("wall", 12), ("robot", 13), ("rear", 14)):
-        (tmp_path / f"{name}.yaml").write_text(f"detector:\n  max_dwell_time: 20.0\n  difference_threshold: {value}.0\n")
+        (tmp_path / f"{name}.yaml").write_text(
+            f"detector:\n  max_dwell_time: 20.0\n  difference_threshold: {value}.0\n"
+        )
     files = {name: tmp_path / f"{name}.yaml" for name in ("ceiling", "wall", "robot", "rear")}
     config = load(
         "cameras:=red green",

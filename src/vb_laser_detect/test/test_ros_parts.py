@@ -196,9 +196,9 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
     monkeypatch.setattr(
         rospy,
         "get_param",
-        lambda name, default=None: {"/spot_detector_red/detector": {"difference_threshold": 11.0, "max_dwell_time": 20.0}}.get(
-            name, default
-        ),
+        lambda name, default=None: {
+            "/spot_detector_red/detector": {"difference_threshold": 11.0, "max_dwell_time": 20.0}
+        }.get(name, default),
     )
     assert calibrate_camera_node.detector_params_of("red").difference_threshold == 11.0
     assert calibrate_camera_node.detector_params_of("green") == DetectorParams.stationary()

@@ -295,7 +295,7 @@ def test_a_curve_in_another_room_separates_nothing():
 
 def test_warnings_are_coded():
     _, run = room_border([(1, 1), (3, 3), (3, 1), (1, 3)], (1.2, 2.0), closed=True)
-    assert "self_crossing" in codes(run())
+    assert "border_self_intersects" in codes(run())
     _, run = room_border([(7, 4), (9, 4), (9, 5.5), (7, 5.5)], (7.2, 4.2), closed=True)
     assert "outside_map" in codes(run())
     _, run = room_border([(4, 1), (4, 4)], (1.9, 2.5), closed=False)

@@ -163,7 +163,7 @@ class FaultsTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: len(seen) >= 25))
         count.unregister()
         self.stimulus.spot = None
-        self.assertTrue(wait_until(lambda: "spot_unseen_no_robot" in self.words), str(self.words))
+        self.assertTrue(wait_until(lambda: "spot_not_seen_no_robot" in self.words), str(self.words))
         self.stimulus.spot = (*SPOT, "red", False)
         self.bases["bob"].revive()
         self.is_sent("bob")

@@ -144,16 +144,16 @@ def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes
 def test_what_people_are_told():
     lab = Lab()
     lab.draw_until(EDGE - 0.4)
-    assert lab.dispatcher.notice.code == "spot_ahead_unseen"
+    assert lab.dispatcher.notice.code == "floor_ahead_not_seen"
     lab.draw_until(EDGE + 0.2, robot_sees=False)
     for _ in range(4):
         lab.step(robot_sees=False)
-    assert lab.dispatcher.notice.code == "spot_unseen_robot_comes"
+    assert lab.dispatcher.notice.code == "spot_not_seen_robot_looks"
     lab.goal = GoalStatus.NONE
     for _ in range(40):
         lab.see("red", lab.spot)
         lab.step()
-    assert lab.dispatcher.notice is None or lab.dispatcher.notice.code == "spot_ahead_unseen", "seen again"
+    assert lab.dispatcher.notice is None or lab.dispatcher.notice.code == "floor_ahead_not_seen", "seen again"
     lab.dispatcher.sightings.set_state(0, "", lab.now)
     lab.step()
     assert lab.dispatcher.notice is None

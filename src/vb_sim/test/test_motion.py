@@ -345,7 +345,7 @@ def test_scanners_that_do_not_look_all_round(robot, fov, nearest):
 
 
 def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
-    lockstep, passed = Lockstep(("navigation", "driver"), patience=3600.0), threading.Event()
+    lockstep, passed = Lockstep(("navigation", "driver"), timeout=3600.0), threading.Event()
     lockstep.wait()  # nobody drives: an hour is not waited
     lockstep.arrive("driver")
     lockstep.wait()
@@ -362,9 +362,9 @@ def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
 
 
 def test_lockstep_gives_up_on_one_that_is_silent():
-    lockstep = Lockstep(("navigation", "driver"), patience=0.01)
+    lockstep = Lockstep(("navigation", "driver"), timeout=0.01)
     for who in ("navigation", "driver"):
         lockstep.arrive(who)
     lockstep.wait()
-    lockstep.wait()  # over after its patience, or this test would never end
+    lockstep.wait()  # over after its timeout, or this test would never end
     lockstep.wait()

@@ -269,7 +269,7 @@ class InteractionManagerTest(unittest.TestCase):
             first = self.command("undo", id="one")
             again = self.command("undo", id="one")
             self.assertEqual((first.success, first.code, first.values), (again.success, again.code, again.values))
-            self.assertEqual((first.code, first.values[0].value), ("border_gone", "Nursery"))
+            self.assertEqual((first.code, first.values[0].value), ("border_removed", "Nursery"))
             self.assertEqual(self.stub.undone, 1)
             refused = self.command("undo", id="two")
             self.assertEqual((refused.success, refused.code), (False, "nothing_to_undo"))

@@ -70,7 +70,11 @@ class WizardConsoleTest(unittest.TestCase):
         drawing = self.state.wait(lambda message: message.name == "border", "the border state")
         self.assertEqual(drawing.last_source, "wizard")
         self.progress.publish(
-            interaction_id=drawing.interaction_id, border_spots=321, seeing=["red"], cameras=["red", "robot"], code="ok"
+            interaction_id=drawing.interaction_id,
+            border_spots=321,
+            cameras_seeing_spot=["red"],
+            cameras=["red", "robot"],
+            code="ok",
         )
         terminal.shows("321 border")
         terminal.shows("red (before: robot)")

@@ -81,11 +81,11 @@ class Observer:
         return messages.array_from_points([pose.pose.position for pose in reply.plan.poses])
 
 
-def wait_until(condition: Callable[[], bool], timeout_s: float, period_s: float = 0.05) -> bool:
-    """Looks at a condition until it holds; False after `timeout_s` of wall time or at shutdown."""
-    deadline = time.monotonic() + timeout_s
+def wait_until(condition: Callable[[], bool], timeout: float, period: float = 0.05) -> bool:
+    """Looks at a condition until it holds; False after `timeout` of wall time or at shutdown."""
+    deadline = time.monotonic() + timeout
     while time.monotonic() < deadline and not rospy.is_shutdown():
         if condition():
             return True
-        time.sleep(period_s)
+        time.sleep(period)
     return condition()

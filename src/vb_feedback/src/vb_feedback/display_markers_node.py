@@ -275,9 +275,9 @@ class DisplayMarkersNode:
             or progress.interaction_id != state.interaction_id
         ):
             progress = None
-        seeing = list(progress.seeing) if progress is not None else []
-        shown = self._notices(known, seeing, now)
-        content = display_messages.panel_from_state(state, seeing, shown, has_map, params.language)
+        cameras_seeing_spot = list(progress.cameras_seeing_spot) if progress is not None else []
+        shown = self._notices(known, cameras_seeing_spot, now)
+        content = display_messages.panel_from_state(state, cameras_seeing_spot, shown, has_map, params.language)
         shapes = list(self._part("words", (layout, content), lambda: words(layout, content)))
         off = sentences.translate("display_off", {}, params.language)
         shapes += self._part(
@@ -299,7 +299,7 @@ class DisplayMarkersNode:
             shapes += scene.robot(str(frame), number, self._radii[frame])
         return shapes
 
-    def _notices(self, known: _Inputs, seeing: Sequence[str], now: float) -> List[PanelNotice]:
+    def _notices(self, known: _Inputs, cameras_seeing_spot: Sequence[str], now: float) -> List[PanelNotice]:
         preview, lost = self._current_preview(known), None
         if known.spots and known.state is not None and known.spots[-1].stamp >= known.state.started.to_sec():
             last = known.spots[-1]
@@ -309,7 +309,13 @@ class DisplayMarkersNode:
         shown += display_messages.preview_notices(preview, language)
         if lost is not None and preview is None and known.state is not None:
             shown += notices.coverage_notices(
-                known.state.name, seeing, lost, known.coverage, bool(self._params.robots), known.held, language
+                known.state.name,
+                cameras_seeing_spot,
+                lost,
+                known.coverage,
+                bool(self._params.robots),
+                known.held,
+                language,
             )
         return shown
 

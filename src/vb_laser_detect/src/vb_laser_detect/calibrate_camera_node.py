@@ -94,19 +94,19 @@ class CameraInput:
         except CodedError as error:
             rospy.logwarn_throttle(5.0, str(error))
 
-    def wait(self, patience_s: float) -> CameraModel:
+    def wait(self, timeout: float) -> CameraModel:
         """Waits for images and camera_info; returns the camera's model.
 
         Raises:
-            CodedError: "no_camera" if they do not come; "bad_camera_info" if they do not match, or the lens
+            CodedError: "no_images" if they do not come; "bad_camera_info" if they do not match, or the lens
                 is not calibrated.
         """
         try:
-            camera = camera_from_info(rospy.wait_for_message(self._info, CameraInfo, patience_s), self._rectified)
+            camera = camera_from_info(rospy.wait_for_message(self._info, CameraInfo, timeout), self._rectified)
         except rospy.ROSException:
-            raise CodedError("no_camera", topics=self._info) from None
-        if not self._first.wait(patience_s):
-            raise CodedError("no_camera", topics=self._topic)
+            raise CodedError("no_images", topics=self._info) from None
+        if not self._first.wait(timeout):
+            raise CodedError("no_images", topics=self._topic)
         height, width = self._shape[:2]
         if (camera.width, camera.height) != (width, height):
             info = f"camera_info is for {camera.width} x {camera.height} px"
@@ -182,7 +182,7 @@ class CalibrationDialog:
         info = arguments.camera_info or sibling_topic(image, "camera_info")
         compressed = arguments.compressed or running.get("image_transport") == "compressed"
         self._input = CameraInput(image, info, compressed, self.on_image)
-        self.camera = self._input.wait(arguments.patience)
+        self.camera = self._input.wait(arguments.timeout)
         self._frame = (
             arguments.frame or running.get("frame") or self._input.frame_id or f"{arguments.camera}_optical_frame"
         )
@@ -400,7 +400,7 @@ def _parser() -> argparse.ArgumentParser:
     guided.add_argument("--camera_info", default="", help="camera_info topic, if it is not beside the image topic")
     guided.add_argument("--compressed", action="store_true", help="take the compressed images")
     guided.add_argument("--frame", default="", help="optical frame; default: what the images say")
-    guided.add_argument("--patience", type=float, default=15.0, help="[s] for the first image; default: %(default)s")
+    guided.add_argument("--timeout", type=float, default=15.0, help="[s] for the first image; default: %(default)s")
     guided.add_argument(
         "--folder",
         default="",

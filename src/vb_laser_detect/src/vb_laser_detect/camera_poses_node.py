@@ -39,7 +39,9 @@ class CameraPosesNode:
     def __init__(self, params: CameraPosesParams) -> None:
         self._cameras = params.cameras.split()
         if not params.calibration_dir or not self._cameras:
-            raise ParameterError(rospy.resolve_name("~calibration_dir"), "a folder and the names of cameras must be set")
+            raise ParameterError(
+                rospy.resolve_name("~calibration_dir"), "a folder and the names of cameras must be set"
+            )
         self._calibration_dir = params.calibration_dir
         self._versions: Dict[str, Tuple[int, int]] = {}
         self._poses: Dict[str, CameraPose] = {}

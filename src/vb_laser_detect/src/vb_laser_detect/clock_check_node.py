@@ -80,7 +80,9 @@ class ClockCheckNode:
                 offset = None  # a detector restarts or is down: the diagnostics show it
             with self._lock:
                 self._offsets[name], self._measured[name] = offset, time.monotonic()
-            if self._closed.wait(self._params.measurement_period if offset is not None else min(2.0, self._params.measurement_period)):
+            if self._closed.wait(
+                self._params.measurement_period if offset is not None else min(2.0, self._params.measurement_period)
+            ):
                 return
 
     def _measure(self, name: str) -> ClockOffset:

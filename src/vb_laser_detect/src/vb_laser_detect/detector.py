@@ -44,7 +44,7 @@ from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
 
-_SMEAR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
+_BLUR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _MIN_PX = 2.5  # smaller blobs are noise
 _MIN_CERTAIN_PROBABILITY = (
@@ -230,7 +230,7 @@ class SpotDetector:
         smallest, largest = (
             0.001 / pixel_size * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm)
         )
-        return max(_MIN_PX, smallest), largest + _SMEAR_PX
+        return max(_MIN_PX, smallest), largest + _BLUR_PX
 
     def _wrong_size(self, blob: Blob, camera: Camera) -> str:
         pixel_size = self._pixel_size(blob.u, blob.v)
@@ -243,7 +243,7 @@ class SpotDetector:
 
 
 def _same_blob(spot: Spot, other: Spot) -> bool:
-    """Tells whether two regions have led to the same blob."""
+    """Returns whether two regions have led to the same blob."""
     near = math.hypot(spot.u - other.u, spot.v - other.v) < 2.0
     return near and bool(other.rejection) == bool(spot.rejection)
 

@@ -178,7 +178,7 @@ class SpotDetectorNode:
             self._report.require_own_frame(frame_id)
             return self._camera_geometry.geometry_of(frame_id, stamp, image.shape), None
         except CodedError as error:
-            return None, error.without_stack()
+            return None, error.without_traceback()
 
     def _message(self, spot: Spot, point: FloorPoint, stamp: rospy.Time) -> LaserSpot:
         result = LaserSpot()

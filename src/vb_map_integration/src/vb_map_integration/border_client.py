@@ -112,7 +112,7 @@ class BorderClient:
 
     def _call(self, name: str, service: Type, request: Any) -> ServiceResult:
         try:
-            response = services.call(name, service, request, "the map integrator", answer_s=_TIMEOUT_S)
+            response = services.call(name, service, request, "the map integrator", response_timeout=_TIMEOUT_S)
         except CodedError as error:
             return ServiceResult(False, error.code, error.message)
         return ServiceResult(

@@ -52,7 +52,9 @@ class IntegrationParams(Parameters):
     occupied_threshold: int = param(
         OCCUPIED_THRESHOLD, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's"
     )
-    extension_fit_length: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
+    extension_fit_length: float = param(
+        0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction"
+    )
     wall_snap_distance: float = param(
         0.2, "m", low=0.0, doc="how far a drawn end may be from its wall: less than a robot's width"
     )
@@ -231,7 +233,7 @@ def _check_shape(
         raise IntegrationError("seed_outside_map")
     chain = np.concatenate([border.points, border.points[:1]]) if border.closed else border.points
     if not border.wall and not shapely.linestrings(chain).is_simple:
-        issues.append(make_issue(WARNING, "self_crossing"))
+        issues.append(make_issue(WARNING, "border_self_intersects"))
 
 
 def _polygon(

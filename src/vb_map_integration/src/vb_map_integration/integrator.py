@@ -119,12 +119,12 @@ class MapIntegrator:
     def __init__(self, params: IntegratorParams, root: Optional[Path]) -> None:
         self.params = params
         self._database = Database(root)
-        self._taken_over: List[Notice] = []
+        self._imported: List[Notice] = []
         if root is not None:
             try:
-                self._take_over(root)
+                self._import_legacy(root)
             except CodedError as error:  # the database says so itself; the next start tries again
-                self._taken_over.append(Notice(error.code, Severity.ERROR, values=error.values))
+                self._imported.append(Notice(error.code, Severity.ERROR, values=error.values))
         self._recognizer = Recognizer(self._database, params.map_name)
         self._layered_map: Optional[LayeredMap] = None
         self._recognition = Recognition()
@@ -156,19 +156,19 @@ class MapIntegrator:
         """Releases the database."""
         self._database.close()
 
-    def _take_over(self, root: Path) -> None:
+    def _import_legacy(self, root: Path) -> None:
         """Imports borders of older versions, once; their folders stay as they are."""
         for folder in read_folders(root):
-            note = f"taken over: {folder.name}"
+            note = f"taken over: {folder.name}"  # as databases have it
             if self._database.get_value(note):
                 continue
             place = self._database.add_map(folder.grid, folder.map_id or folder.name)
-            renamed = self._database.take_over(place, folder.borders, note)
+            renamed = self._database.import_legacy(place, folder.borders, note)
             self._database.remember_place(place)
             values = {"count": str(len(folder.borders)), "folder": folder.name, "renamed": str(len(renamed))}
-            code = "borders_taken_over" if folder.whole else "borders_taken_over_damaged"
+            code = "borders_imported" if folder.whole else "borders_imported_damaged"
             severity = Severity.INFO if folder.whole else Severity.WARNING
-            self._taken_over.append(Notice(code, severity, values=values))
+            self._imported.append(Notice(code, severity, values=values))
 
     # ------------------------------------------------------------- state
     @property
@@ -237,7 +237,7 @@ class MapIntegrator:
     @property
     def notices(self) -> List[Notice]:
         """What people should know: about the files, the map, and borders that do not fit it."""
-        found = [*self._database.notices, *self._taken_over]
+        found = [*self._database.notices, *self._imported]
         if self.needs_confirmation:
             values = {"count": str(len(self.borders)), **self._place_in_words()}
             found.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))

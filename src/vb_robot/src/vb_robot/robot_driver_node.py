@@ -353,7 +353,7 @@ class RobotDriverNode:
 
     def _lookup(self, target: str, source: str, stamp: rospy.Time) -> Optional[np.ndarray]:
         try:
-            return self._transforms.lookup(target, source, stamp, timeout_s=0.0)
+            return self._transforms.lookup(target, source, stamp, timeout=0.0)
         except CodedError:
             return None
 

@@ -46,10 +46,12 @@ def run(arguments: Optional[List[str]] = None) -> int:
     while rospy.get_rostime().is_zero() and waited < 1.0:
         rospy.rostime.wallsleep(0.02)
         waited += 0.02
-    wait_s = max(0.1, chosen.wait)
+    service_timeout = max(0.1, chosen.wait)
     try:
         # longer than the manager's own waits for its services, so that its answer arrives
-        answer = commands.send(commands.make_request(chosen.command, chosen.source, wait_s + 15.0), wait_s, 15.0)
+        answer = commands.send(
+            commands.make_request(chosen.command, chosen.source, service_timeout + 15.0), service_timeout, 15.0
+        )
     except CodedError as error:
         print(f"{sentences.translate(error.code, error.values, chosen.language)} [{error.code}]", file=sys.stderr)
         return UNREACHABLE

@@ -301,7 +301,7 @@ class Interaction:
 
     def _cancel(self, source: str, now: float) -> Answer:
         if self.state == State.DEFAULT:
-            return self._answered(CANCEL, source, Answer(True, "nothing_under_way"))
+            return self._answered(CANCEL, source, Answer(True, "nothing_to_cancel"))
         # the border that was sent may be in the map after all: only the map integrator knows
         lost = self.unanswered_save
         self._end(UNANSWERED if lost else CANCELLED, "", now)

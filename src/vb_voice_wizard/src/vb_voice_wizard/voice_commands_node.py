@@ -106,7 +106,9 @@ class VoiceCommandsNode:
         self._heard = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # a command's answer may take seconds; listening goes on meanwhile
-        self._orders = commands.CommandSender("voice", self._on_answer, answer_s=params.response_timeout, size=4)
+        self._orders = commands.CommandSender(
+            "voice", self._on_answer, response_timeout=params.response_timeout, size=4
+        )
         node.Worker(self._sound, self._listen)
         node.Worker(self._watch, lambda _woken: self._on_watch())
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
@@ -196,7 +198,11 @@ class VoiceCommandsNode:
         if issue.command and self._muted(time.monotonic()):
             issue = issue.refused("muted")
         now = time.monotonic()
-        if issue.command and issue.command == self._last_command and now - self._last_time < self._params.min_repeat_interval:
+        if (
+            issue.command
+            and issue.command == self._last_command
+            and now - self._last_time < self._params.min_repeat_interval
+        ):
             issue = issue.refused("repeated")
         silence = 0.0 if utterance.too_long else END_SILENCE_S
         answer_s = now - when + silence

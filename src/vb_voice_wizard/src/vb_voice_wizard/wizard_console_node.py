@@ -90,7 +90,7 @@ class WizardConsoleNode:
             self._add_code(note, NOTE)
         # a socket limit of this process: a master that hangs must not hang the watch for ever
         socket.setdefaulttimeout(5.0)
-        self._orders = commands.CommandSender(source, self._on_answer, answer_s=15.0)
+        self._orders = commands.CommandSender(source, self._on_answer, response_timeout=15.0)
         node.Worker(node.WakeTimer(_WATCH_S), lambda _woken: self._watch())
 
     # ------------------------------------------------------------------ presence

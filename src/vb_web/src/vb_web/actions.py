@@ -141,7 +141,9 @@ class ActionHandler:
         known = request.values["border"]
         border = apply_draft(request.values["draft"], self._stored(known) if known else VirtualBorder(enabled=True))
         wanted = PreviewBorderRequest(border=border, frame_id=names.MAP_FRAME)
-        response = services.call(names.PREVIEW_BORDER, PreviewBorderArray, wanted, _INTEGRATOR, answer_s=_TIMEOUT_S)
+        response = services.call(
+            names.PREVIEW_BORDER, PreviewBorderArray, wanted, _INTEGRATOR, response_timeout=_TIMEOUT_S
+        )
         return {
             **_answer(response),
             "area": number(response.area_m2, 2),
@@ -152,7 +154,7 @@ class ActionHandler:
     def _add(self, request: Request, source: str) -> Dict[str, Any]:
         border = apply_draft(request.values["draft"], VirtualBorder(enabled=True, occupancy=1.0))
         wanted = AddBorderRequest(border=border, frame_id=names.MAP_FRAME, source=source, request_id=request.id)
-        response = services.call(names.ADD_BORDER, AddBorder, wanted, _INTEGRATOR, answer_s=_TIMEOUT_S)
+        response = services.call(names.ADD_BORDER, AddBorder, wanted, _INTEGRATOR, response_timeout=_TIMEOUT_S)
         return {**_answer(response), "border": response.id}
 
     def _update(self, request: Request, source: str) -> Dict[str, Any]:
@@ -176,12 +178,12 @@ class ActionHandler:
         if hasattr(wanted, "id"):
             wanted.id = stored.id
         wanted.source, wanted.expected_revision = source, request.values["revision"]
-        return _answer(services.call(name, service, wanted, _INTEGRATOR, answer_s=_TIMEOUT_S))
+        return _answer(services.call(name, service, wanted, _INTEGRATOR, response_timeout=_TIMEOUT_S))
 
     def _confirm_map(self, request: Request, source: str) -> Dict[str, Any]:
         answer = ConfirmMapRequest.SAME_PLACE if request.values["same"] else ConfirmMapRequest.OTHER_PLACE
         wanted = ConfirmMapRequest(answer=answer, source=source)
-        return _answer(services.call(names.CONFIRM_MAP, ConfirmMap, wanted, _INTEGRATOR, answer_s=_TIMEOUT_S))
+        return _answer(services.call(names.CONFIRM_MAP, ConfirmMap, wanted, _INTEGRATOR, response_timeout=_TIMEOUT_S))
 
     # ------------------------------------------------------------- study
     def _study(self, request: Request, source: str) -> Dict[str, Any]:

@@ -63,7 +63,7 @@ class PageParams(ServerParams):
                 raise ParameterError(key, f"expected names, got {getattr(self, key)!r}")
 
 
-class Journal:
+class EventHistory:
     """The history: the newest events in memory, all of them in a file, one JSON object a line."""
 
     def __init__(self, path: Path) -> None:
@@ -135,7 +135,7 @@ class PageNode:
         self._params = params
         self._lock = threading.Lock()
         self._view, self._images = View(), images.ImageCache()
-        self._journal = Journal(Path(params.events_file).expanduser())
+        self._history = EventHistory(Path(params.events_file).expanduser())
         self._grid: Optional[GridMap] = None
         self._borders: Dict[str, VirtualBorder] = {}
         self._shown_borders: Optional[Dict[str, Dict[str, Any]]] = None
@@ -157,7 +157,7 @@ class PageNode:
         self._actions = ActionHandler(
             self._borders.get, lambda: self._connected(names.STATE), self._on_study, self._invitation
         )
-        self._view.put("events", self._journal.shown())
+        self._view.put("events", self._history.shown())
         self._recall_study()
         self._subscribe()
 
@@ -399,7 +399,7 @@ class PageNode:
 
     # ------------------------------------------------------------- history and study
     def _tell(self, code: str, values: Dict[str, Any], source: str = "", **more: Any) -> None:
-        self._view.put("events", self._journal.add(code, values, source, **more))
+        self._view.put("events", self._history.add(code, values, source, **more))
 
     def _on_study(self, event: StudyEvent) -> None:
         study = {"participant": event.participant, "condition": event.condition}
@@ -410,7 +410,7 @@ class PageNode:
             self._tell("page_event_study", study, event.source, **study)
 
     def _recall_study(self) -> None:
-        for event in self._journal.recalled:
+        for event in self._history.recalled:
             if "participant" in event:
                 self._actions.participant, self._actions.condition = str(event["participant"]), str(event["condition"])
         self._view.put("study", {"participant": self._actions.participant, "condition": self._actions.condition})

@@ -77,7 +77,7 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
         "left_out": centimetres(message.left_out),
         "closed": bool(message.closed),
         "seed": centimetres([message.seed]) if message.has_seed else [],
-        "seeing": list(message.seeing),
+        "cameras_seeing_spot": list(message.cameras_seeing_spot),
         **coded_sentence(message),
     }
 

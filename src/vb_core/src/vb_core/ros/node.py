@@ -73,14 +73,14 @@ def _interface(name: str, build: Callable[[], Any]) -> str:
     return f"{name}\n\n{text}" + (f"\n\nParameters and their defaults: {values}" if values.is_file() else "")
 
 
-def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], patience_s: float) -> bool:
+def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float) -> bool:
     """Waits until subscribers are connected to as many publishers as the master knows; returns whether they are.
 
     What lasts some seconds counts them from then: on a busy computer connections take their time.
     """
     published = dict(rosgraph.Master(rospy.get_name()).getSystemState()[0])
     expected = [(subscriber, len(published.get(subscriber.resolved_name, ()))) for subscriber in subscribers]
-    end = time.monotonic() + patience_s
+    end = time.monotonic() + timeout
     while any(subscriber.get_num_connections() < count for subscriber, count in expected):
         if time.monotonic() > end or rospy.is_shutdown():
             return False
@@ -300,25 +300,25 @@ LOG_AFTER_S = 5.0  # [s] of wall time before the first log line about waiting, a
 GIVE_UP_AFTER_S = 60.0  # [s] of wall time
 
 
-def await_input(what: str, arrived: Callable[[], bool], give_up_s: Optional[float] = None) -> None:
+def await_input(what: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
     """Watches, in a thread, whether an input arrives: logs what the node waits for, and gives up if told to.
 
     Args:
         what: for the log: "the map on /map".
         arrived: whether it is there.
-        give_up_s: [s] of wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
+        timeout: [s] of wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
             None: never, because the node is useful without it or a restart would not help.
     """
-    threading.Thread(target=_await, args=(what, arrived, give_up_s), daemon=True).start()
+    threading.Thread(target=_await, args=(what, arrived, timeout), daemon=True).start()
 
 
-def _await(what: str, arrived: Callable[[], bool], give_up_s: Optional[float]) -> bool:
+def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> bool:
     began = said = time.monotonic()
     while not arrived():
         now = time.monotonic()
         if rospy.is_shutdown():
             return False
-        if give_up_s is not None and now - began > give_up_s:
+        if timeout is not None and now - began > timeout:
             fail(CodedError("input_timeout", what=what, seconds=round(now - began)))
             return False
         if now - said > LOG_AFTER_S:

@@ -154,7 +154,7 @@ class Demo:
     def _launch(self) -> None:
         options = self.options
         options.out.mkdir(parents=True, exist_ok=True)
-        # borders, journals and logs of an earlier run would be taken up again
+        # borders and logs of an earlier run would be taken up again
         state = options.out / "state"
         shutil.rmtree(str(state), ignore_errors=True)
         for old in [*options.out.glob("*.png"), *options.out.glob("summary.json")]:

@@ -50,7 +50,7 @@ OFFSETS = 0.025 * np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # [m] by whi
 STEP, PERIOD_S = 0.015, 0.04  # [m] from one image to the next
 PAUSE_S = 1.5  # between two looks at the screen: several frames of RViz, also where software draws them
 SAME = 0.002  # share of pixels that may differ between two screenshots of the same: the interaction's time goes on
-PATIENCE_S = 180.0
+TIMEOUT = 180.0
 
 
 def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> int:
@@ -70,7 +70,7 @@ def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> i
         with contextlib.ExitStack() as stack, tempfile.TemporaryDirectory() as folder:
             os.environ["ROS_LOG_DIR"] = f"{folder}/log"
             stack.callback(Child(["rosmaster", "--core", "-p", str(port)], Path(folder, "master.txt")).stop)
-            if not wait_until(rosgraph.is_master_online, PATIENCE_S):
+            if not wait_until(rosgraph.is_master_online, TIMEOUT):
                 raise CodedError("not_ready", "the ROS master did not come up")
             rospy.init_node("screenshots", disable_signals=True, log_level=rospy.ERROR)
             stack.callback(rospy.signal_shutdown, "all pictures are taken")
@@ -103,9 +103,7 @@ def _take(lab: "StagedLab", folder: Path, top: Path, size: Tuple[int, int], out:
         )
         stack.callback(launched.stop)
         seen = Observer()
-        if not wait_until(
-            lambda: lab.is_watched() and seen.state is not None and seen.posterior is not None, PATIENCE_S
-        ):
+        if not wait_until(lambda: lab.is_watched() and seen.state is not None and seen.posterior is not None, TIMEOUT):
             raise CodedError("not_ready", f"the system did not come up: {launched.tail()}")
         last: List[np.ndarray] = []
 
@@ -205,14 +203,14 @@ def _send_command(seen: Observer, command: str, state: str) -> None:
     """Gives a command until its state has come: a person would say it again, too."""
 
     def accepted() -> bool:
-        commands.send(commands.make_request(command, "screenshots", PATIENCE_S), PATIENCE_S, PATIENCE_S)
+        commands.send(commands.make_request(command, "screenshots", TIMEOUT), TIMEOUT, TIMEOUT)
         return wait_until(lambda: seen.state.name == state, 10.0)
 
     _until(accepted, f"the state {state}")
 
 
 def _until(condition: Callable[[], Any], what: str) -> None:
-    if not wait_until(condition, PATIENCE_S):
+    if not wait_until(condition, TIMEOUT):
         raise CodedError("not_shown", f"{what} did not come")
 
 
@@ -222,7 +220,7 @@ def still_picture(display: str, path: Path, before: Sequence[np.ndarray]) -> np.
     Raises:
         CodedError: "no_picture" if it cannot be taken, or if the screen does not change or does not come to rest.
     """
-    deadline, shown = time.monotonic() + PATIENCE_S, [np.zeros((1, 1, 3), np.uint8)] * 2
+    deadline, shown = time.monotonic() + TIMEOUT, [np.zeros((1, 1, 3), np.uint8)] * 2
     while time.monotonic() < deadline:
         time.sleep(PAUSE_S)
         if not screenshot(display, path):

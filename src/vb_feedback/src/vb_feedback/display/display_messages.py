@@ -61,7 +61,7 @@ def removal(namespace: str, number: int) -> Marker:
 
 def panel_from_state(
     state: Optional[InteractionState],
-    seeing: Sequence[str],
+    cameras_seeing_spot: Sequence[str],
     notices: Sequence[PanelNotice],
     has_map: bool,
     language: str,
@@ -84,7 +84,7 @@ def panel_from_state(
         tuple(state.commands),
         state.last_success,
         message,
-        tuple(seeing),
+        tuple(cameras_seeing_spot),
         tuple(notices),
         stopped,
         language,

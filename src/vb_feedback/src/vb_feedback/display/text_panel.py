@@ -38,7 +38,7 @@ class PanelContent:
     commands: Tuple[str, ...] = ()
     success: bool = True
     message: str = ""
-    seeing: Tuple[str, ...] = ()  # cameras that see the spot
+    cameras_seeing_spot: Tuple[str, ...] = ()
     notices: Tuple[PanelNotice, ...] = ()
     stopped: bool = False
     language: str = sentences.ENGLISH
@@ -87,10 +87,12 @@ def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
         line("say", content.words("display_say"), 0.253, LABEL, colours.PALE)
         for number, command in enumerate(content.commands[:MAX_COMMANDS]):
             line(f"say/{number}", command.replace("_", " "), 0.333 + 0.089 * number, COMMAND, colours.WHITE)
-    if content.seeing:
+    if content.cameras_seeing_spot:
         line("seen", content.words("display_seen_by"), 0.676, LABEL, colours.PALE)
-        names = [transliterate(camera).replace(" ", "_") for camera in content.seeing]
-        tints = [colours.blend(colours.camera_colour(camera), colours.WHITE, 0.3) for camera in content.seeing]
+        names = [transliterate(camera).replace(" ", "_") for camera in content.cameras_seeing_spot]
+        tints = [
+            colours.blend(colours.camera_colour(camera), colours.WHITE, 0.3) for camera in content.cameras_seeing_spot
+        ]
         if len(names) > MAX_CAMERAS:
             rest = len(names) - MAX_CAMERAS + 1
             names[MAX_CAMERAS - 1 :], tints[MAX_CAMERAS - 1 :] = [f"+{rest}"], [colours.PALE]

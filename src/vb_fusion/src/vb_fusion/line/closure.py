@@ -75,7 +75,7 @@ def classify_closure(points: np.ndarray, kind: str = "auto") -> Closure:
         elif width < TREMOR:
             code = "open_flat"
         else:
-            code = "closed_cut" if last - first < end else "closed_gap"
+            code = "closed_trimmed" if last - first < end else "closed_gap"
     if code.startswith("open"):
         return Closure(False, code, apart, 0, end, _values(apart, length))
     return Closure(True, code, gap, first, last, _values(gap, kept))

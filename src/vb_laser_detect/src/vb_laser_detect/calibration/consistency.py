@@ -56,12 +56,12 @@ def compare_cameras(sightings: Iterable[Sighting], least: int = 20) -> List[Came
     at once is left out at that time.
 
     Raises:
-        CodedError: "one_camera" if fewer than two cameras saw a spot; "no_overlap" if no two of them saw it together
+        CodedError: "too_few_cameras" if fewer than two cameras saw a spot; "no_overlap" if no two of them saw it together
             at least `least` times.
     """
     tracks = _tracks(sightings)
     if len(tracks) < 2:
-        raise CodedError("one_camera", cameras=", ".join(tracks) or "-")
+        raise CodedError("too_few_cameras", cameras=", ".join(tracks) or "-")
     found = []
     for first, second in itertools.combinations(sorted(tracks), 2):
         a, b = tracks[first], tracks[second]

@@ -132,7 +132,7 @@ def estimate_pose(
 
     Raises:
         CodedError: "bad_points", "outside_image", "too_few_calibration_points", "collinear", "clustered" for
-            points that cannot determine a pose; "no_agreement" where no pose explains enough of them;
+            points that cannot determine a pose; "no_consistent_pose" where no pose explains enough of them;
             "below_floor" if the camera would be under it; "ambiguous" if two poses explain them; "uncertain"
             if the pose is known too poorly.
     """
@@ -141,7 +141,9 @@ def estimate_pose(
     start = _consensus(camera, observed)
     used = errors_on_floor(camera, start, observed) < _OUTLIER
     if used.sum() < max(MIN_POINTS, _MIN_AGREEING * len(observed)):
-        raise CodedError("no_agreement", agreeing=int(used.sum()), points=len(observed), cm=f"{100 * _OUTLIER:.0f}")
+        raise CodedError(
+            "no_consistent_pose", agreeing=int(used.sum()), points=len(observed), cm=f"{100 * _OUTLIER:.0f}"
+        )
     check_points(camera, observed.select(used))
     # what agrees may change once all that agrees has been used
     for _ in range(5):
@@ -286,7 +288,7 @@ def _consensus(camera: CameraModel, observed: Correspondences) -> np.ndarray:
 
     best = ranked([chosen for _, _, chosen in ranked(_minimal_sets(observed), False)[:_PROMISING]], True)
     if not best:
-        raise CodedError("no_agreement", agreeing=0, points=len(observed), cm=f"{100 * _OUTLIER:.0f}")
+        raise CodedError("no_consistent_pose", agreeing=0, points=len(observed), cm=f"{100 * _OUTLIER:.0f}")
     return best[0][1]
 
 

@@ -216,7 +216,7 @@ def _share_of(rise: np.ndarray) -> np.ndarray:
 
 
 def chroma(tint: np.ndarray) -> float:
-    """Tells how coloured a light is: 0 for white, 1 if a channel shows nothing of it."""
+    """Returns how coloured a light is: 0 for white, 1 if a channel shows nothing of it."""
     return float(1.0 - tint.min() / max(tint.max(), 1e-6))
 
 

@@ -100,6 +100,6 @@ def _agreed_motion(before: np.ndarray, after: np.ndarray) -> Optional[np.ndarray
 
 
 def is_still(motion: np.ndarray, shape: tuple) -> bool:
-    """Tells whether a motion moves no place of an image of this shape."""
+    """Returns whether a motion moves no place of an image of this shape."""
     corners = np.array([[(0, 0), (shape[1], 0), (0, shape[0]), (shape[1], shape[0])]], float)
     return bool(np.abs(cv2.perspectiveTransform(corners, motion) - corners).max() < _STILL_PX)

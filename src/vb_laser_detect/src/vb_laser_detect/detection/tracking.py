@@ -93,7 +93,7 @@ class Expected(NamedTuple):
         return 2.0 * self.diameter
 
     def holds(self, u: float, v: float) -> bool:
-        """Tells whether a place [px] is within reach."""
+        """Returns whether a place [px] is within reach."""
         return math.hypot(u - self.u, v - self.v) <= self.reach
 
     def clip(self, region: Region) -> Region:
@@ -107,7 +107,7 @@ class Expected(NamedTuple):
         )
 
     def overlaps(self, region: Region) -> bool:
-        """Tells whether a part of a region is within reach."""
+        """Returns whether a part of a region is within reach."""
         left, top, right, bottom = self.clip(region)
         return left < right and top < bottom
 

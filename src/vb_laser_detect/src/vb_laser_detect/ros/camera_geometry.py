@@ -18,7 +18,7 @@ from vb_core.ros import robot_profile
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array
 from vb_core.ros.transforms import TransformLookup
-from vb_laser_detect.detection.bodies import Body
+from vb_laser_detect.detection.robot_cylinders import RobotCylinder
 from vb_laser_detect.detection.image_geometry import ImageGeometry
 from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
@@ -164,7 +164,7 @@ def depth_array(message: Image) -> np.ndarray:
 
 
 class Robots:
-    """The robots as bodies that hide the floor.
+    """The robots as cylinders that hide the floor.
 
     Subscribed topics:
         tf: <robot>/base_link to map
@@ -182,7 +182,7 @@ class Robots:
     def __len__(self) -> int:
         return len(self._profiles)
 
-    def bodies(self, stamp: rospy.Time) -> List[Body]:
+    def cylinders(self, stamp: rospy.Time) -> List[RobotCylinder]:
         """Returns where the robots were at a time.
 
         One whose pose has not arrived yet is taken to be larger by how far it may have driven since its last one.
@@ -200,7 +200,9 @@ class Robots:
             except CodedError:
                 self._report.count("robot_without_pose")
                 continue
-            found.append(Body(x, y, profile.radius + _DOUBT_M + profile.limits.max_speed * late, profile.shape.height))
+            found.append(
+                RobotCylinder(x, y, profile.radius + _DOUBT_M + profile.limits.max_speed * late, profile.shape.height)
+            )
         return found
 
 
@@ -250,7 +252,7 @@ class CameraGeometry:
         else:
             pose = partial(np.copy, self._pose)
         depth = partial(self._depth.nearest, stamp, frame_id) if self._depth is not None else None
-        return ImageGeometry(camera, pose, self._projector, depth, stamp, partial(self._robots.bodies, stamp))
+        return ImageGeometry(camera, pose, self._projector, depth, stamp, partial(self._robots.cylinders, stamp))
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """Returns the pose (4, 4); a moving camera's only tells that there is one, which most images do not ask for."""

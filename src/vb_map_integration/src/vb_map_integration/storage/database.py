@@ -581,7 +581,7 @@ class Database:
         row = self._main.execute("SELECT border FROM requests WHERE id = ?", (request_id,)).fetchone()
         return "" if row is None or not request_id else str(row[0])
 
-    def take_over(self, place: int, borders: Iterable[VirtualBorder], note: str) -> Dict[str, str]:
+    def import_legacy(self, place: int, borders: Iterable[VirtualBorder], note: str) -> Dict[str, str]:
         """Adds borders of an older version, with their ids if these are free; returns the ids that had to change."""
         change: List[BorderChange] = []
         renamed: Dict[str, str] = {}

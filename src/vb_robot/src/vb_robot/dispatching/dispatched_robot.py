@@ -108,7 +108,7 @@ class DispatchedRobot:
     def _pose(self) -> Optional[Pose]:
         """Looks up the robot's pose; None if it is not localised."""
         try:
-            T = self._transforms.lookup(MAP_FRAME, self._base_frame, rospy.Time(0), timeout_s=0.0)
+            T = self._transforms.lookup(MAP_FRAME, self._base_frame, rospy.Time(0), timeout=0.0)
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {self._who} is not localised: {error}")
             return None

@@ -69,7 +69,7 @@ class PreviewScheduler:
         self._not_before = float("-inf")
         self._retry_at: Optional[float] = None
 
-    def wait_s(self, inputs: PreviewInputs, now: float) -> Optional[float]:
+    def delay(self, inputs: PreviewInputs, now: float) -> Optional[float]:
         """Returns the time [s] until these inputs need a preview; 0: now; None: never while they stay as they are."""
         if self._shown is None or inputs.interaction_id != self._shown.interaction_id:
             return 0.0
