@@ -348,7 +348,7 @@ def in_child(world: Path, scenario: str, method: str, seed: int, folder: Path, r
 
 
 # ----------------------------------------------------------------- all of them
-def summarise(runs: list) -> str:
+def summarize(runs: list) -> str:
     """Makes a table with one line per scenario and method."""
     lines = [
         f"{'scenario':9} {'method':10} {'runs':>4} {'saved':>5} {'collisions':>10} {'entries':>7} {'too fast':>8} "
@@ -385,7 +385,7 @@ def page(runs: list) -> str:
         f"revision {revision()}. *Hold*: the longest time that a person waited for the robot while drawing.",
         "",
         "```",
-        summarise(runs),
+        summarize(runs),
         "```",
         "",
         "Longest hold of each run, in order of its seed [s]:",
@@ -436,7 +436,7 @@ def main() -> int:
     if not runs:
         print("no runs")
         return 1
-    print(summarise(runs))
+    print(summarize(runs))
     if arguments.table:
         (TOP / "docs" / "results" / "robots_runs.md").write_text(page(runs))
     return int(any(run["breaches"] for run in runs))

@@ -117,7 +117,7 @@ class Soak:
         self.folder, self.port = folder, port
         self.apart = apart
         self.remote: Optional[subprocess.Popen] = None
-        self.localised = True
+        self.localized = True
         self.lost_pose = {camera: 0 for camera in CAMERAS}
         self.hours = hours
         self.maps = rooms(seed)
@@ -278,7 +278,7 @@ class Soak:
             )
             status.header.stamp = stamp
             self.statuses.publish(status)
-        if self.localised:
+        if self.localized:
             self.tf.publish(TFMessage([transform_message(np.eye(4), "map", "base_link", stamp)]))
 
     def idle(self, seconds: float) -> None:
@@ -369,11 +369,11 @@ class Soak:
 
     def shape(self) -> Any:
         """Returns the corners of a rectangle somewhere on the floor, (4, 2) [m]."""
-        centre = self.rng.uniform([1.2, 1.0], [6.8, 4.0])
+        center = self.rng.uniform([1.2, 1.0], [6.8, 4.0])
         half = self.rng.uniform(0.35, 0.8, 2)
         angle = self.rng.uniform(0, np.pi)
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        return centre + (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ turn.T
+        return center + (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ turn.T
 
     def interaction(self, meanwhile: Optional[Callable[[], None]] = None) -> None:
         """Draws an area as a person; now and then somebody kills a node meanwhile, or the person gives up.
@@ -536,7 +536,7 @@ class Soak:
     def lose_poses(self) -> None:
         """Transforms stop: the robot's, and one camera's. The next interaction must not wait for them."""
         camera = next(name for name in CAMERAS if name != REMOTE or not self.apart)
-        self.localised = False
+        self.localized = False
         self.kill("map_integrator")  # which now knows no place of the robot
         began = self.now
         while ("camera_no_pose", camera) not in self.notices.get("/lab_monitor", ()):
@@ -548,7 +548,7 @@ class Soak:
         self.notice_delays.append(self.now - began)
         self._taken_back(camera, "camera_no_pose")
         self.interaction()
-        self.localised = True
+        self.localized = True
         self.counts["transforms lost"] += 1
 
     def cut_network(self) -> None:
@@ -668,10 +668,10 @@ class Soak:
     def _oracle(self, polygons: List[Any]) -> Any:
         """(rows, columns) cells that are surely inside some polygon, and surely outside all; the edge may go either way."""
         rows, columns = np.mgrid[:100, :160]
-        centres = shapely.points((columns.ravel() + 0.5) * RESOLUTION, (rows.ravel() + 0.5) * RESOLUTION)
+        centers = shapely.points((columns.ravel() + 0.5) * RESOLUTION, (rows.ravel() + 0.5) * RESOLUTION)
         area = unary_union([Polygon(points).buffer(0) for points in polygons])
-        inside = shapely.contains(area.buffer(-1.5 * RESOLUTION), centres).reshape(100, 160)
-        outside = ~shapely.intersects(area.buffer(1.5 * RESOLUTION), centres).reshape(100, 160)
+        inside = shapely.contains(area.buffer(-1.5 * RESOLUTION), centers).reshape(100, 160)
+        outside = ~shapely.intersects(area.buffer(1.5 * RESOLUTION), centers).reshape(100, 160)
         return inside, outside
 
     def _map_agrees(self, inside: Any, outside: Any) -> bool:
@@ -751,7 +751,7 @@ class Soak:
     def recover(self) -> None:
         """Starts from what the stack has now, after a broken invariant, so that one fault counts once."""
         (self.folder / "state" / "filler").unlink(missing_ok=True)
-        self.localised = True
+        self.localized = True
         for camera in CAMERAS:
             self.plug(camera, True)
         self.command("cancel")

@@ -132,7 +132,7 @@ def choose(results: List[dict]) -> str:
     )
 
 
-def summarise(results: List[dict], accepted: float) -> Dict[str, Tuple[int, int]]:
+def summarize(results: List[dict], accepted: float) -> Dict[str, Tuple[int, int]]:
     """(how many, of how many) for each figure of one set of results."""
 
     def count(kind: str, condition: Callable[[str, str], bool]) -> Tuple[int, int]:
@@ -183,7 +183,7 @@ def write_page() -> str:
             ("music", MUSIC[group]),
             ("eight people talking", ("babble",)),
         ):
-            columns[f"{name}, {group}"] = summarise([one for one in results if one["noise"] in kinds], accepted)
+            columns[f"{name}, {group}"] = summarize([one for one in results if one["noise"] in kinds], accepted)
         missed = [one for one in results if one["kind"] == "command" and taken(one, accepted)["best"] != one["command"]]
         wrong = [(one, taken(one, accepted)) for one in results if one["kind"] != "command"]
         lines = sorted(

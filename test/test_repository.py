@@ -389,7 +389,7 @@ def own_sentences(tree):
     return [
         code.value
         for code, *_ in raised + reported
-        if isinstance(code, ast.Constant) and code.value in sentences.catalogue()
+        if isinstance(code, ast.Constant) and code.value in sentences.catalog()
     ]
 
 

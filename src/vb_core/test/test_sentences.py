@@ -9,12 +9,12 @@ OTHERS = [language for language in sentences.languages() if language != sentence
 
 
 def test_there_is_more_than_english():
-    assert "de" in OTHERS and sentences.catalogue()
+    assert "de" in OTHERS and sentences.catalog()
 
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_every_language_has_every_code_with_the_same_values(language):
-    english, other = sentences.catalogue(), sentences.catalogue(language)
+    english, other = sentences.catalog(), sentences.catalog(language)
     assert set(english) == set(other)
     differing = {
         code for code in english if sentences.placeholders(english[code]) != sentences.placeholders(other[code])

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from vb_feedback.display import colours, scene
+from vb_feedback.display import colors, scene
 from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, overlay
 from vb_feedback.display.text_panel import PanelContent, words
@@ -28,8 +28,8 @@ def test_borders_differ_by_kind():
         return [shape for shape in scene.borders(layout, [one]) if shape.namespace == "borders/outline"][0]
 
     hard, soft, off = outline(border()), outline(border(occupancy=0.4)), outline(border(enabled=False))
-    assert sum(soft.colours[0]) > sum(hard.colours[0])
-    assert len(set(off.colours[0])) == 1
+    assert sum(soft.colors[0]) > sum(hard.colors[0])
+    assert len(set(off.colors[0])) == 1
     # four sides of a polygon, three of a curve
     assert (len(hard.points), len(outline(border(closed=False)).points)) == (8, 6)
 
@@ -71,8 +71,8 @@ def test_spots_fade_and_go():
     ]
     shapes = {shape.key: shape for shape in scene.trails(layout, seen, 11.0)}
     trail = shapes[("spots/red/trail", 0)]
-    assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colours[0]) > sum(trail.colours[1])
-    assert trail.colours[1] == colours.camera_colour("red") != colours.camera_colour("blue")
+    assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colors[0]) > sum(trail.colors[1])
+    assert trail.colors[1] == colors.camera_color("red") != colors.camera_color("blue")
     discs = {shape.key: shape for shape in scene.live_spots(layout, seen, 11.0)}
     assert discs[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in discs
     # long ago; and time that jumped back: what seems to come from the future is left out

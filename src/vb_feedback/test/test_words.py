@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from vb_feedback.display import colours
+from vb_feedback.display import colors
 from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.scene import PLATE, TEXT, text_boxes
 from vb_feedback.display.text_panel import PanelNotice, PanelContent, words
@@ -106,7 +106,7 @@ def test_a_refusal_stands_out_for_every_eye():
     assert not [shape for shape in good if shape.kind == PLATE]
     plate = [shape for shape in bad if shape.kind == PLATE][0]
     answer = [shape for shape in bad if shape.namespace == "words/answer"]
-    assert plate.colours == (colours.YELLOW,) and all(shape.colours == (colours.BLACK,) for shape in answer)
+    assert plate.colors == (colors.YELLOW,) and all(shape.colors == (colors.BLACK,) for shape in answer)
     box = text_boxes([plate])[0]
     assert all(box.contains(text) for text in text_boxes(answer))
 

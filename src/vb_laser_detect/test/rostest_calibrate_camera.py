@@ -178,10 +178,10 @@ class CalibrateCameraTest(unittest.TestCase):
         message.point.x, message.point.y = point
         self.clicks.publish(message)
 
-    def check_pose(self, camera, truth, metres, degrees):
+    def check_pose(self, camera, truth, meters, degrees):
         pose = calibration_file.load(calibration_file.calibration_path(self.folder.name, camera))
         self.assertEqual((pose.camera, pose.parent, pose.frame), (camera, "map", camera + "_optical_frame"))
-        self.assertLess(np.linalg.norm(pose.T[:3, 3] - truth[:3, 3]), metres)
+        self.assertLess(np.linalg.norm(pose.T[:3, 3] - truth[:3, 3]), meters)
         turn = geometry.invert(pose.T) @ truth
         self.assertLess(math.degrees(math.acos(min(1.0, (np.trace(turn[:3, :3]) - 1) / 2))), degrees)
         return pose

@@ -69,8 +69,8 @@ class SpotDetectorTest(unittest.TestCase):
             stamp = rospy.Time.now()
             angle = 0.1 * step
             for camera in (cls.red, cls.blue):
-                centre = camera.T[:2, 3]
-                point = centre + 0.5 * np.array([np.cos(angle), np.sin(angle)])
+                center = camera.T[:2, 3]
+                point = center + 0.5 * np.array([np.cos(angle), np.sin(angle)])
                 cls.truth[camera.name, stamp.to_nsec()] = point
                 camera.play(stamp, point)
             with cls.changed:  # a spot may come back before this thread has noted where it was

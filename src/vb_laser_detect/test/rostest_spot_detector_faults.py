@@ -340,7 +340,7 @@ class FaultsTest(unittest.TestCase):
                 np.full(depth.shape, np.nan, np.float32), "32FC1", rospy.Time(), "camera_optical_frame"
             )
 
-        def coloured(depth):
+        def colored(depth):
             return image_message(np.zeros((*depth.shape, 3), np.uint8), "rgb8", rospy.Time(), "camera_optical_frame")
 
         good = robot.depth_message
@@ -348,7 +348,7 @@ class FaultsTest(unittest.TestCase):
         robot.depth_message = lambda depth: image_message(depth, "16UC1", rospy.Time(), "depth_optical_frame")
         self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
         self.check_fault("robot", "depth_not_registered", "depth_optical_frame", DiagnosticStatus.WARN, count=3)
-        for spoilt, words in ((empty, "no reading at all"), (coloured, "expected depth images of 16UC1 or 32FC1")):
+        for spoilt, words in ((empty, "no reading at all"), (colored, "expected depth images of 16UC1 or 32FC1")):
             robot.depth_message = spoilt
             # the floor's plane takes over, and the spots say so
             spots = self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
@@ -377,14 +377,14 @@ class FaultsTest(unittest.TestCase):
         self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
         robot.pose_late_s = 0.0
         # without a pose at the image's time a spot is dropped and counted, never published where it was last
-        robot.localised = False
+        robot.localized = False
         self.check_fault("robot", "no_transform", "no transform", DiagnosticStatus.ERROR, count=5)
         with o.changed:
             count = len([spot for spot in o.spots if spot.camera == "robot"])
         before = o.refused("robot", "no_transform")
         self.wait(lambda: o.refused("robot", "no_transform") >= before + 5, "more spots that are dropped")
         self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "robot"]), count)
-        robot.looped = robot.localised = True
+        robot.looped = robot.localized = True
         self.wait(lambda: "loop" in o.diagnostics["robot"].message, "the diagnostic of the loop")
         before = o.refused("robot", "no_transform")
         self.wait(lambda: o.refused("robot", "no_transform") >= before + 5, "spots that are dropped for the loop")

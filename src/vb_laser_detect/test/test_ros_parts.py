@@ -90,7 +90,7 @@ def test_depth_of_another_frame_is_not_used():
     topic._on_image(
         Image(Header(stamp=rospy.Time(5), frame_id="depth_frame"), 48, 64, "16UC1", 0, 128, depth.tobytes())
     )
-    assert topic.nearest(rospy.Time(5), "colour_frame") == (None, None)
+    assert topic.nearest(rospy.Time(5), "color_frame") == (None, None)
     assert report.codes == ["depth_not_registered"]
     assert topic.nearest(rospy.Time(5), "depth_frame")[0].shape == (48, 64)
 
@@ -118,19 +118,19 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
         (False, True, 0.12, ""),
         (True, True, 0.12, ""),
         (False, False, 0.12, ""),
-        (True, False, 0.12, "no_colour"),
+        (True, False, 0.12, "no_color"),
         (False, True, 1.5, "slow_camera"),
     ],
 )
 def test_a_camera_that_is_slow_or_a_robots_without_colour_is_not_called_well(
-    monkeypatch, mobile, colour, confirmation_s, said
+    monkeypatch, mobile, color, confirmation_s, said
 ):
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
     report = DetectorDiagnostics.__new__(DetectorDiagnostics)
     report._camera, report._mobile, report._frame_id, report._lock = "red", mobile, "red_frame", threading.Lock()
     report._missing_input, report._faults, report._started, report.debug_images = "", {}, rospy.Time(1), 0
     report._status, report._image = DetectorStatus(rate_hz=2.0), np.zeros((64, 64), np.uint8)
-    report.colour, report._confirmation_s = colour, confirmation_s
+    report.color, report._confirmation_s = color, confirmation_s
     status = report._diagnose(DiagnosticStatusWrapper())
     assert status.level == (DiagnosticStatus.WARN if said else DiagnosticStatus.OK)
     assert not said or f"[{said}]" in status.message

@@ -26,7 +26,7 @@ def test_a_recording_and_clicks_make_examples(tmp_path):
                 floor[100:160, 10 * i : 10 * i + 60] = 250.0
             else:
                 spots = [places[(i - 20) // 12]]
-            image = scene.render(spots, colour=GREEN, floor=floor)
+            image = scene.render(spots, color=GREEN, floor=floor)
             bag.write("/hall/image_raw", image_message(image, "bgr8", stamp, "hall"), stamp)
             if spots and (i - 20) % 12 == 6:
                 bag.write("/hall/image_raw_mouse_left", Point(round(spots[0][0]), round(spots[0][1]), 0), stamp)

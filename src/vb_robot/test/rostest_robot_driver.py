@@ -204,7 +204,7 @@ class DriverTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: not self.has_notice("robot_inside_border", "ada")))
 
     def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):
-        cells, localisation = [], PoseWithCovarianceStamped()
+        cells, localization = [], PoseWithCovarianceStamped()
         listener = rospy.Subscriber(
             names.KEEP_OUT, OccupancyGridArray, lambda message: cells.append(int((message.data == 100).sum()))
         )
@@ -214,8 +214,8 @@ class DriverTest(unittest.TestCase):
         usual = cells[-1]
 
         def becomes(variance, condition):
-            localisation.pose.covariance[0] = localisation.pose.covariance[7] = variance
-            poses.publish(localisation)
+            localization.pose.covariance[0] = localization.pose.covariance[7] = variance
+            poses.publish(localization)
             return condition(cells[-1])
 
         self.assertTrue(wait_until(lambda: becomes(0.25, lambda count: count > usual)))

@@ -113,7 +113,7 @@ class FaultsTest(unittest.TestCase):
         goal.goal_id.id = "somebody"
         goal.goal.target_pose.header.frame_id = "map"
         goal.goal.target_pose.pose = pose_from_2d(*best)
-        self.bases["bob"].behaviour = "hold"
+        self.bases["bob"].behavior = "hold"
         somebody = rospy.Publisher("/bob/move_base/goal", MoveBaseActionGoal, queue_size=1)
         self.assertTrue(wait_until(lambda: somebody.get_num_connections() >= 2))
         somebody.publish(goal)
@@ -135,7 +135,7 @@ class FaultsTest(unittest.TestCase):
 
     # ------------------------------------------------------------- faults
     def test_abort_another_takes_over(self):
-        self.bases["ada"].behaviour = "abort"
+        self.bases["ada"].behavior = "abort"
         self.draw()
         self.is_sent("bob")
         self.assertTrue(wait_until(lambda: math.dist(self.bob.pose[:2], SPOT) < 1.6 and not self.bases["bob"].active))

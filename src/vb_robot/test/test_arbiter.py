@@ -57,7 +57,7 @@ class Rig:
         self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
 
     def set_grid(self, grid):
-        self.arbiter.set_maps(Workspace(grid, empty(), PROFILE.radius, uncertainty=PoseUncertainty().metres))
+        self.arbiter.set_maps(Workspace(grid, empty(), PROFILE.radius, uncertainty=PoseUncertainty().meters))
 
     def set_state(self, state, interaction="a"):
         self.state, self._said = (state, interaction if state else "", self.now), -math.inf

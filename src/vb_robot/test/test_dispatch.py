@@ -33,7 +33,7 @@ class Robot:
         self.candidates = [Viewpoint((x0 + i, 0.0, 0.0), cost, (0.0, 0.0)) for i, cost in enumerate(costs)]
         self.candidates = self.candidates if candidates is None else candidates
         self.goal, self.pose, self.sees, self.sent = GoalStatus.NONE, (x0 + 50.0, 50.0, 0.0), seen, []
-        self.busy, self.server, self.localised, self.safe, self.knows = False, True, True, True, True
+        self.busy, self.server, self.localized, self.safe, self.knows = False, True, True, True, True
         self.asked, self.drawing, self.given = 0, DrawingState(np.zeros(2)), None
         self.room = lambda pose: True
 
@@ -72,7 +72,7 @@ class Fleets:
         seeing = {}
         for name, robot in self.robots.items():
             robot.drawing = DrawingState(np.array(self.spot))
-            status = RobotStatus(robot.pose if robot.localised else None, robot.server, robot.goal, robot.busy)
+            status = RobotStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
             seeing[name] = (status, robot if robot.knows else None)
         goals = self.fleet.step(DispatchInputs(self.now, self.wanted, self.key, self.silent), seeing)
         assert set(goals) == set(self.robots)
@@ -137,7 +137,7 @@ def test_sends_nothing_when_the_robot_sees_the_spot_already():
     assert not sent(Bench([place(1)], seen=lambda pose: True).run(10))
 
 
-@pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(knows=False), dict(localised=False)])
+@pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(knows=False), dict(localized=False)])
 def test_sends_nothing_without(missing):
     assert not sent(Bench([place(1)]).run(10, **missing))
 
@@ -479,7 +479,7 @@ def test_another_takes_over_when_one_fails(fault):
     elif fault == "navigation dies":
         ada.server = False
     elif fault == "lost":
-        ada.localised = False
+        ada.localized = False
     elif fault == "never accepts":
         ada.goal = GoalStatus.SENT
     elif fault == "preempted":

@@ -114,12 +114,12 @@ def test_the_map_for_navigation_has_what_the_driver_keeps_out_of():
 
 def test_the_uncertainty_follows_the_localisations_own_spread_at_once_up_and_slowly_down():
     uncertainty = PoseUncertainty()
-    assert uncertainty.metres == MIN_UNCERTAINTY, "without a covariance"
-    assert not uncertainty.add(np.diag([0.01, 0.005]) ** 2) and uncertainty.metres == MIN_UNCERTAINTY
+    assert uncertainty.meters == MIN_UNCERTAINTY, "without a covariance"
+    assert not uncertainty.add(np.diag([0.01, 0.005]) ** 2) and uncertainty.meters == MIN_UNCERTAINTY
     turned = np.array([[0.5, 0.5], [-0.5, 0.5]]) * math.sqrt(2.0)
     assert uncertainty.add(turned @ np.diag([0.12, 0.005]) ** 2 @ turned.T), "the worst direction, in steps"
-    assert uncertainty.metres == pytest.approx(0.075)
+    assert uncertainty.meters == pytest.approx(0.075)
     changed = [uncertainty.add(np.diag([0.01, 0.01]) ** 2) for _ in range(UNCERTAINTY_UPDATES)]
-    assert changed == [False] * (UNCERTAINTY_UPDATES - 1) + [True] and uncertainty.metres == MIN_UNCERTAINTY
+    assert changed == [False] * (UNCERTAINTY_UPDATES - 1) + [True] and uncertainty.meters == MIN_UNCERTAINTY
     uncertainty.add(np.full((2, 2), math.nan))
-    assert uncertainty.metres == MAX_UNCERTAINTY, "what makes no sense is no reason to come nearer"
+    assert uncertainty.meters == MAX_UNCERTAINTY, "what makes no sense is no reason to come nearer"

@@ -75,7 +75,7 @@ class Process:
             self.kill()
 
 
-class StubNeighbours:
+class StubNeighbors:
     """border_fusion and map_integrator, as far as this package needs them."""
 
     def __init__(self) -> None:

@@ -30,7 +30,7 @@ from vb_voice_wizard.interaction import (
     Interaction,
     InteractionParams,
     State,
-    normalise,
+    normalize,
     spoken_form,
 )
 
@@ -69,7 +69,7 @@ def test_every_state_and_command_pair_is_answered(way, command):
     answer = interaction.command(command, "test", 10.0)
 
     assert answer.message.endswith(".") and answer.message == sentences.translate(answer.code, answer.values)
-    assert answer.code in sentences.catalogue()
+    assert answer.code in sentences.catalog()
     if not interaction.saving:
         assert interaction.last_answer == answer and interaction.last_command == command
     if command in ENTERING:
@@ -137,8 +137,8 @@ def test_unknown_commands_are_answered(way, command):
 
 def test_commands_as_people_write_them():
     for command in COMMANDS:
-        assert normalise(spoken_form(command).upper() + " ") == command
-        assert normalise(command.replace("_", "-")) == command
+        assert normalize(spoken_form(command).upper() + " ") == command
+        assert normalize(command.replace("_", "-")) == command
 
 
 def test_while_saving_everything_else_waits_and_a_refusal_keeps_everything():

@@ -82,7 +82,7 @@ def used_words():
 
 @pytest.mark.parametrize("language", sentences.languages())
 def test_every_word_of_the_page_is_there_in_every_language(language):
-    words = sentences.catalogue(language)
+    words = sentences.catalog(language)
     missing = [
         code
         for code in used_words()
@@ -98,14 +98,14 @@ def test_no_word_of_the_page_is_left_over():
     stems = [code for code in used if code.endswith("_")] + ["page_title_", "page_zone_"]
     left = [
         word
-        for word in sentences.catalogue()
+        for word in sentences.catalog()
         if word.startswith("page_") and word not in used and not word.startswith(tuple(stems))
     ]
     assert not left
 
 
 def test_languages_name_the_same_values():
-    english, german = sentences.catalogue("en"), sentences.catalogue("de")
+    english, german = sentences.catalog("en"), sentences.catalog("de")
     page = [code for code in english if code.startswith("page_")]
     assert page and all(sentences.placeholders(english[code]) == sentences.placeholders(german[code]) for code in page)
     assert {code for code in german if code.startswith("page_")} == set(page)

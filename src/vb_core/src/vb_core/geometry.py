@@ -151,9 +151,9 @@ def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndar
     x, y = points[:, 0], points[:, 1]
     if abs(curvature) < 1e-3:
         return x, y
-    centre, side = 1.0 / curvature, math.copysign(1.0, curvature)
-    across = (abs(centre) - np.hypot(x, y - centre)) * side
-    return np.arctan2(x, (centre - y) * side) * abs(centre), across
+    center, side = 1.0 / curvature, math.copysign(1.0, curvature)
+    across = (abs(center) - np.hypot(x, y - center)) * side
+    return np.arctan2(x, (center - y) * side) * abs(center), across
 
 
 def chain_length(points: np.ndarray, closed: bool = False) -> float:

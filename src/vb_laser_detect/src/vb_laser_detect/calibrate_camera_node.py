@@ -44,7 +44,7 @@ from vb_laser_detect.calibration.board import (
 from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, parse_numbers
 from vb_laser_detect.calibration.consistency import Sighting, compare_cameras, find_suspect
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.detection.image_format import PixelReader, to_grey
+from vb_laser_detect.detection.image_format import PixelReader, to_gray
 from vb_laser_detect.ros.camera_geometry import decode, is_rectified, sibling_topic
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
@@ -325,7 +325,7 @@ Lay it on three or four places that are far from each other in the image.
         with contextlib.suppress(queue.Empty):
             for _ in range(_BOARD_IMAGES):
                 try:
-                    views.append(find_board(self._board, to_grey(*self._images.get(timeout=_BOARD_TIMEOUT_S))))
+                    views.append(find_board(self._board, to_gray(*self._images.get(timeout=_BOARD_TIMEOUT_S))))
                 except CodedError as error:
                     reason = error
         if not views and reason is not None:

@@ -36,7 +36,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection import classifier, features
 from vb_laser_detect.detection.blocks import BLOCK, Region
 from vb_laser_detect.detection.features import Blob, Camera
-from vb_laser_detect.detection.projection import ToFloor, metres_per_pixel
+from vb_laser_detect.detection.projection import ToFloor, meters_per_pixel
 from vb_laser_detect.detection.image_format import BAYER
 from vb_laser_detect.detection.proposals import Proposal, Proposer, SearchedImage
 from vb_laser_detect.detection.tracking import BackfilledSpot, Expected, Spot, SpotTracker
@@ -221,7 +221,7 @@ class SpotDetector:
 
     def _pixel_size(self, u: float, v: float) -> float:
         """Returns a pixel's length on the floor [m]; NaN where that is not known."""
-        return metres_per_pixel(self._to_floor, u, v) if self._to_floor is not None else math.nan
+        return meters_per_pixel(self._to_floor, u, v) if self._to_floor is not None else math.nan
 
     def _size_range(self, pixel_size: float, camera: Camera) -> Tuple[float, float]:
         """Returns a spot's smallest and largest diameter [px] where a pixel is this long on the floor [m]."""

@@ -145,7 +145,7 @@ class SpotDetectorNode:
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
         raw, encoding = decode(message)
         image = self._reader.read(raw, encoding)
-        self._report.colour = image.ndim == 3 or encoding.startswith("bayer")
+        self._report.color = image.ndim == 3 or encoding.startswith("bayer")
         frame_id = self._params.frame or message.header.frame_id
         frame, unplaced = self._place(frame_id, stamp, image)
         began = time.perf_counter()
@@ -188,7 +188,7 @@ class SpotDetectorNode:
         result.mobile = self._mobile
         result.position = Point(*(float(value) for value in point.position))
         result.u, result.v, result.diameter = spot.u, spot.v, spot.diameter
-        result.diameter_m = spot.diameter * point.metres_per_pixel
+        result.diameter_m = spot.diameter * point.meters_per_pixel
         result.confidence = spot.confidence
         result.track = spot.track
         result.projection = getattr(LaserSpot, point.source.upper())

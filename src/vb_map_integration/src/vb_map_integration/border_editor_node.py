@@ -261,10 +261,10 @@ class BorderEditorNode:
             self._handle(f"{key}/seed", draft.seed, draft_markers.ball_marker(draft_markers.SEED, 0.15), _DRAFT_MENU)
             self._put_line(key)
         elif stored is not None:
-            colour = draft_markers.STORED if stored.enabled else draft_markers.SLEEPING
-            ball = draft_markers.ball_marker(colour, 0.15)
+            color = draft_markers.STORED if stored.enabled else draft_markers.SLEEPING
+            ball = draft_markers.ball_marker(color, 0.15)
             self._handle(key, stored.seed, ball, _STORED_MENU, drag=False, description=stored.name)
-            line = draft_markers.chain_marker(stored.points, stored.closed, colour)
+            line = draft_markers.chain_marker(stored.points, stored.closed, color)
             self._insert(f"{key}/line", (0.0, 0.0), [_control(InteractiveMarkerControl.NONE, [line])])
 
     def _put_line(self, key: str) -> None:
@@ -274,8 +274,8 @@ class BorderEditorNode:
         markers = [draft_markers.chain_marker(draft.points, draft.closed, draft_markers.DRAFT)]
         if answer is not None:
             text = "; ".join([answer.message] + [found.message for found in answer.issues if answer.success])
-            colour = draft_markers.DRAFT if answer.success else draft_markers.REFUSED
-            markers.append(draft_markers.text_marker(text, draft.seed, colour))
+            color = draft_markers.DRAFT if answer.success else draft_markers.REFUSED
+            markers.append(draft_markers.text_marker(text, draft.seed, color))
         self._insert(f"{key}/line", (0.0, 0.0), [_control(InteractiveMarkerControl.NONE, markers)])
 
     def _put_tool(self) -> None:

@@ -302,7 +302,7 @@ class MapIntegrator:
         if map_id == self._map_id:
             return False, ()
         before = self._layered_map.physical if self._layered_map else None
-        recognition = self._recognizer.recognise(grid, map_id, before, self._recognition)
+        recognition = self._recognizer.recognize(grid, map_id, before, self._recognition)
         self._map_id = map_id
         self._use(grid, recognition, now)
         if recognition.place:

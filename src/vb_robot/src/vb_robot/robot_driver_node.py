@@ -273,7 +273,7 @@ class RobotDriverNode:
     def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
         with self._lock:
             if self._uncertainty.add(np.reshape(message.pose.covariance, (6, 6))[:2, :2]):
-                rospy.loginfo("%s: keeps off borders by %.3f m more", rospy.get_name(), self._uncertainty.metres)
+                rospy.loginfo("%s: keeps off borders by %.3f m more", rospy.get_name(), self._uncertainty.meters)
                 self._use_maps()
 
     def _use_maps(self) -> None:
@@ -283,7 +283,7 @@ class RobotDriverNode:
                 self._maps.get("physical"),
                 self._profile.radius,
                 self._borders,
-                self._uncertainty.metres,
+                self._uncertainty.meters,
             )
             self._arbiter.set_maps(workspace)
             self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))

@@ -15,7 +15,7 @@ from vb_core.ros import commands
 from vb_core.ros.messages import BorderPreviewArray, mapping_from_values
 from vb_msgs.msg import BorderIssue
 
-from vb_voice_wizard.interaction import COMMANDS, normalise
+from vb_voice_wizard.interaction import COMMANDS, normalize
 
 DONE, REFUSED, UNREACHABLE = 0, 1, 3
 _PREVIEW_TIMEOUT_S = 10.0  # the preview is there: only the connection may take its time
@@ -32,7 +32,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
         description="Gives a command to the interaction and prints the answer.",
         epilog="Exit status: 0 done, 1 refused, 2 wrong call, 3 the interaction manager or the ROS master is away.",
     )
-    parser.add_argument("command", type=normalise, choices=COMMANDS)
+    parser.add_argument("command", type=normalize, choices=COMMANDS)
     parser.add_argument("--source", default="shell", help="who says so, for the record (default: shell)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="of the answer")
     parser.add_argument("--wait", type=float, default=2.0, help="[s] how long to wait for the interaction manager")

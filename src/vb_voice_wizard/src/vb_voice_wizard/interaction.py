@@ -120,7 +120,7 @@ class Record:
     sources: Tuple[str, ...]
 
 
-def normalise(text: str) -> str:
+def normalize(text: str) -> str:
     """Converts a command as people write it ("Define border") to its name ("define_border")."""
     return "_".join(text.replace("-", " ").replace("_", " ").lower().split())
 
@@ -202,7 +202,7 @@ class Interaction:
             doubtful_border: whether the preview of what would be saved has issues.
         """
         self.advance(now)
-        name = normalise(name)
+        name = normalize(name)
         if name == STOP:
             return self._stop(source, now)
         if self.pending and name != RESUME:
@@ -236,8 +236,8 @@ class Interaction:
     def expired(self, name: str, source: str, now: float) -> Answer:
         """Refuses a command that arrived too late; only the person who gave it is told."""
         self.advance(now)
-        answer = Answer(False, "expired", {"command": spoken_form(normalise(name))})
-        return answer if self.pending else self._answered(normalise(name), source, answer)
+        answer = Answer(False, "expired", {"command": spoken_form(normalize(name))})
+        return answer if self.pending else self._answered(normalize(name), source, answer)
 
     def finish_save(self, border_id: str, now: float) -> Answer:
         """Ends the interaction and its clock: the map has taken the border."""

@@ -31,7 +31,7 @@ from vb_voice_wizard.interaction import (
     Interaction,
     InteractionParams,
     State,
-    normalise,
+    normalize,
 )
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
 from vb_voice_wizard.dialogue.answer_cache import AnswerCache
@@ -165,7 +165,7 @@ class InteractionManagerNode:
 
     # ------------------------------------------------------------------ commands
     def _handle(self, order: CommandRequest) -> Answer:
-        command = normalise(order.command)
+        command = normalize(order.command)
         if command == STOP:
             # robots do not wait for locks, files or answers
             self._stop.publish(True)

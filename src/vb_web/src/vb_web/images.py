@@ -142,10 +142,10 @@ def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
     """
     cells = floor_cells(grid)
     rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
-    centres = (
+    centers = (
         np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2) * cells - 0.5
     )
-    places = np.column_stack([grid.grid_to_world(centres), np.zeros(len(centres))])
+    places = np.column_stack([grid.grid_to_world(centers), np.zeros(len(centers))])
     total = np.zeros((rows, columns, 3), np.float32)
     weights = np.zeros((rows, columns), np.float32)
     for view in views:
@@ -157,8 +157,8 @@ def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
         inside = np.minimum(pixels, size - 1.0 - pixels).min(axis=1) / size.min()
         weight = np.where(in_front & (inside > 0.0), inside, 0.0).reshape(rows, columns).astype(np.float32)
         at = pixels.reshape(rows, columns, 2)
-        colours = cv2.remap(view.image, at[..., 0], at[..., 1], cv2.INTER_AREA)
-        total += colours * weight[..., None]
+        colors = cv2.remap(view.image, at[..., 0], at[..., 1], cv2.INTER_AREA)
+        total += colors * weight[..., None]
         weights += weight
     pixels = np.zeros((rows, columns, 4), np.uint8)
     seen = weights > 0

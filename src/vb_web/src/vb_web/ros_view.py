@@ -28,7 +28,7 @@ _ZONE_NAMES = {value: key for key, value in ZONES.items()}
 AVOID_OCCUPANCY = 0.75
 
 
-def centimetres(points: Iterable[Point]) -> List[int]:
+def centimeters(points: Iterable[Point]) -> List[int]:
     """Points as whole centimetres in one list; without those that are not finite."""
     found = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
     found = found[np.isfinite(found).all(axis=1)].clip(-1e6, 1e6)
@@ -72,11 +72,11 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
     """Converts what has been drawn so far."""
     return {
         "spots": message.border_spots,
-        "points": centimetres(message.points),
-        "chain": centimetres(message.chain),
-        "left_out": centimetres(message.left_out),
+        "points": centimeters(message.points),
+        "chain": centimeters(message.chain),
+        "left_out": centimeters(message.left_out),
         "closed": bool(message.closed),
-        "seed": centimetres([message.seed]) if message.has_seed else [],
+        "seed": centimeters([message.seed]) if message.has_seed else [],
         "cameras_seeing_spot": list(message.cameras_seeing_spot),
         **coded_sentence(message),
     }
@@ -114,9 +114,9 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
     return {
         "id": border.id,
         "name": border.name,
-        "points": centimetres(border.points),
+        "points": centimeters(border.points),
         "kind": _KIND_NAMES.get(border.kind, "curve"),
-        "seed": centimetres([border.seed]),
+        "seed": centimeters([border.seed]),
         "enabled": bool(border.enabled),
         "in_force": bool(border.in_force),
         "reason": border.reason,
@@ -142,7 +142,7 @@ def borders_section(message: VirtualBorderArray) -> Dict[str, Any]:
 
 def spot_entry(message: LaserSpot) -> Optional[List[Any]]:
     """Converts a spot to [x, y, number]: [cm], and its track; None if it is not finite."""
-    place = centimetres([message.position])
+    place = centimeters([message.position])
     return [*place, int(message.track)] if place else None
 
 

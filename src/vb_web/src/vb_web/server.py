@@ -130,7 +130,7 @@ class PageServer:
         self.answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = OrderedDict()
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
         for language in sentences.languages():
-            words = {**sentences.catalogue(), **sentences.catalogue(language)}
+            words = {**sentences.catalog(), **sentences.catalog(language)}
             self.files[f"words/{language}.json"] = (
                 json.dumps(words, ensure_ascii=False).encode("utf-8"),
                 _TYPES[".json"],

@@ -9,7 +9,7 @@ import numpy as np
 
 from vb_core.geometry import chain_length
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_evaluation.report.charts import BLUE, GREEN, GREY, ORANGE, VERMILION, plt
+from vb_evaluation.report.charts import BLUE, GREEN, GRAY, ORANGE, VERMILION, plt
 
 SHADES = {"unknown": (209, 209, 209), "free": (255, 255, 255), "occupied": (38, 38, 38), "restricted": (236, 174, 140)}
 
@@ -77,7 +77,7 @@ def draw_before_after(
                 va="center",
                 fontsize=15,
                 color="black",
-                bbox=dict(facecolor="white", alpha=0.85, edgecolor=GREY),
+                bbox=dict(facecolor="white", alpha=0.85, edgecolor=GRAY),
             )
         axis.set_title(heading, fontsize=14)
         axis.set_xlabel("x [m]")

@@ -19,7 +19,7 @@ from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.people import KINDS, Population, Streams, Traits, draw
 from vb_sim.room.models import read_document, read_section
 from vb_sim.room.camera_models import CameraModels, read_camera_models
-from vb_sim.robot.motion_models import LocalisationModel, RobotModel, ScanModel
+from vb_sim.robot.motion_models import LocalizationModel, RobotModel, ScanModel
 from vb_sim.person.participant_model import ParticipantModel
 from vb_sim.room.world import World, world_from_mapping
 
@@ -29,7 +29,7 @@ METHODS: Dict[str, Callable[[World], Tuple[str, ...]]] = {
     "nrs": lambda world: tuple(camera.name for camera in world.cameras),
     "robot_only": lambda world: (),
 }
-MODELS = {"robot": RobotModel, "localisation": LocalisationModel, "scan": ScanModel}
+MODELS = {"robot": RobotModel, "localisation": LocalizationModel, "scan": ScanModel}
 PACKAGE = Path(__file__).resolve().parents[3]
 DEFAULT = PACKAGE / "config" / "study.yaml"
 

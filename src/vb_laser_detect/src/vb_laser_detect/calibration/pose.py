@@ -252,8 +252,8 @@ def _planar_poses(rays: np.ndarray, points: np.ndarray, polish: bool = False) ->
     least-squares steps, at twenty times the cost.
     """
     # the solver needs the points around the origin
-    centre = np.array([*points.mean(axis=0), 0.0])
-    plane = np.column_stack([points, np.zeros(len(points))]) - centre
+    center = np.array([*points.mean(axis=0), 0.0])
+    plane = np.column_stack([points, np.zeros(len(points))]) - center
     given = plane, rays[:, None, :2], np.eye(3), np.zeros(5)
     try:
         found, rotations, shifts, _ = cv2.solvePnPGeneric(*given, flags=cv2.SOLVEPNP_IPPE)
@@ -265,7 +265,7 @@ def _planar_poses(rays: np.ndarray, points: np.ndarray, polish: bool = False) ->
             rotation, shift = cv2.solvePnPRefineLM(*given, rotation, shift)
         if np.isfinite(rotation).all() and np.isfinite(shift).all():
             pose = geometry.invert(geometry.transform(cv2.Rodrigues(rotation)[0], shift.ravel()))
-            pose[:3, 3] += centre
+            pose[:3, 3] += center
             poses.append(pose)
     return poses
 

@@ -35,7 +35,7 @@ _KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what com
 _MARGIN = 24  # [px] around a region that is examined
 # half the rows must do, in half the time: spots cover several. In a Bayer image's pattern two neighbours hold all
 # colours
-_COLOUR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
+_COLOR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
 _SQUARE = np.ones((3, 3), np.uint8)
 _HALF = np.diag((0.5, 0.5, 1.0))
 
@@ -84,7 +84,7 @@ class Background:
         """
         self.motion, self.reference = motion, self.image
         if motion is None:
-            rise = block_maxima(image, self.image, _MOSAIC_ROWS if image.ndim == 2 else _COLOUR_ROWS)
+            rise = block_maxima(image, self.image, _MOSAIC_ROWS if image.ndim == 2 else _COLOR_ROWS)
             return rise, max_channel(cv2.subtract(self._sample, sample_blocks(image))) > _DARKER
         # at half size moving it costs a quarter, and fractions of a pixel matter less: to the nearest one it is moved
         if self._brightest is None:

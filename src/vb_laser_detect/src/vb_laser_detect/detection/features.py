@@ -21,7 +21,7 @@ _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
 _SHADOW = 0.5  # part of the light that a shadow leaves at least
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
-_GREY = 0.85  # a floor is grey if its weakest channel has this share of the strongest
+_GRAY = 0.85  # a floor is grey if its weakest channel has this share of the strongest
 _SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
@@ -201,7 +201,7 @@ def tint_of(
     if cv2.countNonZero(halo) < 6:
         return core
     level, floor = means_over(halo, mosaic, image, background)
-    if floor.min() < _GREY * floor.max():
+    if floor.min() < _GRAY * floor.max():
         return core
     # in a person's shadow a white light would seem to rise unevenly: less is left of the floor's light
     beside = cv2.compare(cv2.bitwise_or(bright, blob), 0, cv2.CMP_EQ)

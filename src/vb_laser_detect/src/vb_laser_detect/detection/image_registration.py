@@ -44,10 +44,10 @@ class ImageRegistration:
             image: (H, W) or (H, W, 3) uint8.
             half: the same at half size.
         """
-        grey, scale = (half, 0.5) if half.shape[1] >= _WIDTH else (image, 1.0)
-        while grey.shape[1] >= 2 * _WIDTH:
-            grey, scale = halve(grey), 0.5 * scale
-        self._latest = grey if grey.ndim == 2 else cv2.cvtColor(grey, cv2.COLOR_BGR2GRAY)
+        gray, scale = (half, 0.5) if half.shape[1] >= _WIDTH else (image, 1.0)
+        while gray.shape[1] >= 2 * _WIDTH:
+            gray, scale = halve(gray), 0.5 * scale
+        self._latest = gray if gray.ndim == 2 else cv2.cvtColor(gray, cv2.COLOR_BGR2GRAY)
         if self._keyframe is None or self._keyframe.shape != self._latest.shape:
             self.take()
             return np.eye(3)

@@ -120,19 +120,19 @@ class DepthTopic:
         with self._lock:
             self._images.append(message)
 
-    def nearest(self, stamp: rospy.Time, colour_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
+    def nearest(self, stamp: rospy.Time, color_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
         """Returns the depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
 
         Args:
-            colour_frame: of the colour image; depth of another frame is not registered to it.
+            color_frame: of the colour image; depth of another frame is not registered to it.
         """
         with self._lock:
             images = list(self._images)
         best = min(images, key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
         if best is None or abs((best.header.stamp - stamp).to_sec()) > _DEPTH_AGE_S:
             return None, None
-        if best.header.frame_id.lstrip("/") != colour_frame.lstrip("/"):
-            self._report.fault(CodedError("depth_not_registered", depth=best.header.frame_id, colour=colour_frame))
+        if best.header.frame_id.lstrip("/") != color_frame.lstrip("/"):
+            self._report.fault(CodedError("depth_not_registered", depth=best.header.frame_id, color=color_frame))
             return None, None
         try:
             depth = depth_array(best)

@@ -70,14 +70,14 @@ class DetectorDiagnostics:
 
     Attributes:
         debug_images: how many were drawn; none without subscribers.
-        colour: whether the images show colours.
+        color: whether the images show colours.
     """
 
     def __init__(self, camera: str, mailbox: Mailbox, mobile: bool = False) -> None:
         self._camera, self._mobile = camera, mobile
         self._frame_id, self._confirmation_s = "", 0.0
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
-        self.colour = True
+        self.color = True
         self._mailbox = mailbox
         self._counts = DetectorCounts()
         self._lock = threading.Lock()
@@ -185,8 +185,8 @@ class DetectorDiagnostics:
                 DiagnosticStatus.WARN,
                 [str(CodedError("slow_camera", rate=f"{told.rate_hz:.1f}", seconds=f"{self._confirmation_s:.1f}"))],
             )
-        elif self._mobile and not self.colour:
-            level, lines = DiagnosticStatus.WARN, [str(CodedError("no_colour", camera=self._camera))]
+        elif self._mobile and not self.color:
+            level, lines = DiagnosticStatus.WARN, [str(CodedError("no_color", camera=self._camera))]
         elif saturated > TOO_BRIGHT:
             level = DiagnosticStatus.WARN
             lines = [f"{100 * saturated:.0f} % of the image is saturated: reduce the exposure"]
@@ -202,7 +202,7 @@ class DetectorDiagnostics:
         status.add("images dropped", str(told.dropped))
         status.add("spots published", str(told.spots))
         status.add("saturated part of the image", f"{saturated:.3f}")
-        status.add("colour", "yes" if self.colour else "no")
+        status.add("colour", "yes" if self.color else "no")
         status.add("optical frame", self._frame_id)
         status.add("debug images drawn", str(self.debug_images))
         for code, count in zip(told.rejections, told.rejection_counts):

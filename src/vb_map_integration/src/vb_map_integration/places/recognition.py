@@ -69,7 +69,7 @@ class Recognizer:
         self._name = name
         self._wall_maps: Dict[str, WallMap] = {}
 
-    def recognise(self, grid: GridMap, map_id: str, before: Optional[GridMap], recognition: Recognition) -> Recognition:
+    def recognize(self, grid: GridMap, map_id: str, before: Optional[GridMap], recognition: Recognition) -> Recognition:
         """Recognises what a map shows.
 
         Args:

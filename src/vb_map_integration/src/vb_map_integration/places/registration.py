@@ -198,13 +198,13 @@ class WallMap:
             return np.zeros((0, 2))
         return self.grid.grid_to_world(where[:: max(1, len(where) // 2000), 0].astype(float))
 
-    def draw_evidence(self, centre: np.ndarray, cell: float) -> np.ndarray:
+    def draw_evidence(self, center: np.ndarray, cell: float) -> np.ndarray:
         """Draws (n, n) float32 round a centre [m]: positive at walls, slightly negative on free floor, 0 where unknown."""
-        side = 2 * int(math.ceil(self.radius(centre) / cell)) + 5
+        side = 2 * int(math.ceil(self.radius(center) / cell)) + 5
         middle = side // 2
 
         def binned(points: np.ndarray) -> np.ndarray:
-            where = np.floor((points - centre) / cell + 0.5).astype(int) + middle
+            where = np.floor((points - center) / cell + 0.5).astype(int) + middle
             return np.bincount(where[:, 1] * side + where[:, 0], minlength=side * side).reshape(side, side)
 
         per_cell = max(1.0, cell / self.grid.resolution)
@@ -220,15 +220,15 @@ class WallMap:
         return (wall - 0.08 * floor * (wall < 0.1)).astype(np.float32)
 
     @cached_property
-    def centre(self) -> np.ndarray:
+    def center(self) -> np.ndarray:
         """The middle (2,) [m] of what is known."""
         points = np.concatenate([self.walls, self.floor])
         return (points.min(axis=0) + points.max(axis=0)) / 2.0 if len(points) else np.zeros(2)
 
-    def radius(self, centre: np.ndarray) -> float:
+    def radius(self, center: np.ndarray) -> float:
         """Returns the radius [m] around a centre (2,) [m] within which all that is known lies."""
         points = np.concatenate([self.walls, self.floor])
-        return float(np.linalg.norm(points - centre, axis=1).max()) if len(points) else 1.0
+        return float(np.linalg.norm(points - center, axis=1).max()) if len(points) else 1.0
 
 
 def register(old: GridMap, new: GridMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
@@ -253,7 +253,7 @@ def register_wall_maps(
     refined = [_refine(old, new, start) for start in [*guesses, *coarse]]
     scored = sorted(((_explained(old, new, one), one) for one in refined), key=lambda pair: -pair[0].balance)
     best, transform = scored[0]
-    rest = [measure.balance for measure, other in scored[1:] if not _is_same(transform, other, old.centre)]
+    rest = [measure.balance for measure, other in scored[1:] if not _is_same(transform, other, old.center)]
     margin = 0.0
     if search and best.balance > 0.0:
         margin = 1.0 - max([0.0, *rest]) / best.balance
@@ -273,9 +273,9 @@ def _is_same(one: Transform, other: Transform, place: np.ndarray) -> bool:
 
 def _search(old: WallMap, new: WallMap) -> List[Transform]:
     """Searches the most promising transforms, the best first."""
-    extent = max(old.radius(old.centre), new.radius(new.centre))
+    extent = max(old.radius(old.center), new.radius(new.center))
     cell = max(_COARSE_M, 2.0 * extent / _COARSE_CELLS)
-    a, b = old.draw_evidence(old.centre, cell), new.draw_evidence(new.centre, cell)
+    a, b = old.draw_evidence(old.center, cell), new.draw_evidence(new.center, cell)
     size = cv2.getOptimalDFTSize(len(a) + len(b))
 
     def spectrum(image: np.ndarray) -> np.ndarray:
@@ -300,10 +300,10 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
     for _, yaw, column, row in found:
         shift = np.array([value if value < size - len(a) else value - size for value in (column, row)])
         # the old map's centre is here in the new map
-        place = new.centre + (shift + middle - len(b) // 2) * cell
-        turned = Transform(0.0, 0.0, yaw).apply(old.centre)[0]
+        place = new.center + (shift + middle - len(b) // 2) * cell
+        turned = Transform(0.0, 0.0, yaw).apply(old.center)[0]
         transform = Transform(*(place - turned).tolist(), math.remainder(yaw, 2.0 * math.pi))
-        if all(not _is_same(transform, other, old.centre) for other in chosen):
+        if all(not _is_same(transform, other, old.center) for other in chosen):
             chosen.append(transform)
             if len(chosen) == _HYPOTHESES:
                 break
@@ -321,17 +321,17 @@ def _sample(shape: WallMap) -> np.ndarray:
 def _refine(old: WallMap, new: WallMap, start: Transform) -> Transform:
     """Refines a transform to the one nearby at which the walls of both maps coincide."""
     forward, backward = _sample(old), _sample(new)
-    centre = old.centre  # turning about the middle keeps turn and shift apart
-    place = start.apply(centre)[0]
+    center = old.center  # turning about the middle keeps turn and shift apart
+    place = start.apply(center)[0]
     yaw = start.yaw
     for reach in _REACH_M:
         c, s = math.cos(yaw), math.sin(yaw)
         rotation = np.array([[c, -s], [s, c]])
-        arm = (forward - centre) @ rotation.T
+        arm = (forward - center) @ rotation.T
         d1, g1 = new.look_up(arm + place)
         j1 = np.column_stack([g1, g1[:, 1] * arm[:, 0] - g1[:, 0] * arm[:, 1]])
         arm = (backward - place) @ rotation
-        d2, g2 = old.look_up(arm + centre)
+        d2, g2 = old.look_up(arm + center)
         j2 = np.column_stack([-(g2 @ rotation.T), g2[:, 0] * arm[:, 1] - g2[:, 1] * arm[:, 0]])
         distance, jacobian = np.concatenate([d1, d2]), np.concatenate([j1, j2])
         weight = np.square(np.maximum(0.0, 1.0 - np.square(distance / reach)))
@@ -339,7 +339,7 @@ def _refine(old: WallMap, new: WallMap, start: Transform) -> Transform:
         step = np.linalg.solve(normal, -(jacobian * weight[:, None]).T @ distance)
         place = place + np.clip(step[:2], -0.3, 0.3)
         yaw += float(np.clip(step[2], -0.05, 0.05))
-    shift = place - Transform(0.0, 0.0, yaw).apply(centre)[0]
+    shift = place - Transform(0.0, 0.0, yaw).apply(center)[0]
     return Transform(float(shift[0]), float(shift[1]), math.remainder(yaw, 2.0 * math.pi))
 
 

@@ -310,9 +310,9 @@ class RobotView:
                 tile, :: 1 - 2 * int(self._rng.integers(2)), :: 1 - 2 * int(self._rng.integers(2))
             ]
             depth = depth + sigma * noise
-        millimetres = np.clip(depth * np.float32(1000.0) + np.float32(0.5), 0, 65535).astype(np.uint16)
-        millimetres[holes] = 0
-        return millimetres
+        millimeters = np.clip(depth * np.float32(1000.0) + np.float32(0.5), 0, 65535).astype(np.uint16)
+        millimeters[holes] = 0
+        return millimeters
 
     def _exact_depth(self, pose: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Computes the exact depth (120, 160) float32 [m], and (120, 160) bool where the sensor sees nothing."""
