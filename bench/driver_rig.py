@@ -12,7 +12,7 @@ import yaml
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.dispatching.dispatch import GoalStatus
+from vb_robot.dispatching.dispatch import SentGoalState
 from vb_robot.dispatching.dispatcher import RobotStatus
 from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION
@@ -97,7 +97,7 @@ class DrivenRobot:
         self.command = Command()
         self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
         self._goal: Optional[Pose] = None
-        self._goal_status = GoalStatus.NONE
+        self._goal_status = SentGoalState.NONE
         self.goals = 0
 
     def set_map(self, grid: GridMap) -> None:
@@ -140,7 +140,7 @@ class DrivenRobot:
     @property
     def driving(self) -> bool:
         """Whether it is on its way to a goal."""
-        return self._goal_status is GoalStatus.ACTIVE
+        return self._goal_status is SentGoalState.ACTIVE
 
     def status(self, now: float) -> RobotStatus:
         """Returns how the dispatcher sees it."""
@@ -150,13 +150,13 @@ class DrivenRobot:
     def send(self, pose: Pose) -> None:
         """Begins a new goal."""
         self._navigator.begin(pose)
-        self._goal, self._goal_status = pose, GoalStatus.ACTIVE
+        self._goal, self._goal_status = pose, SentGoalState.ACTIVE
         self.goals += 1
 
     def cancel(self) -> None:
         """Cancels the goal."""
         if self.driving:
-            self._end(GoalStatus.NONE)
+            self._end(SentGoalState.NONE)
 
     def navigate(self, now: float, dt: float) -> None:
         """Performs one step of the controller."""
@@ -165,14 +165,14 @@ class DrivenRobot:
         try:
             drive = self._navigator.step(now, self._body.estimate(), self._obstacles, dt)
         except CodedError:
-            self._end(GoalStatus.FAILED)
+            self._end(SentGoalState.FAILED)
             return
         if drive.arrived:
-            self._end(GoalStatus.REACHED)
+            self._end(SentGoalState.REACHED)
             return
         self.arbiter.request(NAVIGATION, drive.speed, drive.turn_rate, now)
 
-    def _end(self, status: GoalStatus) -> None:
+    def _end(self, status: SentGoalState) -> None:
         self._goal_status = status
         self._navigator.halt()
         self.arbiter.request(NAVIGATION, 0.0, 0.0, self._lab.now)

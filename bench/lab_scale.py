@@ -113,7 +113,7 @@ def play(cameras: List[str], path: Path) -> None:
     poses = tf2_ros.StaticTransformBroadcaster()
     poses.sendTransform(
         [
-            messages.transform_message(views[view].pose, names.MAP_FRAME, f"{name}_optical_frame", now)
+            messages.message_from_transform(views[view].pose, names.MAP_FRAME, f"{name}_optical_frame", now)
             for name, view in zip(cameras, which)
         ]
     )
@@ -135,7 +135,7 @@ def play(cameras: List[str], path: Path) -> None:
         frame = 0 if turn / RATE < LEARN_S else order[turn % len(order)]
         stamp, frame_id = rospy.Time.now(), f"{cameras[camera]}_optical_frame"
         encoding = room.cameras[which[camera]].encoding
-        sent[camera].publish(images.image_message(pictures[which[camera], frame], encoding, stamp, frame_id))
+        sent[camera].publish(images.message_from_image(pictures[which[camera], frame], encoding, stamp, frame_id))
         infos[camera].publish(conversions.info_from_camera(views[which[camera]].model, stamp, frame_id))
 
 

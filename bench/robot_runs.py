@@ -38,7 +38,7 @@ from result_table import revision
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message, pose_from_2d
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_pose2d
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port
 from vb_evaluation.study import config
@@ -191,7 +191,7 @@ def run_here(study, scenario: str, method: str, seed: int) -> dict:
         for place in [proof.start[:2], proof.goal[:2], run.scenario.seed]:
             goal = MoveBaseGoal()
             goal.target_pose.header.frame_id = names.MAP_FRAME
-            goal.target_pose.pose = pose_from_2d(float(place[0]), float(place[1]), 0.0)
+            goal.target_pose.pose = message_from_pose2d(float(place[0]), float(place[1]), 0.0)
             client.send_goal_and_wait(goal, rospy.Duration(GOAL_S), rospy.Duration(2.0))
             goals_after.append(GoalStatus.to_string(client.get_state()))
 

@@ -49,7 +49,7 @@ from tf2_msgs.msg import TFMessage
 
 from vb_core import geometry, names
 from vb_core.grid_map import GridMap
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid, transform_message
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
 from vb_evaluation.processes import spawn
 from vb_msgs.msg import (
     BorderProgress,
@@ -279,7 +279,7 @@ class Soak:
             status.header.stamp = stamp
             self.statuses.publish(status)
         if self.localized:
-            self.tf.publish(TFMessage([transform_message(np.eye(4), "map", "base_link", stamp)]))
+            self.tf.publish(TFMessage([message_from_transform(np.eye(4), "map", "base_link", stamp)]))
 
     def idle(self, seconds: float) -> None:
         """Lets some time pass without any action."""

@@ -82,7 +82,7 @@ def from_clip(folder: Path, name: str, video: dict) -> Examples:
 def from_recording(bag_file: str, topic: str) -> Examples:
     """Examples of a camera's recorded images, with clicks on the spot; see above."""
     import rosbag
-    from vb_core.ros.images import image_array
+    from vb_core.ros.images import array_from_image
     from vb_laser_detect.detection.image_format import PixelReader
 
     with rosbag.Bag(bag_file) as bag:
@@ -97,7 +97,7 @@ def from_recording(bag_file: str, topic: str) -> Examples:
 
         def frames() -> Iterator[LabeledFrame]:
             for _, message, stamp in bag.read_messages(topics=[topic]):
-                image, now = reader.read(image_array(message), message.encoding), stamp.to_sec()
+                image, now = reader.read(array_from_image(message), message.encoding), stamp.to_sec()
                 nearest = min(clicks, key=lambda click: abs(click[0] - now))
                 spots, unclear = [], []
                 if abs(nearest[0] - now) <= 0.5:

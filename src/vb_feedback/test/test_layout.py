@@ -19,7 +19,7 @@ from vb_feedback.display.layout import (
     text_width,
     wrap,
 )
-from vb_feedback.display.rviz_fonts import is_drawn, overlay
+from vb_feedback.display.rviz_fonts import is_drawn, overlay_fonts
 
 sizes = st.floats(0.5, 200.0)
 places = st.floats(-1000.0, 1000.0)
@@ -133,7 +133,7 @@ def test_rviz_is_asked_for_the_letters(tmp_path):
     (fonts / "f.ttf").write_text("letters")
     (fonts / "f.fontdef").write_text('font "F"\n{\n  type truetype\n  source f.ttf\n}\n')
     for _ in range(2):
-        found = overlay(tmp_path / "rviz", tmp_path / "over") / "rviz"
+        found = overlay_fonts(tmp_path / "rviz", tmp_path / "over") / "rviz"
         assert (found / "package.xml").read_text() == "<package/>" and (found / "ogre_media" / "models").is_dir()
         assert (found / "ogre_media" / "fonts" / "f.ttf").read_text() == "letters"
         lines = (found / "ogre_media" / "fonts" / "f.fontdef").read_text().splitlines()

@@ -8,7 +8,7 @@ import numpy as np
 
 from vb_feedback.display import colors, scene
 from vb_feedback.display.layout import Box, fit_view
-from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, overlay
+from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
 from vb_feedback.display.text_panel import PanelContent, words
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
@@ -116,13 +116,13 @@ def test_overlay_marks_only_what_borders_changed():
     posterior = physical.copy()
     posterior[10:30, 10:30] = 100
     posterior[32:38, 5:45] = 40
-    found = overlay(physical, posterior, 4)
+    found = draw_restrictions(physical, posterior, 4)
     assert set(np.unique(found)) == {CLEAR, STRIPE}
     assert not found[(physical == posterior)].any()
     hard, soft = found[11:29, 11:29] == STRIPE, found[33:37, 6:44] == STRIPE
     assert 0.4 < hard.mean() < 0.6 and 0 < soft.mean() < hard.mean()
     assert (found[10, 10:30] == STRIPE).all() and (found[10:30, 29] == STRIPE).all()
-    assert not overlay(physical, physical, 4).any()
+    assert not draw_restrictions(physical, physical, 4).any()
 
 
 def test_what_save_would_restrict_is_told_from_what_is_saved():
@@ -130,7 +130,7 @@ def test_what_save_would_restrict_is_told_from_what_is_saved():
     posterior, wanted = physical.copy(), np.zeros((40, 60), np.int8)
     posterior[5:20, 5:20] = 100
     wanted[22:38, 30:55] = 100
-    found = overlay(physical, posterior, 4, wanted)
+    found = draw_restrictions(physical, posterior, 4, wanted)
     assert set(np.unique(found[wanted > 0])) == {CLEAR, PREVIEW} and (found[wanted == 0] != PREVIEW).all()
     assert 0.4 < (found[23:37, 31:54] == PREVIEW).mean() < 0.6
     # stripes run down to the right here and up to the right there
@@ -143,4 +143,4 @@ def test_a_single_cell_is_visible():
     physical = np.zeros((9, 9), np.int8)
     posterior = physical.copy()
     posterior[4, 5] = 50
-    assert overlay(physical, posterior, 4)[4, 5] == STRIPE
+    assert draw_restrictions(physical, posterior, 4)[4, 5] == STRIPE

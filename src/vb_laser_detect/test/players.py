@@ -10,7 +10,7 @@ from scenes import RED, Scene
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
 
 
@@ -42,7 +42,7 @@ class FixedCamera:
             message.data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
             message.header.stamp, message.header.frame_id = stamp, self.frame
         else:
-            message = image_message(image, "bayer_rggb8", stamp, self.frame)
+            message = message_from_image(image, "bayer_rggb8", stamp, self.frame)
         self.images.publish(message)
         if self.info is not None:
             self.infos.publish(self.info(stamp))
@@ -72,10 +72,10 @@ class RobotCamera:
         self.played = 0
         self.localized, self.looped, self.pose_late_s = True, False, 0.0
         self.info = lambda stamp: info_from_camera(self.camera, stamp, self.frame)
-        self.depth_message = lambda depth: image_message(depth, "16UC1", rospy.Time(), self.frame)
+        self.depth_message = lambda depth: message_from_image(depth, "16UC1", rospy.Time(), self.frame)
 
     def play(self, stamp, x):
-        base = geometry.pose2d_transform(x, 1.0, 0.2)
+        base = geometry.transform_from_pose2d(x, 1.0, 0.2)
         T = base @ self.T_base
         # a spot that rests at one place of the picture for long is a lamp
         self.played += 1
@@ -93,7 +93,7 @@ class RobotCamera:
         self.infos.publish(self.info(stamp))
         if self.pose_late_s == 0.0:
             self._publish_pose(base, stamp)
-        self.images.publish(image_message(image, "rgb8", stamp, self.frame))
+        self.images.publish(message_from_image(image, "rgb8", stamp, self.frame))
         if self.pose_late_s > 0.0:
             rospy.rostime.wallsleep(self.pose_late_s)
             self._publish_pose(base, stamp)
@@ -103,7 +103,7 @@ class RobotCamera:
         if self.localized:
             self.tf.sendTransform(
                 [
-                    messages.transform_message(base, self.frame if self.looped else "map", "base_link", stamp),
-                    messages.transform_message(self.T_base, "base_link", self.frame, stamp),
+                    messages.message_from_transform(base, self.frame if self.looped else "map", "base_link", stamp),
+                    messages.message_from_transform(self.T_base, "base_link", self.frame, stamp),
                 ]
             )

@@ -21,7 +21,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from vb_core import geometry, names
 from vb_core.camera_model import CameraModel
 from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.board import BoardParams
@@ -106,7 +106,7 @@ class Player:
             return
         frame, now = self.name + "_optical_frame", self._now()
         self._infos.publish(info_from_camera(self.camera, now, frame))
-        self._images.publish(image_message(self.render(), "mono8", now, frame))
+        self._images.publish(message_from_image(self.render(), "mono8", now, frame))
         with self._changed:
             self._latest = now
             self._changed.notify_all()
@@ -305,7 +305,7 @@ class CalibrateCameraTest(unittest.TestCase):
         error, deadline = float("inf"), time.monotonic() + TIMEOUT
         while error > 0.02 and time.monotonic() < deadline:
             found = self.buffer.lookup_transform(names.MAP_FRAME, frame, rospy.Time(0), rospy.Duration(TIMEOUT))
-            error = np.abs(messages.matrix_from_transform(found.transform) - truth).max()
+            error = np.abs(messages.transform_from_message(found.transform) - truth).max()
             rospy.rostime.wallsleep(0.05)
         self.assertLess(error, 0.02, frame)
 

@@ -15,7 +15,7 @@ from sensor_msgs.msg import Image
 
 from vb_core import geometry, names
 from vb_core.grid_map import GridMap
-from vb_core.ros.images import image_array
+from vb_core.ros.images import array_from_image
 from vb_core.ros import messages
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
@@ -40,8 +40,8 @@ class SpotDetectorTest(unittest.TestCase):
         cls.fixed_tf = tf2_ros.StaticTransformBroadcaster()
         cls.fixed_tf.sendTransform(
             [
-                *(messages.transform_message(c.T, "map", c.frame, rospy.Time.now()) for c in (cls.red, cls.blue)),
-                messages.transform_message(
+                *(messages.message_from_transform(c.T, "map", c.frame, rospy.Time.now()) for c in (cls.red, cls.blue)),
+                messages.message_from_transform(
                     geometry.transform(np.eye(3), (*GUARD, 0.0)), "map", "guard/base_link", rospy.Time.now()
                 ),
             ]
@@ -172,7 +172,7 @@ class SpotDetectorTest(unittest.TestCase):
 
     def test_debug_image_when_listened_to(self):
         self.wait(lambda: len(self.pictures) > 0, "a debug image")
-        self.assertEqual(image_array(self.pictures[-1]).shape, (270, 480, 3))
+        self.assertEqual(array_from_image(self.pictures[-1]).shape, (270, 480, 3))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from vb_laser_detect.detection.blocks import (
     mask_of_blocks,
     max_channel,
 )
-from vb_laser_detect.detection.debug_image import draw
+from vb_laser_detect.detection.debug_image import draw_candidates
 
 from vb_laser_detect.detection.projection import ProjectionParams
 from vb_laser_detect.detection.detector_counts import DetectorCounts
@@ -183,7 +183,9 @@ def test_statistics():
 @pytest.mark.parametrize("encoding, bayer", [("bgr8", False), ("rgb8", False), ("bayer_rggb8", True), ("mono8", True)])
 def test_debug_image(encoding, bayer):
     image = Scene(160, 96).render(bayer=bayer)
-    picture = draw(image, encoding, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")])
+    picture = draw_candidates(
+        image, encoding, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")]
+    )
     assert picture.shape == (96, 160, 3) and (picture == (0, 220, 0)).all(axis=2).any()
 
 

@@ -9,7 +9,7 @@ import tf2_ros
 from vb_core import geometry
 from vb_core.robot_profile import Limits, RobotProfile, RobotShape
 from vb_core.ros import robot_profile, transforms
-from vb_core.ros.messages import transform_message
+from vb_core.ros.messages import message_from_transform
 from vb_laser_detect.ros.camera_geometry import Robots
 
 PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(max_speed=0.4))
@@ -47,7 +47,7 @@ def lab(monkeypatch):
 
 def drive(buffer, frame, x, stamp, static=False):
     T = geometry.transform(geometry.rotation_from_rpy(0, 0, 0.3), (x, 1.0, 0.0))
-    message = transform_message(T, "map", frame, rospy.Time(stamp))
+    message = message_from_transform(T, "map", frame, rospy.Time(stamp))
     (buffer.set_transform_static if static else buffer.set_transform)(message, "test")
 
 

@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros import cameras
-from vb_core.ros.images import compressed_encoding, compressed_image_array
+from vb_core.ros.images import compressed_encoding, array_from_compressed_image
 from vb_laser_detect import calibrate_camera_node, clock_check_node, spot_detector_node
 from vb_laser_detect.calibration.clock_offset import ClockOffset
 from vb_laser_detect.detection.detector_counts import DetectorCounts
@@ -113,7 +113,7 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
 
 
 @pytest.mark.parametrize(
-    "mobile, colour, confirmation_s, said",
+    "mobile, color, confirmation_s, said",
     [
         (False, True, 0.12, ""),
         (True, True, 0.12, ""),
@@ -216,7 +216,7 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
 )
 def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
     message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
-    assert compressed_encoding(message, compressed_image_array(message)) == encoding
+    assert compressed_encoding(message, array_from_compressed_image(message)) == encoding
 
 
 def test_a_camera_info_that_others_of_the_process_get_too_is_left_as_it_came():

@@ -8,7 +8,7 @@ import rospy
 from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseAction
 
-from vb_core.ros.messages import pose_to_2d
+from vb_core.ros.messages import pose2d_from_message
 
 SPEED = 1.5  # [m/s] faster than in life: tests wait for robots that arrive
 
@@ -86,7 +86,7 @@ class FaultyMoveBase:
 
     def _on_goal(self, handle):
         with self._lock:
-            pose = pose_to_2d(handle.get_goal().target_pose.pose)
+            pose = pose2d_from_message(handle.get_goal().target_pose.pose)
             self.goals.append((rospy.Time.now().to_sec(), pose))
             if self._handle is not None:
                 self._handle.set_canceled()

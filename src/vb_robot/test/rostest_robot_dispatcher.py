@@ -17,7 +17,7 @@ from move_base_msgs.msg import MoveBaseAction
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from stimulus import Stimulus, assert_bad_parameter_is_named, wait_until  # noqa: E402
 
-from vb_core.ros.messages import pose_to_2d  # noqa: E402
+from vb_core.ros.messages import pose2d_from_message  # noqa: E402
 from vb_robot import robot_dispatcher_node  # noqa: E402
 from vb_robot.floor_view import FloorView  # noqa: E402
 from vb_robot.poses import to_base  # noqa: E402
@@ -37,7 +37,7 @@ class MoveBase:
         self.server.start()
 
     def _execute(self, goal):
-        pose = pose_to_2d(goal.target_pose.pose)
+        pose = pose2d_from_message(goal.target_pose.pose)
         self.goals.append((rospy.Time.now().to_sec(), pose))
         while not rospy.is_shutdown():
             if self.server.is_preempt_requested():

@@ -20,7 +20,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from stimulus import Body, Stimulus, assert_bad_parameter_is_named, room, wait_until  # noqa: E402
 
 from vb_core import names  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, pose_from_2d  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, message_from_pose2d  # noqa: E402
 from vb_msgs.msg import DriverState, NoticeArray, VirtualBorder, VirtualBorderArray  # noqa: E402
 from vb_robot import robot_driver_node  # noqa: E402
 
@@ -226,7 +226,7 @@ class DriverTest(unittest.TestCase):
         self.publish_border()
         goal = MoveBaseActionGoal()
         goal.goal.target_pose.header.frame_id = "map"
-        goal.goal.target_pose.pose = pose_from_2d(4.4, 2.6, 0.0)
+        goal.goal.target_pose.pose = message_from_pose2d(4.4, 2.6, 0.0)
 
         def answered():
             self.goals.publish(goal)

@@ -58,8 +58,8 @@ def drawn(seed, overlap=True):
     blue = on_floor(BLUE.model(), BLUE.pose(), believed, line[by_blue]) + rng.normal(0.0, 0.002, (by_blue.sum(), 2))
     sigmas = (localization.position_sigma, localization.position_sigma, localization.yaw_sigma)
     off = np.array(sigmas) * rng.normal(size=3)
-    true = geometry.pose2d_transform(*ROBOT) @ view.T_base_camera
-    guess = geometry.pose2d_transform(*(np.array(ROBOT) + off)) @ view.T_base_camera
+    true = geometry.transform_from_pose2d(*ROBOT) @ view.T_base_camera
+    guess = geometry.transform_from_pose2d(*(np.array(ROBOT) + off)) @ view.T_base_camera
     robot = on_floor(view.camera, true, guess, line[by_robot]) + rng.normal(0.0, 0.003, (by_robot.sum(), 2))
     assert (by_blue | by_robot).mean() > 0.95, "the scene must let somebody see nearly all of it"
     times = np.concatenate([np.flatnonzero(by_blue), np.flatnonzero(by_robot) + 0.5])

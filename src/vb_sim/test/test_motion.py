@@ -123,16 +123,18 @@ def test_exact_wheels_measure_the_true_path():
     robot = body(EXACT, start=(2.0, 1.0, 0.7))
     _, now = drive(robot, 0.4, 0.5, 2.0)
     drive(robot, -0.2, -0.9, 2.0, now)
-    traveled = geometry.invert(geometry.pose2d_transform(2.0, 1.0, 0.7)) @ geometry.pose2d_transform(*robot.pose)
-    assert np.allclose(geometry.pose2d_transform(*robot.odometry), traveled, atol=1e-9)
+    traveled = geometry.invert(geometry.transform_from_pose2d(2.0, 1.0, 0.7)) @ geometry.transform_from_pose2d(
+        *robot.pose
+    )
+    assert np.allclose(geometry.transform_from_pose2d(*robot.odometry), traveled, atol=1e-9)
 
 
 def test_odometry_drifts_but_the_map_correction_makes_up_for_it():
     robot = body(seed=3)
     drive(robot, 0.4, 0.5, 20.0)
-    composed = robot.map_to_odom() @ geometry.pose2d_transform(*robot.odometry)
-    assert np.allclose(composed, geometry.pose2d_transform(*robot.estimate()), atol=1e-9)
-    traveled = geometry.transform_pose2d(geometry.pose2d_transform(*robot.pose))
+    composed = robot.map_to_odom() @ geometry.transform_from_pose2d(*robot.odometry)
+    assert np.allclose(composed, geometry.transform_from_pose2d(*robot.estimate()), atol=1e-9)
+    traveled = geometry.pose2d_from_transform(geometry.transform_from_pose2d(*robot.pose))
     assert np.hypot(robot.odometry[0] - traveled[0], robot.odometry[1] - traveled[1]) > 0.002
 
 

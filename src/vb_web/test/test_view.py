@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from vb_core import sentences
-from vb_web.view import View, border_changes, coarse_age, number
+from vb_web.view import View, border_changes, coarse_age, rounded
 
 STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
 
@@ -36,7 +36,7 @@ def test_one_that_is_slow_skips_what_was_replaced():
 
 
 def test_numbers_that_are_none_never_reach_json():
-    assert number(float("nan")) is None and number(float("inf")) is None and number(1.23456) == 1.235
+    assert rounded(float("nan")) is None and rounded(float("inf")) is None and rounded(1.23456) == 1.235
     with pytest.raises(ValueError):
         View().put("robots", float("nan"))
 

@@ -35,7 +35,7 @@ from vb_bringup.lab_checks import (
 )
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.ros.images import compressed_image_array, image_array
+from vb_core.ros.images import array_from_compressed_image, array_from_image
 from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.transforms import TransformLookup
@@ -300,7 +300,7 @@ def _pixels(image: Optional[Any]) -> np.ndarray:
     if image is None:
         return np.zeros((0, 0), np.uint8)
     try:
-        return compressed_image_array(image) if hasattr(image, "format") else image_array(image)
+        return array_from_compressed_image(image) if hasattr(image, "format") else array_from_image(image)
     except CodedError:
         return np.zeros((0, 0), np.uint8)
 

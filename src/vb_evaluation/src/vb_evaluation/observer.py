@@ -71,7 +71,7 @@ class Observer:
             stamped = PoseStamped()
             stamped.header.frame_id = names.MAP_FRAME
             stamped.header.stamp = rospy.Time.now()
-            stamped.pose = messages.pose_from_2d(*pose)
+            stamped.pose = messages.message_from_pose2d(*pose)
             poses.append(stamped)
         try:
             rospy.wait_for_service(service, timeout=20.0)

@@ -87,7 +87,7 @@ class PairedComparison:
     shift: Interval
 
 
-def compare(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> PairedComparison:
+def compare_paired(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> PairedComparison:
     """Compares two paired samples (N,) as the paper does, and more.
 
     Raises:
@@ -174,7 +174,7 @@ class UnpairedComparison:
     shift: Interval
 
 
-def unpaired(first: np.ndarray, second: np.ndarray) -> UnpairedComparison:
+def compare_unpaired(first: np.ndarray, second: np.ndarray) -> UnpairedComparison:
     """Compares two independent samples (N,), (M,); the interval is Moses' (Hollander, Wolfe & Chicken 2014, Sect. 4.3)."""
     first, second = _sample(first), _sample(second)
     if not len(first) or not len(second):

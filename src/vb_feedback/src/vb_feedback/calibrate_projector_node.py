@@ -16,7 +16,7 @@ from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.files import write_atomically
 from vb_core.parameters import Parameters, param
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import node, parameters
 
 from vb_feedback.projector import floor_image
@@ -79,7 +79,7 @@ class CalibrateProjectorNode:
         )
 
     def _show(self, image: np.ndarray) -> None:
-        self._publisher.publish(image_message(image, "rgb8", rospy.Time.now(), FRAME))
+        self._publisher.publish(message_from_image(image, "rgb8", rospy.Time.now(), FRAME))
         if self._window is not None:
             self._window.show(image)
 

@@ -254,7 +254,7 @@ class DisplayMarkersNode:
             except CodedError as error:
                 rospy.logwarn_throttle(5.0, f"display_markers: the preview: {error}")
         stripe = max(1, int(round(_STRIPE_M / posterior.resolution)))
-        cells = restriction_overlay.overlay(physical.data, posterior.data, stripe, wanted)
+        cells = restriction_overlay.draw_restrictions(physical.data, posterior.data, stripe, wanted)
         self._restricted.publish(message_from_grid(posterior.with_data(cells), rospy.Time.now()))
 
     @staticmethod

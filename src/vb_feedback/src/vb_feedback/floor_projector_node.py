@@ -14,7 +14,7 @@ from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import BorderPreviewArray, grid_from_message
 from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
@@ -152,7 +152,7 @@ class FloorProjectorNode:
         if preview is not None:
             content = replace(content, region=self._region(preview))
         image = self._floor_image.render(content)
-        self._publisher.publish(image_message(image, "rgb8", rospy.Time.now(), FRAME))
+        self._publisher.publish(message_from_image(image, "rgb8", rospy.Time.now(), FRAME))
         if self._window is not None:
             self._window.show(image)
 

@@ -72,7 +72,7 @@ class CameraPosesNode:
                 if changed:
                     rospy.logwarn("%s: %s", rospy.get_name(), error)
                 continue
-            valid.append(messages.transform_message(pose.T, pose.parent, pose.frame, rospy.Time.now()))
+            valid.append(messages.message_from_transform(pose.T, pose.parent, pose.frame, rospy.Time.now()))
             if camera in changed:
                 place = " ".join(f"{value:.3f}" for value in pose.T[:3, 3])
                 rospy.loginfo(

@@ -35,7 +35,7 @@ import numpy as np
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection import classifier, features
 from vb_laser_detect.detection.blocks import BLOCK, Region
-from vb_laser_detect.detection.features import Blob, Camera
+from vb_laser_detect.detection.features import Blob, ImageTraits
 from vb_laser_detect.detection.projection import ToFloor, meters_per_pixel
 from vb_laser_detect.detection.image_format import BAYER
 from vb_laser_detect.detection.proposals import Proposal, Proposer, SearchedImage
@@ -133,7 +133,7 @@ class SpotDetector:
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp, self._shape = stamp, image.shape
-        camera = Camera(math.hypot(*image.shape[:2]), mosaic)
+        camera = ImageTraits(math.hypot(*image.shape[:2]), mosaic)
         expected = self._tracker.begin(stamp, camera, self._proposer.estimate_motion(image))
         searched = self._proposer.propose(image, expected)
         seen = self._examine_all(searched, camera._replace(white=searched.white))
@@ -142,7 +142,7 @@ class SpotDetector:
         self._proposer.update_background(searched, kept, min(elapsed, 1.0))
         return spots
 
-    def _examine_all(self, searched: SearchedImage, camera: Camera) -> List[Spot]:
+    def _examine_all(self, searched: SearchedImage, camera: ImageTraits) -> List[Spot]:
         """Measures and classifies an image's proposals."""
         seen: List[Spot] = []
         followed = False
@@ -158,7 +158,7 @@ class SpotDetector:
             followed = followed or _is_followed_spot(spot, proposal.expected)
         return seen
 
-    def _examine(self, proposal: Proposal, searched: SearchedImage, camera: Camera) -> Spot:
+    def _examine(self, proposal: Proposal, searched: SearchedImage, camera: ImageTraits) -> Spot:
         """Measures and classifies one proposal."""
         region, expected = proposal.region, proposal.expected
         spot = self._classify(region, expected, searched, camera)
@@ -172,7 +172,7 @@ class SpotDetector:
         region: Region,
         expected: Optional[Expected],
         searched: SearchedImage,
-        camera: Camera,
+        camera: ImageTraits,
         widest: float = math.inf,
     ) -> Spot:
         """Measures and classifies the brightest blob of a region; see `features.measure`."""
@@ -223,7 +223,7 @@ class SpotDetector:
         """Returns a pixel's length on the floor [m]; NaN where that is not known."""
         return meters_per_pixel(self._to_floor, u, v) if self._to_floor is not None else math.nan
 
-    def _size_range(self, pixel_size: float, camera: Camera) -> Tuple[float, float]:
+    def _size_range(self, pixel_size: float, camera: ImageTraits) -> Tuple[float, float]:
         """Returns a spot's smallest and largest diameter [px] where a pixel is this long on the floor [m]."""
         if math.isnan(pixel_size):
             return _MIN_PX, _MAX_DIAGONAL_SHARE * camera.diagonal
@@ -232,7 +232,7 @@ class SpotDetector:
         )
         return max(_MIN_PX, smallest), largest + _BLUR_PX
 
-    def _wrong_size(self, blob: Blob, camera: Camera) -> str:
+    def _wrong_size(self, blob: Blob, camera: ImageTraits) -> str:
         pixel_size = self._pixel_size(blob.u, blob.v)
         if self._to_floor is not None and math.isnan(pixel_size):
             return "off_floor"

@@ -15,11 +15,11 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
-from vb_laser_detect.detection.debug_image import draw
+from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
 from vb_laser_detect.detection.image_geometry import ImageGeometry, locate_confirmed, search
@@ -200,8 +200,8 @@ class SpotDetectorNode:
             return
         self._last_debug = now
         self._report.debug_images += 1
-        picture = draw(image, encoding, self._detector.candidates)
-        self._debug.publish(image_message(picture, "bgr8", header.stamp, header.frame_id))
+        picture = draw_candidates(image, encoding, self._detector.candidates)
+        self._debug.publish(message_from_image(picture, "bgr8", header.stamp, header.frame_id))
 
 
 def _tell_time(_request: GetTimeRequest) -> GetTimeResponse:

@@ -29,7 +29,7 @@ from vb_map_integration.integration import Area, IntegrationParams, restricted_a
 from vb_map_integration.storage.legacy_folders import read_folders
 from vb_map_integration.places.map_overlay import draw_map_overlay
 from vb_map_integration.grid.reachability import Reachability, check_reachability
-from vb_map_integration.places.recognition import Recognition, Recognizer
+from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.registration import Registration, Transform, register
 from vb_map_integration.borders.schedule import is_scheduled
 
@@ -125,9 +125,9 @@ class MapIntegrator:
                 self._import_legacy(root)
             except CodedError as error:  # the database says so itself; the next start tries again
                 self._imported.append(Notice(error.code, Severity.ERROR, values=error.values))
-        self._recognizer = Recognizer(self._database, params.map_name)
+        self._recognizer = PlaceRecognizer(self._database, params.map_name)
         self._layered_map: Optional[LayeredMap] = None
-        self._recognition = Recognition()
+        self._recognition = PlaceRecognition()
         self._map_id = ""
         self._parts: Optional[int] = None
         # by border: as it is in the current map, whether it is due, why it does not act, what a slow zone covers
@@ -315,7 +315,7 @@ class MapIntegrator:
                 return True, (error.message, *(notice.sentence() for notice in self.notices))
         return True, tuple(notice.sentence() for notice in self.notices)
 
-    def _use(self, grid: GridMap, recognition: Recognition, now: float) -> None:
+    def _use(self, grid: GridMap, recognition: PlaceRecognition, now: float) -> None:
         self._recognition, self._parts = recognition, None
         self._moved, self._due, self._reasons, self._slow = {}, {}, {}, {}
         self._layered_map = self._recompute(LayeredMap(grid), self._database.borders(recognition.place), now)
@@ -391,7 +391,7 @@ class MapIntegrator:
             place, transform = self._database.add_map(grid, self._map_id), Transform()
         if name:
             self._database.rename_place(place, name)
-        self._use(grid, Recognition(place, transform), now)
+        self._use(grid, PlaceRecognition(place, transform), now)
         self._database.remember_place(place)
         return ChangeResult((), (), sentences.translate("map_confirmed", {"count": len(self.borders)}))
 
@@ -426,7 +426,7 @@ class MapIntegrator:
             if proposal.place == known.place or self._database.count(known.place):
                 raise CodedError("place_has_borders")
         self._database.add_map(self.physical, self._map_id, proposal.place, proposal.transform)
-        self._use(self.physical, Recognition(proposal.place, proposal.transform), now)
+        self._use(self.physical, PlaceRecognition(proposal.place, proposal.transform), now)
         self._database.remember_place(proposal.place)
         return ChangeResult((), (), sentences.translate("borders_adopted", {"count": len(self.borders)}))
 
@@ -651,7 +651,7 @@ class MapIntegrator:
                 "" if self._recognition.place else self._free_name(),
             )
             self._database.remember_place(place)
-            self._recognition = Recognition(place, self._recognition.transform)
+            self._recognition = PlaceRecognition(place, self._recognition.transform)
 
     def _free_name(self) -> str:
         return "" if self._database.find_place(self.params.map_name) else self.params.map_name

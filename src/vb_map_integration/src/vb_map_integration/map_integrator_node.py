@@ -42,7 +42,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_messages import border_from_message, issue_messages, message_from_border
+from vb_map_integration.borders.border_messages import border_from_message, messages_from_issues, message_from_border
 from vb_map_integration.grid.costmap_settings import check_soft_value
 from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError, make_issue
 from vb_map_integration.integrator import ChangeResult, IntegratorParams, MapIntegrator
@@ -297,7 +297,7 @@ class MapIntegratorNode:
             response.revision = self._integrator.revision
         if hasattr(response, "issues"):
             plain = (make_issue(ERROR, error.code, **error.values),)
-            response.issues = issue_messages(error.issues if isinstance(error, IntegrationError) else plain)
+            response.issues = messages_from_issues(error.issues if isinstance(error, IntegrationError) else plain)
         return response
 
     def _done(self, response: Any, outcome: ChangeResult, extra: Sequence[Issue] = ()) -> Any:
@@ -306,7 +306,7 @@ class MapIntegratorNode:
         rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
         response.success, response.code, response.message = True, "ok", outcome.message
         if hasattr(response, "issues"):
-            response.issues = issue_messages((*outcome.issues, *extra))
+            response.issues = messages_from_issues((*outcome.issues, *extra))
         if hasattr(response, "revision"):
             response.revision = self._integrator.revision
         return response
@@ -413,7 +413,7 @@ class MapIntegratorNode:
             response.unreachable_goals = np.array(check.reachability.unreachable, np.uint32)
         response.success, response.code = True, "ok"
         response.message = f"the border would restrict {check.area.area_m2:.2f} m2"
-        response.issues = issue_messages((*check.issues, *self._soft_issues(border)))
+        response.issues = messages_from_issues((*check.issues, *self._soft_issues(border)))
         return response
 
     def _list(self, _request: Any) -> ListBordersResponse:

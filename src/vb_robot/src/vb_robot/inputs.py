@@ -39,7 +39,7 @@ class SpotListener:
         )
 
 
-class CameraView:
+class FloorViewListener:
     """Gives a robot's floor view to `take`, at first and whenever the lens or the mount's frame changes."""
 
     def __init__(

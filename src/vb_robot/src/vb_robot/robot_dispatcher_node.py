@@ -15,7 +15,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_from_2d
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_pose2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, InteractionState
@@ -147,7 +147,7 @@ class RobotDispatcherNode:
         self._notices.set([self._dispatcher.notice] if self._dispatcher.notice else [])
 
     def _publish_viewpoint(self, pose: Pose) -> None:
-        message = PoseStamped(pose=pose_from_2d(*pose))
+        message = PoseStamped(pose=message_from_pose2d(*pose))
         message.header.stamp, message.header.frame_id = rospy.Time.now(), names.MAP_FRAME
         self._viewpoint.publish(message)
 

@@ -29,7 +29,13 @@ from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_grid, pose_to_2d
+from vb_core.ros.messages import (
+    OccupancyGridArray,
+    array_from_points,
+    grid_from_message,
+    message_from_grid,
+    pose2d_from_message,
+)
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBorder, VirtualBorderArray
@@ -37,7 +43,7 @@ from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import EXIT_BORDER, NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.workspace import BorderContact, PoseUncertainty, KnownBorder, Workspace
-from vb_robot.inputs import CameraView, SpotListener
+from vb_robot.inputs import FloorViewListener, SpotListener
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
@@ -127,7 +133,7 @@ class RobotDriverNode:
         self._reported = (Command(), -1.0)
         self._timer = node.WakeTimer(1.0 / RATE)
         self._transforms = TransformLookup()
-        self._camera = CameraView(
+        self._camera = FloorViewListener(
             profile.camera.info,
             self._base,
             profile.camera.max_range,
@@ -306,7 +312,7 @@ class RobotDriverNode:
         target, workspace = message.goal.target_pose, self._arbiter.gate.workspace
         if target.header.frame_id.lstrip("/") != names.MAP_FRAME or workspace is None:
             return
-        x, y, _ = pose_to_2d(target.pose)
+        x, y, _ = pose2d_from_message(target.pose)
         if workspace.contact_at((x, y)) is not BorderContact.FREE and workspace.is_lethal((x, y)):
             name = _quoted(workspace.name_at((x, y)))
             self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=name)
@@ -337,7 +343,7 @@ class RobotDriverNode:
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
         T = self._lookup(names.MAP_FRAME, self._base, stamp)
         self._arbiter.gate.set_pose(
-            geometry.transform_pose2d(T) if T is not None else None,
+            geometry.pose2d_from_transform(T) if T is not None else None,
             stamp.to_sec(),
             self._transforms.newest(names.MAP_FRAME, self._odom).to_sec(),
         )

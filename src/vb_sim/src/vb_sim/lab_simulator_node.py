@@ -186,7 +186,7 @@ class LabSimulatorNode:
                 5.0, f"{rospy.get_name()}: initialpose in frame '{message.header.frame_id}' ignored, expected 'map'"
             )
             return
-        pose = messages.pose_to_2d(message.pose.pose)
+        pose = messages.pose2d_from_message(message.pose.pose)
         if not np.isfinite(pose).all():
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: initialpose ignored, it is not finite")
             return
@@ -300,15 +300,17 @@ class LabSimulatorNode:
         for body, connection in zip(self._lab.robots, self._robots):
             with self._lock:
                 odometry, velocity, correction = body.odometry, body.velocity, body.map_to_odom()
-            base = geometry.pose2d_transform(*odometry)
+            base = geometry.transform_from_pose2d(*odometry)
             if self._params.localizes:
-                transforms.append(messages.transform_message(correction, names.MAP_FRAME, connection.odom_frame, ahead))
-            transforms.append(messages.transform_message(base, connection.odom_frame, connection.base_frame, now))
+                transforms.append(
+                    messages.message_from_transform(correction, names.MAP_FRAME, connection.odom_frame, ahead)
+                )
+            transforms.append(messages.message_from_transform(base, connection.odom_frame, connection.base_frame, now))
             if connection.odom.get_num_connections():
                 message = Odometry()
                 message.header.stamp, message.header.frame_id = now, connection.odom_frame
                 message.child_frame_id = connection.base_frame
-                message.pose.pose = messages.pose_from_2d(*odometry)
+                message.pose.pose = messages.message_from_pose2d(*odometry)
                 message.twist.twist.linear.x, message.twist.twist.angular.z = velocity
                 connection.odom.publish(message)
         self._tf.publish(TFMessage(transforms))
@@ -319,7 +321,7 @@ class LabSimulatorNode:
                 estimate = body.estimate()
             message = PoseWithCovarianceStamped()
             message.header.stamp, message.header.frame_id = now, names.MAP_FRAME
-            message.pose.pose = messages.pose_from_2d(*estimate)
+            message.pose.pose = messages.message_from_pose2d(*estimate)
             covariance = [0.0] * 36
             covariance[0] = covariance[7] = self._sigma[0] ** 2
             covariance[35] = self._sigma[1] ** 2
@@ -344,7 +346,7 @@ class LabSimulatorNode:
 
     def _laser_mount(self, connection: RobotConnection) -> TransformStamped:
         mount = geometry.transform(np.eye(3), (0.0, 0.0, self._lab.scan_model.height))
-        return messages.transform_message(mount, connection.base_frame, connection.laser_frame, rospy.Time(0))
+        return messages.message_from_transform(mount, connection.base_frame, connection.laser_frame, rospy.Time(0))
 
 
 def clock_publisher() -> rospy.Publisher:

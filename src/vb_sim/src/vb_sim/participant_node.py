@@ -92,12 +92,12 @@ class ParticipantNode:
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=10)
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
         rospy.Service("~start", Trigger, self._on_start)
-        node.await_input(
+        node.watch_input(
             f"the lab's state on {names.LAB_STATE}: is lab_simulator running?",
             lambda: self._lab_states.received > 0,
             node.GIVE_UP_AFTER_S,
         )
-        node.await_input(
+        node.watch_input(
             f"the interaction's state on {names.STATE}: is interaction_manager running?",
             lambda: self._sees_state,
             node.GIVE_UP_AFTER_S,

@@ -37,7 +37,7 @@ from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_web.requests import Request
 from vb_web.ros_view import apply_draft, issues_section, region_uri
-from vb_web.view import number
+from vb_web.view import rounded
 
 # [s] a command that waited longer than this for a busy manager surprises people: it is not carried out any more
 COMMAND_EXPIRES_S = 5.0
@@ -146,7 +146,7 @@ class ActionHandler:
         )
         return {
             **_answer(response),
-            "area": number(response.area_m2, 2),
+            "area": rounded(response.area_m2, 2),
             "parts": int(response.free_parts),
             "region": region_uri(response.region) if response.success else "",
         }

@@ -15,7 +15,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import compressed_image_array, image_array
+from vb_core.ros.images import array_from_compressed_image, array_from_image
 from vb_core.ros.transforms import TransformLookup
 from vb_web import images
 
@@ -40,7 +40,7 @@ def to_bgr(message: Image) -> np.ndarray:
     Raises:
         CodedError: "bad_image" for an encoding that is not handled.
     """
-    pixels = image_array(message)
+    pixels = array_from_image(message)
     if message.encoding in ("bgr8", "8UC3"):
         return pixels
     if message.encoding not in _TO_BGR:
@@ -97,7 +97,7 @@ class CameraImages:
             info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_WAIT_S)
             if self._compressed:
                 found = rospy.wait_for_message(f"/{camera}/image_raw/compressed", CompressedImage, timeout=_WAIT_S)
-                image = compressed_image_array(found)
+                image = array_from_compressed_image(found)
                 image = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
             else:
                 image = to_bgr(rospy.wait_for_message(f"/{camera}/image_raw", Image, timeout=_WAIT_S))

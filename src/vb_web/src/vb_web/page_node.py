@@ -21,7 +21,7 @@ from vb_msgs.msg import StudyEvent, VirtualBorder, VirtualBorderArray
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.files import append_line
-from vb_core.geometry import transform_pose2d
+from vb_core.geometry import pose2d_from_transform
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice
 from vb_core.parameters import param
@@ -34,7 +34,7 @@ from vb_web.actions import ActionHandler
 from vb_web.camera_images import CameraImages
 from vb_web.requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
-from vb_web.view import View, border_changes, coarse_age, number
+from vb_web.view import View, border_changes, coarse_age, rounded
 
 _POSES_S = 0.1  # between two looks at the robots' poses
 _HEALTH_S = 0.5
@@ -246,7 +246,7 @@ class PageNode:
             self._images.put("restricted", image)
             restricted = image.name
         rows, columns = prior.shape
-        origin = [number(value, 5) for value in prior.origin]
+        origin = [rounded(value, 5) for value in prior.origin]
         self._view.put(
             "map",
             {
@@ -254,7 +254,7 @@ class PageNode:
                 "restricted": restricted,
                 "rows": rows,
                 "columns": columns,
-                "resolution": number(prior.resolution, 6),
+                "resolution": rounded(prior.resolution, 6),
                 "origin": origin,
                 "cells": base.cells,
                 "floor": images.floor_cells(prior) if self._params.cameras else 0,
@@ -308,7 +308,7 @@ class PageNode:
         entry = ros_view.spot_entry(message)
         if entry is not None and message.header.frame_id.lstrip("/") == names.MAP_FRAME:
             # the stamp distinguishes a spot at rest from a repeated message
-            self._spots[message.camera] = [*entry, number(message.header.stamp.to_sec(), 3)]
+            self._spots[message.camera] = [*entry, rounded(message.header.stamp.to_sec(), 3)]
             while len(self._spots) > 20:
                 self._spots.pop(next(iter(self._spots)))
             self._view.put("spots", dict(self._spots))
@@ -317,7 +317,7 @@ class PageNode:
         now = time.monotonic()
         if now - self._level_at > _LEVEL_S:
             self._level_at = now
-            self._view.put("level", number(message.data, 1))
+            self._view.put("level", rounded(message.data, 1))
 
     def _show_notices(self) -> None:
         # a page's code is for the room: a viewer must not read the operator's
@@ -361,12 +361,12 @@ class PageNode:
                 pose = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), 0.0)
             except CodedError:
                 continue
-            x, y, yaw = transform_pose2d(pose)
+            x, y, yaw = pose2d_from_transform(pose)
             if not np.isfinite([x, y, yaw]).all():
                 continue
             old = self._poses.get(frame)
             if old is None or np.hypot(x - old[0], y - old[1]) > 0.005 or abs(np.sin((yaw - old[2]) / 2.0)) > 0.005:
-                self._poses[frame] = [number(x), number(y), number(yaw)]
+                self._poses[frame] = [rounded(x), rounded(y), rounded(yaw)]
         self._view.put("robots", {frame.rpartition("/")[0]: pose for frame, pose in self._poses.items()})
 
     def _look_at_health(self) -> None:

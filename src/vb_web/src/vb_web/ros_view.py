@@ -18,7 +18,7 @@ from vb_core.notices import Notice
 from vb_core.ros.messages import mapping_from_values, points_from_array
 from vb_web import images
 from vb_web.requests import Draft
-from vb_web.view import number
+from vb_web.view import rounded
 
 KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
 ZONES = {"keep_out": VirtualBorder.KEEP_OUT, "avoid": VirtualBorder.AVOID, "slow": VirtualBorder.SLOW}
@@ -63,7 +63,7 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
             "code": message.last_code,
             "values": mapping_from_values(message.last_values),
             "message": message.last_message,
-            "at": number(message.last_answered.to_sec(), 2),
+            "at": rounded(message.last_answered.to_sec(), 2),
         },
     }
 
@@ -101,7 +101,7 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
     return {
         "available": True,
         "ok": bool(message.success),
-        "area": number(message.area_m2, 2),
+        "area": rounded(message.area_m2, 2),
         "parts": int(message.free_parts),
         "issues": issues_section(message.issues),
         "region": region_uri(message.region),
@@ -122,8 +122,8 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
         "reason": border.reason,
         "schedule": border.schedule,
         "zone": _ZONE_NAMES.get(border.zone, "keep_out"),
-        "max_speed": number(border.max_speed, 2),
-        "area": number(border.area_m2, 2),
+        "max_speed": rounded(border.max_speed, 2),
+        "area": rounded(border.area_m2, 2),
         "robots": list(border.robots),
     }
 
@@ -150,8 +150,8 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
     """Converts a detector's status to the entry of its camera."""
     return {
         "name": message.camera,
-        "hz": number(message.rate_hz, 0),
-        "ms": number(message.latency_ms, 0),
+        "hz": rounded(message.rate_hz, 0),
+        "ms": rounded(message.latency_ms, 0),
         "spots": int(message.spots),
     }
 

@@ -20,19 +20,19 @@ MANAGER = "$interaction_manager"
 _STOP = "stop"
 
 
-def make_request(command: str, source: str, valid_s: float, uncertain: bool = False) -> CommandRequest:
+def make_request(command: str, source: str, validity: float, uncertain: bool = False) -> CommandRequest:
     """Makes the request for a command, with a unique id and a time at which it expires.
 
     Args:
         source: the input method that sends it.
-        valid_s: [s] from now on, ROS time.
+        validity: [s] from now on, ROS time.
         uncertain: whether it may have been misunderstood.
     """
     request = CommandRequest(command=command, source=source, id=uuid.uuid4().hex, uncertain=uncertain)
     now = rospy.get_rostime()
     # before simulated time has begun there is no time to expire at
     if not now.is_zero():
-        request.expires = now + rospy.Duration.from_sec(valid_s)
+        request.expires = now + rospy.Duration.from_sec(validity)
     return request
 
 

@@ -46,7 +46,7 @@ def run(name: str, build: Callable[[], Any]) -> None:
     if hasattr(node, "close"):
         rospy.on_shutdown(node.close)
     if rospy.get_param("/use_sim_time", False):
-        await_input("the time on /clock, because /use_sim_time is set", _clock_runs)
+        watch_input("the time on /clock, because /use_sim_time is set", _clock_runs)
     rospy.spin()
     if _failures:
         sys.exit(1)
@@ -300,7 +300,7 @@ LOG_AFTER_S = 5.0  # [s] of wall time before the first log line about waiting, a
 GIVE_UP_AFTER_S = 60.0  # [s] of wall time
 
 
-def await_input(what: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
+def watch_input(what: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
     """Watches, in a thread, whether an input arrives: logs what the node waits for, and gives up if told to.
 
     Args:

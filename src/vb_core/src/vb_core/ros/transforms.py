@@ -7,7 +7,7 @@ import rospy
 import tf2_ros
 
 from vb_core.errors import CodedError
-from vb_core.ros.messages import matrix_from_transform
+from vb_core.ros.messages import transform_from_message
 
 
 class TransformLookup:
@@ -36,7 +36,7 @@ class TransformLookup:
             known = f"Frame {source} exists" in self._buffer.all_frames_as_string()
             reason = error if known else "nothing publishes one, as before a camera is calibrated or a robot localised"
             raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {reason}") from None
-        return matrix_from_transform(found.transform)
+        return transform_from_message(found.transform)
 
     def newest(self, target: str, source: str) -> rospy.Time:
         """Returns the time of the newest transform; zero for a fixed one, and if there is none."""

@@ -94,7 +94,7 @@ class NavigationCheck:
         def pose(frame: str) -> np.ndarray:
             return transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), timeout=5.0)
 
-        start, odom = geometry.transform_pose2d(pose(self._base_frame)), pose("odom")
+        start, odom = geometry.pose2d_from_transform(pose(self._base_frame)), pose("odom")
         way = observer.plan(start, self._goal, service)
         if not len(way):
             raise CodedError("no_path", "move_base finds no path to the goal: choose another one with --goal")

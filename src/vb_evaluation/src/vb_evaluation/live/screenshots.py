@@ -35,7 +35,7 @@ from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.ros import commands, services
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid, points_from_array, transform_message
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, points_from_array, message_from_transform
 from vb_core.ros.notices import message_from_notice
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, screenshot, start_screen
@@ -291,7 +291,7 @@ class StagedLab:
             now = rospy.Time.now()
             self._notices_publisher.publish(source="/screenshots", notices=self._notices)
             self._transforms.sendTransform(
-                transform_message(geometry.pose2d_transform(*self._robot), names.MAP_FRAME, "base_link", now)
+                message_from_transform(geometry.transform_from_pose2d(*self._robot), names.MAP_FRAME, "base_link", now)
             )
             for camera, offset in zip(self._cameras, OFFSETS):
                 spot = LaserSpot(

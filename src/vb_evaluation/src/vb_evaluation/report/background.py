@@ -13,7 +13,7 @@ from vb_evaluation.report.blocks import Grid, Section, Text
 from vb_evaluation.report.data import RUNS, StudyResults, read_sheet
 
 
-def order(study: StudyResults) -> Section:
+def order_section(study: StudyResults) -> Section:
     """Tests whether it matters which method came first (a two-period crossover), and whether people learn."""
     rows: List[Dict[str, Any]] = []
     for column, words, digits in (("time_total_s", "time [s]", 1), ("error_mean_cm", "mean boundary error [cm]", 2)):
@@ -26,7 +26,7 @@ def order(study: StudyResults) -> Section:
             ("period: second minus first", (second[:, 0] - second[:, 1]) / 2, (first[:, 0] - first[:, 1]) / 2),
             ("carry-over", first.sum(axis=1), second.sum(axis=1)),
         ):
-            found = statistics.unpaired(a, b)
+            found = statistics.compare_unpaired(a, b)
             rows.append(
                 {
                     "measure": words,
@@ -124,7 +124,7 @@ def participants_section(study: StudyResults) -> Section:
     return Section("experience", "People and their experience", blocks)
 
 
-def assumptions(study: StudyResults) -> Section:
+def assumptions_section(study: StudyResults) -> Section:
     """Lists everything that was put in, with where it comes from."""
     entries = study.meta.get("assumptions") or []
     blocks: List[Any] = []
@@ -155,7 +155,7 @@ def assumptions(study: StudyResults) -> Section:
     return Section("assumptions", "What was assumed, and where the simulation is too optimistic", blocks)
 
 
-def runs(study: StudyResults) -> Section:
+def runs_section(study: StudyResults) -> Section:
     """Lists every row."""
     sheet = read_sheet(study.folder / RUNS, ()).loc[study.runs.index]
     rows = [{**row, "line": line} for line, row in sheet.to_dict("index").items()]

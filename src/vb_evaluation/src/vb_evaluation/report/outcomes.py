@@ -14,7 +14,7 @@ ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest
 _WHICH = {"scenario": "Scenario", "method": "Method"}
 
 
-def summary(study: StudyResults) -> Section:
+def summary_section(study: StudyResults) -> Section:
     """Effects of the method, each with its interval."""
     if len(study.methods) < 2:
         return Section("summary", "Findings", [])
@@ -61,7 +61,7 @@ def summary(study: StudyResults) -> Section:
     return Section("summary", "Findings", [grid] if study.people else [grid, caveat])
 
 
-def error(study: StudyResults) -> Section:
+def error_section(study: StudyResults) -> Section:
     """Reports the boundary error in centimetres."""
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
@@ -107,7 +107,7 @@ def error(study: StudyResults) -> Section:
     )
 
 
-def time(study: StudyResults) -> Section:
+def time_section(study: StudyResults) -> Section:
     """Reports interaction time by state."""
     rows, panels = [], []
     totals = known(study.runs, "time_total_s")
@@ -147,7 +147,7 @@ def time(study: StudyResults) -> Section:
     )
 
 
-def accuracy(study: StudyResults) -> Section:
+def accuracy_section(study: StudyResults) -> Section:
     """Reports the paper's Jaccard index, with representative maps."""
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
@@ -193,7 +193,7 @@ def accuracy(study: StudyResults) -> Section:
     return Section("accuracy", "Jaccard index", [*blocks, Text(tuple(notes), "list")] if notes else blocks)
 
 
-def completeness(study: StudyResults) -> Section:
+def completeness_section(study: StudyResults) -> Section:
     """Reports success rates."""
     rows: List[Dict[str, Any]] = []
     groups = []

@@ -20,19 +20,19 @@ from vb_evaluation.report.data import StudyResults, read_study, write_table
 
 PAGE, TABLES = "report.html", "tables"
 SECTIONS = (
-    outcomes.summary,
-    outcomes.error,
-    outcomes.time,
-    outcomes.accuracy,
-    outcomes.completeness,
-    paper_comparison.compare_with_paper,
-    sensitivity.plausible,
-    sensitivity.curves,
-    sensitivity.all_images,
-    background.order,
+    outcomes.summary_section,
+    outcomes.error_section,
+    outcomes.time_section,
+    outcomes.accuracy_section,
+    outcomes.completeness_section,
+    paper_comparison.paper_comparison_section,
+    sensitivity.plausible_worlds_section,
+    sensitivity.curves_section,
+    sensitivity.all_images_section,
+    background.order_section,
     background.participants_section,
-    background.assumptions,
-    background.runs,
+    background.assumptions_section,
+    background.runs_section,
 )
 _SIZES = {
     "quick": "A quick run, to check that everything works: one person, hence no intervals.",

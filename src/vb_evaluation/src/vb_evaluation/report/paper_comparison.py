@@ -43,7 +43,7 @@ _WHY = {
 }
 
 
-def compare_with_paper(study: StudyResults) -> Section:
+def paper_comparison_section(study: StudyResults) -> Section:
     """Puts each figure of the paper beside ours, in both directions: being better does not count as agreement."""
     methods = ("nrs", "robot_only")
     rows: List[Dict[str, Any]] = []

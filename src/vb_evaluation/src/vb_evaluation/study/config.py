@@ -121,7 +121,7 @@ class Study:
         for key, value in changes.items():
             head, _, rest = key.partition("/")
             _set(files[head] if head in files else document, rest if head in files else key, value)
-        return study_of(document, files)
+        return study_from_mapping(document, files)
 
 
 def _set(document: Any, path: str, value: Any) -> None:
@@ -148,10 +148,12 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
         document = _merged(document, _read(path))
     if seed is not None:
         document.setdefault("design", {})["seed"] = seed
-    return study_of(document, {name: _read(_found(str(document.pop(name)), folder)) for name in ("world", "models")})
+    return study_from_mapping(
+        document, {name: _read(_found(str(document.pop(name)), folder)) for name in ("world", "models")}
+    )
 
 
-def study_of(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
+def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
     """Makes the study of a document and of the files that it names, checked; see `Study`."""
     known = ("design", "timing", "participants", "marks", "curves")
     for key in document:

@@ -48,7 +48,7 @@ _GAP_PERIODS = 2.5
 _LONGEST_GAP_S = 0.5
 
 
-def compare_cameras(sightings: Iterable[Sighting], least: int = 20) -> List[CameraConsistency]:
+def compare_cameras(sightings: Iterable[Sighting], min_common: int = 20) -> List[CameraConsistency]:
     """Compares each pair of cameras that saw the spot at the same time.
 
     Cameras do not take their images at the same time, and a spot moves: the second one's place is interpolated to the
@@ -57,7 +57,7 @@ def compare_cameras(sightings: Iterable[Sighting], least: int = 20) -> List[Came
 
     Raises:
         CodedError: "too_few_cameras" if fewer than two cameras saw a spot; "no_overlap" if no two of them saw it together
-            at least `least` times.
+            at least `min_common` times.
     """
     tracks = _tracks(sightings)
     if len(tracks) < 2:
@@ -71,7 +71,7 @@ def compare_cameras(sightings: Iterable[Sighting], least: int = 20) -> List[Came
         before = after - 1
         near = b[after, 0] - b[before, 0] <= min(_GAP_PERIODS * float(np.median(np.diff(b[:, 0]))), _LONGEST_GAP_S)
         a, before, after = a[near], before[near], after[near]
-        if len(a) < least:
+        if len(a) < min_common:
             continue
         share = ((a[:, 0] - b[before, 0]) / (b[after, 0] - b[before, 0]))[:, None]
         off = b[before, 1:] + share * (b[after, 1:] - b[before, 1:]) - a[:, 1:]
@@ -80,7 +80,7 @@ def compare_cameras(sightings: Iterable[Sighting], least: int = 20) -> List[Came
         median, p95 = (float(value) for value in np.percentile(distance, (50, 95)))
         found.append(CameraConsistency(first, second, len(off), (x, y), median, p95))
     if not found:
-        raise CodedError("no_overlap", cameras=", ".join(sorted(tracks)), count=least)
+        raise CodedError("no_overlap", cameras=", ".join(sorted(tracks)), count=min_common)
     return found
 
 

@@ -107,8 +107,8 @@ class Background:
         there = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
         return warp(self.image, there, image[part].copy(), cv2.INTER_CUBIC)
 
-    def foreground_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
-        """Finds the blocks (rows, columns) bool whose rise is at least `least` and exceeds the block's own noise."""
+    def foreground_blocks(self, maxima: np.ndarray, threshold: float) -> np.ndarray:
+        """Finds the blocks (rows, columns) bool whose rise is at least `threshold` and exceeds the block's own noise."""
         if not self._noise_known:
             # the second image's: the whole scene's
             middle = float(np.median(maxima))
@@ -116,11 +116,11 @@ class Background:
             self._limit, self._noise_known = None, True
         if self.motion is not None:
             # a block's noise belongs to the edges that it showed
-            return maxima >= max(least, float((self._noise + _NOISE_DEVIATIONS * self._deviation).mean()))
+            return maxima >= max(threshold, float((self._noise + _NOISE_DEVIATIONS * self._deviation).mean()))
         if self._limit is None:
             # whole grey levels, as the rise has: comparing bytes is four times faster
             self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
-        return cv2.compare(maxima, cv2.max(self._limit, math.ceil(least)), cv2.CMP_GE) > 0
+        return cv2.compare(maxima, cv2.max(self._limit, math.ceil(threshold)), cv2.CMP_GE) > 0
 
     def update(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
         """Adds a frame.

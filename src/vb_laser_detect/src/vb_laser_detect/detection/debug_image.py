@@ -13,7 +13,7 @@ from vb_laser_detect.detection.image_format import to_bgr
 _SPOT, _REJECTED = (0, 220, 0), (0, 140, 255)
 
 
-def draw(image: np.ndarray, encoding: str, candidates: Iterable[Spot]) -> np.ndarray:
+def draw_candidates(image: np.ndarray, encoding: str, candidates: Iterable[Spot]) -> np.ndarray:
     """Draws a green ring round each spot, and the reason beside rejected ones, into a bgr copy (H, W, 3) of the image.
 
     Args:

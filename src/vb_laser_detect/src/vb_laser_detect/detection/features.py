@@ -46,8 +46,8 @@ class Blob:
     features: Dict[str, float] = field(default_factory=dict)
 
 
-class Camera(NamedTuple):
-    """What is known of the camera: its images' diagonal [px], a Bayer mosaic or not, the brightest value that it shows."""
+class ImageTraits(NamedTuple):
+    """What is known of a camera's images: their diagonal [px], a Bayer mosaic or not, the brightest value that it shows."""
 
     diagonal: float
     mosaic: bool
@@ -55,7 +55,12 @@ class Camera(NamedTuple):
 
 
 def measure(
-    image: np.ndarray, background: np.ndarray, seed: Region, largest: float, camera: Camera, widest: float = math.inf
+    image: np.ndarray,
+    background: np.ndarray,
+    seed: Region,
+    largest: float,
+    camera: ImageTraits,
+    widest: float = math.inf,
 ) -> Blob:
     """Measures the brightest blob of a region.
 

@@ -20,7 +20,7 @@ from scipy.spatial.distance import cdist
 
 from vb_laser_detect.detection.blocks import Region
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.detection.features import Camera, chroma
+from vb_laser_detect.detection.features import ImageTraits, chroma
 
 _SLACK_M, _SLACK_PX = 0.05, 12.0  # what noise alone may move a spot between two images
 _MAX_SPEED = 8.0  # [m/s] of a spot on the floor: a wrist's flick
@@ -155,7 +155,7 @@ class SpotTracker:
         self._stamp: Optional[float] = None
         self._axes = slice(0, 2)  # of a place, in which spots are told apart
 
-    def begin(self, stamp: float, camera: Camera, motion: Optional[np.ndarray]) -> List[Expected]:
+    def begin(self, stamp: float, camera: ImageTraits, motion: Optional[np.ndarray]) -> List[Expected]:
         """Begins the next image; call it before `update`.
 
         Args:

@@ -16,7 +16,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros import robot_profile
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array
+from vb_core.ros.images import compressed_encoding, array_from_compressed_image, array_from_image
 from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.detection.robot_cylinders import RobotCylinder
 from vb_laser_detect.detection.image_geometry import ImageGeometry
@@ -39,8 +39,8 @@ def decode(message: Any) -> Tuple[np.ndarray, str]:
         CodedError: "bad_image"
     """
     if hasattr(message, "encoding"):
-        return image_array(message), message.encoding
-    image = compressed_image_array(message)
+        return array_from_image(message), message.encoding
+    image = array_from_compressed_image(message)
     return image, compressed_encoding(message, image)
 
 
@@ -152,7 +152,7 @@ def depth_array(message: Image) -> np.ndarray:
         CodedError: "bad_depth" for another encoding, or without a single reading.
     """
     try:
-        depth = image_array(message)
+        depth = array_from_image(message)
     except CodedError as error:
         raise CodedError("bad_depth", f"depth: {error.message}") from None
     if depth.ndim != 2 or depth.dtype not in (np.dtype(np.uint16), np.dtype(np.float32)):

@@ -33,7 +33,7 @@ PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
 SWITCH_GAIN = 1.0  # [m] how much better placed another robot must be to take over
 
 
-class GoalStatus(enum.Enum):
+class SentGoalState(enum.Enum):
     """What became of the goal that was sent last."""
 
     NONE = "none"
@@ -74,14 +74,14 @@ class RobotStatus:
 
     pose: Optional[Pose]
     server: bool = True
-    goal: GoalStatus = GoalStatus.NONE
+    goal: SentGoalState = SentGoalState.NONE
     busy: bool = False
     goal_place: Optional[Tuple[float, float]] = None
 
     @property
     def running(self) -> bool:
         """Whether it is on its way to the goal that was sent last."""
-        return self.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
+        return self.goal in (SentGoalState.SENT, SentGoalState.ACTIVE)
 
     def places(self) -> List[Tuple[float, float]]:
         """Returns where it is and where it drives to, (x, y) [m]: not places for another robot."""
@@ -139,9 +139,9 @@ class RobotRecord:
         if self.goal is not None:
             what = status.goal.value
             late = status.running and self._awaits(now, what, status.pose) > PROGRESS_TIMEOUTS[what]
-            if status.goal is GoalStatus.FAILED or late:
+            if status.goal is SentGoalState.FAILED or late:
                 self._fail(now, self.goal.pose)
-            elif status.goal is GoalStatus.PREEMPTED:
+            elif status.goal is SentGoalState.PREEMPTED:
                 self.goal, self._rests_until = None, now + PREEMPTION_PAUSE
         return inputs.wanted and status.server and status.pose is not None
 

@@ -104,7 +104,7 @@ class RobotView:
         for name in self._names:
             if name in snapshot.robots:
                 self._pose = snapshot.robots[name]
-        return geometry.pose2d_transform(*self._pose) @ self._mount
+        return geometry.transform_from_pose2d(*self._pose) @ self._mount
 
     def _scene_key(self, snapshot: Snapshot) -> Tuple:
         """The same as long as nothing has moved but the spot; to be called after `camera_pose`."""

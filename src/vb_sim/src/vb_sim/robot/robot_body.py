@@ -150,8 +150,8 @@ class RobotBody:
 
     def map_to_odom(self) -> np.ndarray:
         """Returns T_map_odom, 4x4: what makes odometry the estimate."""
-        odometry = geometry.pose2d_transform(*self.odometry)
-        return geometry.pose2d_transform(*self.estimate()) @ geometry.invert(odometry)
+        odometry = geometry.transform_from_pose2d(*self.odometry)
+        return geometry.transform_from_pose2d(*self.estimate()) @ geometry.invert(odometry)
 
     # ------------------------------------------------------------ checkpoint
     def checkpoint(self) -> Dict[str, List[float]]:
