@@ -31,7 +31,7 @@ from scenes import RED, Scene  # noqa: E402
 from spot_versions import append_rows  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
 
-PERIOD_S = 0.04
+PERIOD = 0.04
 SCENE_FIGURES = (
     "recall",
     "false_spots_per_hour",
@@ -84,7 +84,7 @@ def measure_time(frames: int) -> Dict[str, Any]:
         picture = order[i % len(order)]
         for name, images in (("bgr8", color), ("bayer_rggb8", bayer)):
             began = time.thread_time()
-            ours[name].detect(images[picture], PERIOD_S * i)
+            ours[name].detect(images[picture], PERIOD * i)
             times[name].append(time.thread_time() - began)
         began = time.thread_time()
         authors.detect(color[picture])

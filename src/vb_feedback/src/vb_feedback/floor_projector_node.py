@@ -27,7 +27,7 @@ from vb_feedback.display.scene import Border, Drawing
 
 FRAME = "projector"
 # [s] a spot that no camera has seen for this long is gone
-_SPOT_S = 0.5
+_SPOT_LIFETIME = 0.5
 # [m] how far the spot must move for the image to be drawn again; less than what stays dark around it
 _SPOT_STEP = 0.1
 
@@ -128,7 +128,7 @@ class FloorProjectorNode:
 
     def _steady_spot(self, spot: Optional[Tuple[float, float, float]], now: float) -> Optional[Tuple[float, float]]:
         """Where the spot is, in steps: an image for each of its moves would never rest."""
-        if spot is None or not abs(now - spot[2]) <= _SPOT_S:
+        if spot is None or not abs(now - spot[2]) <= _SPOT_LIFETIME:
             self._spot_shown = None
         elif (
             self._spot_shown is None

@@ -50,11 +50,11 @@ from vb_msgs.msg import DetectorStatus, LaserSpot
 
 FOLDER = "~/.ros/virtual_borders/cameras"
 _BOARD_IMAGES = 10
-_BOARD_TIMEOUT_S = 10.0  # for the next image
-_REPORTS_S = 2.5  # within which each detector has told its camera's frame twice
-_CONNECTION_TIMEOUT_S = 15.0  # [s] for all detectors that the master knows
+_BOARD_TIMEOUT = 10.0  # [s] for the next image
+_REPORTS_TIMEOUT = 2.5  # [s] within which each detector has told its camera's frame twice
+_CONNECTION_TIMEOUT = 15.0  # [s] for all detectors that the master knows
 _FIRST_SPOT_TIMEOUT = rospy.Duration(60.0)
-_SPOT_TIMEOUT_S = 4.0  # [s] for the spot to be seen and still
+_SPOT_TIMEOUT = 4.0  # [s] for the spot to be seen and still
 
 
 def say(text: str) -> None:
@@ -127,9 +127,9 @@ def collect_detector_frames() -> Dict[str, str]:
             frames[message.camera] = message.frame_id
 
     subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, hear, queue_size=20)
-    if not node.wait_for_publishers([subscriber], _CONNECTION_TIMEOUT_S):
+    if not node.wait_for_publishers([subscriber], _CONNECTION_TIMEOUT):
         say("! not all running detectors answer: the frames of their cameras are not compared")
-    rospy.rostime.wallsleep(_REPORTS_S)
+    rospy.rostime.wallsleep(_REPORTS_TIMEOUT)
     subscriber.unregister()
     return frames
 
@@ -283,7 +283,7 @@ Four places are needed, six to eight are good: near the corners of what the came
 
     def _rest(self) -> Tuple[float, float]:
         """Waits until the spot has been still for long enough; returns its place (u, v) [px]."""
-        end = time.monotonic() + _SPOT_TIMEOUT_S
+        end = time.monotonic() + _SPOT_TIMEOUT
         while True:
             try:
                 with self._lock:
@@ -325,7 +325,7 @@ Lay it on three or four places that are far from each other in the image.
         with contextlib.suppress(queue.Empty):
             for _ in range(_BOARD_IMAGES):
                 try:
-                    views.append(find_board(self._board, to_gray(*self._images.get(timeout=_BOARD_TIMEOUT_S))))
+                    views.append(find_board(self._board, to_gray(*self._images.get(timeout=_BOARD_TIMEOUT))))
                 except CodedError as error:
                     reason = error
         if not views and reason is not None:

@@ -19,7 +19,7 @@ from vb_laser_detect.calibration.clock_offset import ClockOffset, Exchange, esti
 from vb_msgs.srv import GetTime
 
 
-_TIMEOUT_S = 5.0  # beyond the next measurement; then a clock counts as not answering
+_TIMEOUT = 5.0  # [s] beyond the next measurement; then a clock counts as not answering
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class ClockCheckNode:
         with self._lock:
             offset = self._offsets[name]
             age = time.monotonic() - self._measured.get(name, -math.inf)
-        if age > 2.0 * self._params.measurement_period + _TIMEOUT_S:
+        if age > 2.0 * self._params.measurement_period + _TIMEOUT:
             # a request to a computer whose cable was pulled waits for ever, and its last answer says nothing any more
             offset = None
         limit = self._params.max_offset_ms / 1e3

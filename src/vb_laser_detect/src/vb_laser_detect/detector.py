@@ -108,7 +108,7 @@ class SpotDetector:
     @property
     def confirmation_s(self) -> float:
         """[s] from a spot's first image to the one that confirms it, at the current rate."""
-        return (self.params.confirm_frames - 1) * self._tracker.period_s
+        return (self.params.confirm_frames - 1) * self._tracker.period
 
     def detect(self, image: np.ndarray, stamp: float) -> List[Spot]:
         """Searches one frame.

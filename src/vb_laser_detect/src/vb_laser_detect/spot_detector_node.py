@@ -37,7 +37,7 @@ from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
 from vb_msgs.srv import GetTime, GetTimeRequest, GetTimeResponse
 
-_DEBUG_S = 0.2  # between two debug images: drawing them takes longer than the search
+_DEBUG_PERIOD = 0.2  # [s] between two debug images: drawing them takes longer than the search
 
 
 class SpotDetectorNode:
@@ -196,7 +196,7 @@ class SpotDetectorNode:
 
     def _publish_debug(self, image: np.ndarray, encoding: str, header: Any) -> None:
         now = rospy.Time.now()
-        if self._last_debug is not None and 0 <= (now - self._last_debug).to_sec() < _DEBUG_S:
+        if self._last_debug is not None and 0 <= (now - self._last_debug).to_sec() < _DEBUG_PERIOD:
             return
         self._last_debug = now
         self._report.debug_images += 1

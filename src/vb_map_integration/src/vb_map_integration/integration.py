@@ -63,7 +63,7 @@ class IntegrationParams(Parameters):
 
 
 # [m] a virtual wall's band; in coarse maps it is the cells that the chain runs through
-WALL_WIDTH_M = 0.1
+WALL_WIDTH = 0.1
 _DEFAULT = IntegrationParams()
 # marks what a fill reached, in a mask of blocked cells
 _FILLED = 128
@@ -287,7 +287,7 @@ def _wall(
     rows, columns = trace.rows[inside], trace.columns[inside]
     if len(rows) == 0:
         raise IntegrationError("outside_map")
-    reach = int(WALL_WIDTH_M / 2.0 / prior.resolution + 1e-6)
+    reach = int(WALL_WIDTH / 2.0 / prior.resolution + 1e-6)
     top, left = max(0, int(rows.min()) - reach), max(0, int(columns.min()) - reach)
     window = slice(top, int(rows.max()) + reach + 1), slice(left, int(columns.max()) + reach + 1)
     mask = raster.filled(cells[window].shape, 0)

@@ -468,7 +468,7 @@ class MapIntegrator:
         if goals is not None or self.params.check_reachability:
             options = {
                 "robot": places.get("robot"),
-                "radius_m": self.params.robot_radius,
+                "radius": self.params.robot_radius,
                 "min_component_area": self.params.min_component_area,
                 "occupied_threshold": self.params.occupied_threshold,
             }

@@ -48,7 +48,7 @@ from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError, ma
 from vb_map_integration.integrator import ChangeResult, IntegratorParams, MapIntegrator
 from vb_map_integration.places.registration import Transform
 
-_MAP_TIMEOUT_S = 5.0  # warns after this long without a map
+_MAP_WARNING_PERIOD = 5.0  # [s] warns after this long without a map
 
 
 @dataclass(frozen=True)
@@ -157,8 +157,8 @@ class MapIntegratorNode:
     def _wait_for_map(self) -> None:
         # wall time: a lab without map_server may have no /clock either
         waited = 0.0
-        while not self._closing.wait(_MAP_TIMEOUT_S) and not self._integrator.has_map:
-            waited += _MAP_TIMEOUT_S
+        while not self._closing.wait(_MAP_WARNING_PERIOD) and not self._integrator.has_map:
+            waited += _MAP_WARNING_PERIOD
             missing = CodedError("no_map")
             if self._params.map_timeout and waited >= self._params.map_timeout:
                 node.fail(missing)

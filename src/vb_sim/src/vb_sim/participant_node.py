@@ -95,12 +95,12 @@ class ParticipantNode:
         node.watch_input(
             f"the lab's state on {names.LAB_STATE}: is lab_simulator running?",
             lambda: self._lab_states.received > 0,
-            node.GIVE_UP_AFTER_S,
+            node.INPUT_TIMEOUT,
         )
         node.watch_input(
             f"the interaction's state on {names.STATE}: is interaction_manager running?",
             lambda: self._sees_state,
-            node.GIVE_UP_AFTER_S,
+            node.INPUT_TIMEOUT,
         )
 
     def close(self) -> None:

@@ -18,7 +18,7 @@ from vb_msgs.msg import BorderIssue
 from vb_voice_wizard.interaction import COMMANDS, normalize
 
 DONE, REFUSED, UNREACHABLE = 0, 1, 3
-_PREVIEW_TIMEOUT_S = 10.0  # the preview is there: only the connection may take its time
+_PREVIEW_TIMEOUT = 10.0  # [s] the preview is there: only the connection may take its time
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
@@ -67,7 +67,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
 def _issues() -> List[BorderIssue]:
     """What is to be minded before saving, as the preview says."""
     try:
-        return rospy.wait_for_message(names.PREVIEW, BorderPreviewArray, timeout=_PREVIEW_TIMEOUT_S).issues
+        return rospy.wait_for_message(names.PREVIEW, BorderPreviewArray, timeout=_PREVIEW_TIMEOUT).issues
     except rospy.ROSException:
         return []
 

@@ -21,14 +21,14 @@ from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.voice.audio_sources import Microphone, Resampler, arecord, level_db
-from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, Utterance
+from vb_voice_wizard.voice.endpointing import END_SILENCE, Endpointer, Utterance
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult, RecognizerParams
 
 AUDIO = "/virtual_borders/voice/audio"
 
-_LEVEL_S = 0.25  # [s] wall time between two levels
+_LEVEL_PERIOD = 0.25  # [s] wall time between two levels
 _NEAR = 0.2  # confidence from which a rejected utterance gets the refusal sound: say it again
-_DEAF_S = 5.0  # [s] without any sound after which people are told
+_DEAF_TIMEOUT = 5.0  # [s] without any sound after which people are told
 _DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has its own noise; this is its least significant bit
 
 
@@ -102,7 +102,7 @@ class VoiceCommandsNode:
         self._heard_at = time.monotonic()
         self._level = rospy.Publisher(names.VOICE_LEVEL, Float32, queue_size=2)
         self._notices = NoticePublisher()
-        self._watch = node.WakeTimer(_LEVEL_S)
+        self._watch = node.WakeTimer(_LEVEL_PERIOD)
         self._heard = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # a command's answer may take seconds; listening goes on meanwhile
@@ -158,7 +158,7 @@ class VoiceCommandsNode:
         missing = []
         if self._trouble:
             missing = [Notice("microphone_missing", Severity.WARNING, values={"why": self._trouble})]
-        elif now - self._heard_at > _DEAF_S:
+        elif now - self._heard_at > _DEAF_TIMEOUT:
             missing = [Notice("microphone_silent", Severity.WARNING)]
         self._notices.set(missing)
 
@@ -204,7 +204,7 @@ class VoiceCommandsNode:
             and now - self._last_time < self._params.min_repeat_interval
         ):
             issue = issue.refused("repeated")
-        silence = 0.0 if utterance.too_long else END_SILENCE_S
+        silence = 0.0 if utterance.too_long else END_SILENCE
         answer_s = now - when + silence
         if not issue.command:
             if issue.reason == "unlike_a_command" and issue.confidence >= _NEAR:

@@ -19,8 +19,8 @@ from vb_core.ros.images import array_from_compressed_image, array_from_image
 from vb_core.ros.transforms import TransformLookup
 from vb_web import images
 
-_WAIT_S = 2.0  # for a camera's next image
-_FLOOR_KEPT_S = 5.0  # the same image for every browser that asks meanwhile, if all cameras are in it
+_IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
+_FLOOR_LIFETIME = 5.0  # [s] the same image for every browser that asks meanwhile, if all cameras are in it
 # OpenCV names a Bayer pattern by its second row, ROS by its first
 _TO_BGR = {
     "rgb8": cv2.COLOR_RGB2BGR,
@@ -77,14 +77,16 @@ class CameraImages:
         if detector is None:
             return None
         try:
-            return images.encode_jpeg(to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_WAIT_S)))
+            return images.encode_jpeg(
+                to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_IMAGE_TIMEOUT))
+            )
         except rospy.ROSException:
             return None
 
     def floor_webp(self) -> Optional[bytes]:
         """Draws the floor as all ceiling cameras see it now; None if none of them does."""
         with self._floor_lock:
-            if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_KEPT_S:
+            if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_LIFETIME:
                 grid = self._grid()
                 views = [view for view in map(self._view, self._cameras) if view is not None]
                 self._floor = images.draw_floor(grid, views).data if grid is not None and views else None
@@ -94,13 +96,15 @@ class CameraImages:
 
     def _view(self, camera: str) -> Optional[images.CeilingImage]:
         try:
-            info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_WAIT_S)
+            info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_IMAGE_TIMEOUT)
             if self._compressed:
-                found = rospy.wait_for_message(f"/{camera}/image_raw/compressed", CompressedImage, timeout=_WAIT_S)
+                found = rospy.wait_for_message(
+                    f"/{camera}/image_raw/compressed", CompressedImage, timeout=_IMAGE_TIMEOUT
+                )
                 image = array_from_compressed_image(found)
                 image = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
             else:
-                image = to_bgr(rospy.wait_for_message(f"/{camera}/image_raw", Image, timeout=_WAIT_S))
+                image = to_bgr(rospy.wait_for_message(f"/{camera}/image_raw", Image, timeout=_IMAGE_TIMEOUT))
             model = camera_from_info(info)
             pose = self._transforms.lookup(f"{camera}_optical_frame", names.MAP_FRAME, rospy.Time(0))
         except (rospy.ROSException, CodedError) as error:

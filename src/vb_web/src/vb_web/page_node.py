@@ -36,10 +36,10 @@ from vb_web.requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
 from vb_web.view import View, border_changes, coarse_age, rounded
 
-_POSES_S = 0.1  # between two looks at the robots' poses
-_HEALTH_S = 0.5
-_LEVEL_S = 0.25  # the microphone's level is shown no more often
-_SILENT_S = 4.0  # a detector says something every second, a robot's driver more often
+_POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
+_HEALTH_PERIOD = 0.5  # [s]
+_LEVEL_PERIOD = 0.25  # [s] the microphone's level is shown no more often
+_SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's driver more often
 _MAX_DIAGNOSTICS = 30
 _EVENTS = 100  # of the history that the page shows
 _INVITATION = "page_invitation"
@@ -145,7 +145,7 @@ class PageNode:
         self._level_at = -1e9
         self._spots: Dict[str, Any] = {}
         self._poses: Dict[str, List[Optional[float]]] = {}
-        self._notices_due = node.WakeTimer(_HEALTH_S)  # a silent node's notices expire without a message
+        self._notices_due = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
         self._told = NoticeListener(self._notices_due.set)
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
         self._drivers: Dict[str, Any] = {}  # robot: (heard [s], entry)
@@ -182,9 +182,9 @@ class PageNode:
         )
         # wall time goes on when simulated time stops
         self._beats = [
-            node.WakeTimer(_POSES_S),
-            node.WakeTimer(_HEALTH_S),
-            node.WakeTimer(_HEALTH_S),
+            node.WakeTimer(_POSE_PERIOD),
+            node.WakeTimer(_HEALTH_PERIOD),
+            node.WakeTimer(_HEALTH_PERIOD),
             self._notices_due,
         ]
         # one of them waits for the manager's answer, which may take long: the others go on
@@ -315,7 +315,7 @@ class PageNode:
 
     def _on_level(self, message: Float32) -> None:
         now = time.monotonic()
-        if now - self._level_at > _LEVEL_S:
+        if now - self._level_at > _LEVEL_PERIOD:
             self._level_at = now
             self._view.put("level", rounded(message.data, 1))
 
@@ -372,9 +372,13 @@ class PageNode:
     def _look_at_health(self) -> None:
         now = time.monotonic()
         with self._lock:
-            cameras = [{**entry, "there": now - heard < _SILENT_S} for heard, _, entry in self._detectors.values()]
-            drivers = {robot: {**entry, "there": now - at < _SILENT_S} for robot, (at, entry) in self._drivers.items()}
-            fresh = [entry for heard, entry in self._diagnostics.values() if now - heard < _SILENT_S]
+            cameras = [
+                {**entry, "there": now - heard < _SILENCE_TIMEOUT} for heard, _, entry in self._detectors.values()
+            ]
+            drivers = {
+                robot: {**entry, "there": now - at < _SILENCE_TIMEOUT} for robot, (at, entry) in self._drivers.items()
+            }
+            fresh = [entry for heard, entry in self._diagnostics.values() if now - heard < _SILENCE_TIMEOUT]
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
         self._view.put("drivers", drivers)
         # no words for what is well
@@ -391,7 +395,7 @@ class PageNode:
             },
         )
         self._view.put("beat", int(now) // 2)  # so that a browser hears that it is still connected
-        if now - self._level_at > _SILENT_S:
+        if now - self._level_at > _SILENCE_TIMEOUT:
             self._view.put("level", None)
 
     def _connected(self, topic: str) -> bool:

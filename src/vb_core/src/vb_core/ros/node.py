@@ -197,7 +197,7 @@ class Queue(Generic[T]):
             self._condition.notify_all()
 
 
-MIN_POLL_S = 0.002  # [s] of wall time between two looks at simulated time
+MIN_POLL_PERIOD = 0.002  # [s] of wall time between two looks at simulated time
 MAX_PACE = 20.0  # simulated seconds per second
 
 
@@ -234,7 +234,7 @@ class WakeTimer:
             self._due = then + self._period  # the first time, too late for the last one, or time has jumped
         wall, now, woken = began, then, False
         while not (self._closed or woken) and wall < began + self._period and now < self._due:
-            rest = max((self._due - now) / self._pace, MIN_POLL_S)
+            rest = max((self._due - now) / self._pace, MIN_POLL_PERIOD)
             woken = self._wake.wait(min(began + self._period - wall, rest))
             wall, now = time.monotonic(), rospy.get_time()
         self._due += self._period
@@ -296,8 +296,8 @@ class Worker:
                 return
 
 
-LOG_AFTER_S = 5.0  # [s] of wall time before the first log line about waiting, and the next
-GIVE_UP_AFTER_S = 60.0  # [s] of wall time
+LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and the next
+INPUT_TIMEOUT = 60.0  # [s] of wall time
 
 
 def watch_input(what: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
@@ -321,10 +321,10 @@ def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> 
         if timeout is not None and now - began > timeout:
             fail(CodedError("input_timeout", what=what, seconds=round(now - began)))
             return False
-        if now - said > LOG_AFTER_S:
+        if now - said > LOG_DELAY:
             rospy.logwarn("%s waits for %s", rospy.get_name(), what)
             # the pause doubles each time: 5, 10, 20 s ...
-            said = now + max(0.0, now - began - LOG_AFTER_S)
+            said = now + max(0.0, now - began - LOG_DELAY)
         time.sleep(0.02)
     return True
 
@@ -332,9 +332,9 @@ def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> 
 def wait_for_clock() -> None:
     """Waits for the first time on /clock if simulated time is used; returns at once otherwise.
 
-    A node that has waited `GIVE_UP_AFTER_S` in vain ends with "input_timeout".
+    A node that has waited `INPUT_TIMEOUT` in vain ends with "input_timeout".
     """
-    _await("the time on /clock, because /use_sim_time is set", _clock_runs, GIVE_UP_AFTER_S)
+    _await("the time on /clock, because /use_sim_time is set", _clock_runs, INPUT_TIMEOUT)
 
 
 def _clock_runs() -> bool:

@@ -47,8 +47,8 @@ from vb_sim.room.world import Scenario, World, load_world
 SIZES = ((1920, 1080), (1280, 720))
 PLAN = "/move_base/NavfnROS/plan"
 OFFSETS = 0.025 * np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # [m] by which cameras see the same spot elsewhere
-STEP, PERIOD_S = 0.015, 0.04  # [m] from one image to the next
-PAUSE_S = 1.5  # between two looks at the screen: several frames of RViz, also where software draws them
+STEP, PERIOD = 0.015, 0.04  # [m] from one image to the next
+LOOK_PERIOD = 1.5  # [s] between two looks at the screen: several frames of RViz, also where software draws them
 SAME = 0.002  # share of pixels that may differ between two screenshots of the same: the interaction's time goes on
 TIMEOUT = 180.0
 
@@ -222,7 +222,7 @@ def still_picture(display: str, path: Path, before: Sequence[np.ndarray]) -> np.
     """
     deadline, shown = time.monotonic() + TIMEOUT, [np.zeros((1, 1, 3), np.uint8)] * 2
     while time.monotonic() < deadline:
-        time.sleep(PAUSE_S)
+        time.sleep(LOOK_PERIOD)
         if not screenshot(display, path):
             raise CodedError("no_picture", f"'import' of ImageMagick could not write {path}")
         shown = [*shown[-2:], cv2.imread(str(path))]
@@ -304,4 +304,4 @@ class StagedLab:
                 self._spots.publish(spot)
             if len(self._line) > 1:
                 self._line.pop(0)
-            rospy.rostime.wallsleep(PERIOD_S)
+            rospy.rostime.wallsleep(PERIOD)

@@ -207,38 +207,38 @@ class TrailPoint:
     stamp: float
 
 
-FADE_S = 1.5  # how long a spot stays visible: long enough to follow with the eye
-_LIFETIME_S = 2.0 * FADE_S  # after which RViz removes it by itself, should this node have ended
+FADE_TIME = 1.5  # [s] how long a spot stays visible: long enough to follow with the eye
+_LIFETIME = 2.0 * FADE_TIME  # [s] after which RViz removes it by itself, should this node have ended
 
 
 def trails(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
     """Draws for each camera a trail that fades into the floor's white.
 
     Args:
-        seen: the newest last; those older than FADE_S, or from the future by more than that, are left out.
+        seen: the newest last; those older than FADE_TIME, or from the future by more than that, are left out.
     """
     by_camera: Dict[str, List[TrailPoint]] = {}
     for spot in seen:
-        if abs(now - spot.stamp) <= FADE_S:
+        if abs(now - spot.stamp) <= FADE_TIME:
             by_camera.setdefault(spot.camera, []).append(spot)
     shapes = []
     for camera, trail in by_camera.items():
         tint = colors.camera_color(camera)
-        faded = tuple(colors.blend(tint, colors.WHITE, 0.85 * max(0.0, now - spot.stamp) / FADE_S) for spot in trail)
+        faded = tuple(colors.blend(tint, colors.WHITE, 0.85 * max(0.0, now - spot.stamp) / FADE_TIME) for spot in trail)
         points, width = tuple((spot.x, spot.y) for spot in trail), 0.014 * layout.unit
-        shapes.append(Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (width,), faded, lifetime=_LIFETIME_S))
+        shapes.append(Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (width,), faded, lifetime=_LIFETIME))
     return shapes
 
 
 def live_spots(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
     """Draws for each camera a disc where it saw the spot last; arguments as for `trails`."""
-    newest = {spot.camera: spot for spot in seen if abs(now - spot.stamp) <= FADE_S}
+    newest = {spot.camera: spot for spot in seen if abs(now - spot.stamp) <= FADE_TIME}
     shapes = []
     for camera, spot in newest.items():
         for number, (share, tint) in enumerate(((0.036, colors.BLACK), (0.028, colors.camera_color(camera)))):
             z, size = Z_SPOT + 0.015 * (number + 1), (share * layout.unit,)
             shapes.append(
-                Shape(f"spots/{camera}", number, DISC, ((spot.x, spot.y),), z, size, (tint,), lifetime=_LIFETIME_S)
+                Shape(f"spots/{camera}", number, DISC, ((spot.x, spot.y),), z, size, (tint,), lifetime=_LIFETIME)
             )
     return shapes
 

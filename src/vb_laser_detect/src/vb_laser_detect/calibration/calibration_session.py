@@ -19,7 +19,7 @@ from vb_laser_detect.calibration.pose import (
     estimate_pose,
 )
 
-_HOLD_S = 2.0  # a spot is held this long before a point is taken
+_HOLD_TIME = 2.0  # [s] a spot is held this long before a point is taken
 _MIN_SIGHTINGS = 5
 _STILL_PX = 3.0
 _SAME_PLACE_PX = 15.0  # what is shown nearer to an earlier place was not moved
@@ -45,7 +45,7 @@ class HeldSpot:
         Raises:
             CodedError: "spot_not_seen_by_camera" if it was not seen often enough, "spot_moves" if it was not still.
         """
-        recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_S])
+        recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_TIME])
         if len(recent) < _MIN_SIGHTINGS:
             raise CodedError("spot_not_seen_by_camera")
         middle = np.median(recent, axis=0)

@@ -45,7 +45,7 @@ class CameraConsistency:
 # a camera's usual interval between sightings, and one image that is lost; but no longer than a straight part of a slow
 # drawing lasts
 _GAP_PERIODS = 2.5
-_LONGEST_GAP_S = 0.5
+_MAX_GAP = 0.5  # [s]
 
 
 def compare_cameras(sightings: Iterable[Sighting], min_common: int = 20) -> List[CameraConsistency]:
@@ -69,7 +69,7 @@ def compare_cameras(sightings: Iterable[Sighting], min_common: int = 20) -> List
         inside = (after > 0) & (after < len(b))
         a, after = a[inside], after[inside]
         before = after - 1
-        near = b[after, 0] - b[before, 0] <= min(_GAP_PERIODS * float(np.median(np.diff(b[:, 0]))), _LONGEST_GAP_S)
+        near = b[after, 0] - b[before, 0] <= min(_GAP_PERIODS * float(np.median(np.diff(b[:, 0]))), _MAX_GAP)
         a, before, after = a[near], before[near], after[near]
         if len(a) < min_common:
             continue

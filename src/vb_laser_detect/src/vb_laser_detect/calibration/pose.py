@@ -28,7 +28,7 @@ MIN_POINTS = 4
 _MAX_SETS = 200  # minimal sets tried; with 40 % wrong points 50 are enough for one without any, at 99.9 %
 _PROMISING = 10  # of them are solved again, more exactly
 _SAME_PLACE = 0.005  # of the image's diagonal; points nearer to each other are one place, seen twice
-_SAME_PLACE_M = 0.01
+_SAME_PLACE_DISTANCE = 0.01  # [m]
 _SAME_TURN = math.radians(2.0)  # solutions that differ by less are one
 _LIKELY = 9.0  # difference of chi square within which two poses are both plausible: 3 sigma
 _PIXEL_SIGMA = 0.3  # [px] of a point in the image
@@ -183,7 +183,7 @@ def check_points(camera: CameraModel, observed: Correspondences) -> None:
     if not camera.contains(observed.pixels).all():
         raise CodedError("outside_image", size=f"{camera.width} x {camera.height}")
     near_px = _SAME_PLACE * math.hypot(camera.width, camera.height)
-    different = min(_different(observed.points, _SAME_PLACE_M), _different(observed.pixels, near_px))
+    different = min(_different(observed.points, _SAME_PLACE_DISTANCE), _different(observed.pixels, near_px))
     if different < MIN_POINTS:
         raise CodedError("too_few_calibration_points", different=different, points=len(observed), least=MIN_POINTS)
     for values in (observed.points, observed.pixels):

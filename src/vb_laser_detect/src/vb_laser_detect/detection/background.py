@@ -27,8 +27,8 @@ from vb_laser_detect.detection.blocks import (
 _DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
 _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
 _NOISE_TIME = 1.0  # [s] over which a block's noise is averaged
-_CYCLE_S = 1.0  # every pixel is blended in once in this time
-_ABSORB_S = 1.5  # a change that lasts this long belongs to the background
+_CYCLE_TIME = 1.0  # [s] every pixel is blended in once in this time
+_ABSORPTION_TIME = 1.5  # [s] a change that lasts this long belongs to the background
 _WEIGHT = 0.25  # of a frame whenever a strip is blended in
 _KEYFRAME = 6  # [images] a moving camera's background is kept for: people walk on
 _KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe
@@ -151,11 +151,11 @@ class Background:
             cv2.accumulateWeighted(values, self._noise, weight, mask)
             cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
             self._noise_s, self._limit = 0.0, None
-        absorbed = self._changed_s > _ABSORB_S
+        absorbed = self._changed_s > _ABSORPTION_TIME
         if absorbed.any():
             self._changed_s[absorbed] = 0.0
             self._take(image, absorbed, 1.0)
-        first, self._strip = self._strip, self._strip + min(1.0, dt / _CYCLE_S)
+        first, self._strip = self._strip, self._strip + min(1.0, dt / _CYCLE_TIME)
         self._take(image, steady, _WEIGHT, *(int(round(min(1.0, part) * len(steady))) for part in (first, self._strip)))
         if self._strip >= 1.0:
             self._strip = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_map_integration.border import MAX_COORDINATE_M, MAX_POINTS, VirtualBorder
+from vb_map_integration.border import MAX_COORDINATE, MAX_POINTS, VirtualBorder
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Clicks:
             CodedError: "bad_points" for an invalid point, "too_many_points", or what `VirtualBorder` raises.
         """
         place = np.array(point, dtype=float)
-        if place.shape != (2,) or not np.isfinite(place).all() or np.abs(place).max() > MAX_COORDINATE_M:
+        if place.shape != (2,) or not np.isfinite(place).all() or np.abs(place).max() > MAX_COORDINATE:
             raise CodedError("bad_points")
         if self.closed is not None:
             return VirtualBorder(np.array(self.points), place, self._params.occupancy, self.closed)

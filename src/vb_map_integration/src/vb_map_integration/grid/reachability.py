@@ -32,7 +32,7 @@ def check_reachability(
     grid: GridMap,
     goals: Sequence[Sequence[float]] = (),
     robot: Optional[Sequence[float]] = None,
-    radius_m: float = 0.18,
+    radius: float = 0.18,
     min_component_area: float = 0.1,
     occupied_threshold: int = OCCUPIED_THRESHOLD,
 ) -> Reachability:
@@ -41,11 +41,11 @@ def check_reachability(
     Args:
         goals: (N, 2) [m].
         robot: (x, y) [m]; None: goals are measured against the largest part.
-        radius_m: [m] the robot's.
+        radius: [m] the robot's.
         min_component_area: [m^2] smaller parts, measured for the robot's centre, are not counted.
     """
     free = masks.threshold_mask(np.ascontiguousarray(grid.data).view(np.uint8), occupied_threshold, cv2.CMP_LT)
-    radius = radius_m / grid.resolution
+    radius = radius / grid.resolution
     factor = int(np.ceil(np.sqrt(free.size / MAX_CELLS)))
     if factor > 1:
         free = _coarser(free, factor)

@@ -47,7 +47,7 @@ FORMAT = 1
 # what is kept of each: changes that can be undone, requests, daily copies, damaged files, maps of a place
 MAX_CHANGES, MAX_REQUESTS, MAX_COPIES, MAX_DAMAGED, MAX_MAPS = 1000, 1000, 14, 3, 6
 # [s] how long a new process waits for the one before to end
-LOCK_TIMEOUT_S = 5.0
+LOCK_TIMEOUT = 5.0
 
 _SCHEMA = """
 CREATE TABLE maps (
@@ -221,7 +221,7 @@ class Database:
     def _take_lock(self) -> None:
         assert self.folder is not None
         self._lock = os.open(str(self.folder / f"{FILE}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        end = time.monotonic() + LOCK_TIMEOUT_S
+        end = time.monotonic() + LOCK_TIMEOUT
         while True:
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
