@@ -213,7 +213,7 @@ def test_a_disk_that_can_be_written_again_keeps_the_borders_that_acted(tmp_path,
 
 def test_a_second_integrator_is_refused(tmp_path, monkeypatch):
     """Both gave the id b1, and one border was gone after a restart."""
-    monkeypatch.setattr(module, "LOCK_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(module, "LOCK_TIMEOUT", 0.1)
     first = integrator(tmp_path)
     with pytest.raises(CodedError) as caught:
         MapIntegrator(IntegratorParams(), tmp_path)

@@ -1,4 +1,4 @@
-"""One robot's driver: the only source of its cmd_vel."""
+"""One robot's driver: the only publisher of its cmd_vel."""
 
 from __future__ import annotations
 
