@@ -19,9 +19,9 @@ from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
-from vb_evaluation.kit import replay, session
-from vb_evaluation.kit.__main__ import main
-from vb_evaluation.kit.recording import Recording
+from vb_evaluation.study_kit import replay, session
+from vb_evaluation.study_kit.__main__ import main
+from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_map_integration.border import VirtualBorder

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError
-from vb_evaluation.kit import __main__ as command
+from vb_evaluation.study_kit import __main__ as command
 from vb_evaluation.report import background, charts, paper_comparison, sensitivity
 from vb_evaluation.report.data import read_study
 from vb_evaluation.report.maps import nearest_to_median
@@ -227,8 +227,9 @@ def test_the_analysis_knows_no_simulator():
     """Nothing that measures or reports imports what simulates, so that both can go their own ways."""
     code = (
         "import importlib, pkgutil, sys; sys.modules.update(dict.fromkeys(['vb_sim', 'vb_evaluation.study']))\n"
-        "import vb_evaluation.kit as kit, vb_evaluation.report as report, vb_evaluation.statistics, vb_evaluation.metrics\n"
-        "for package in (kit, report):\n"
+        "import vb_evaluation.statistics, vb_evaluation.metrics\n"
+        "from vb_evaluation import report, study_kit\n"
+        "for package in (study_kit, report):\n"
         "    for module in pkgutil.iter_modules(package.__path__, package.__name__ + '.'):\n"
         "        importlib.import_module(module.name)"
     )

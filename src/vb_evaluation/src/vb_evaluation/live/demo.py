@@ -33,7 +33,7 @@ from vb_core.geometry import chain_length
 from vb_core.ros import messages, services
 from vb_evaluation import metrics
 from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
-from vb_evaluation.live import pictures
+from vb_evaluation.live import before_after_figure
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, screenshot, start_screen
 from vb_msgs.msg import VirtualBorder
@@ -311,7 +311,7 @@ class Demo:
             "drive_s": round(driven.seconds, 1),
         }
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-        pictures.draw_before_after(
+        before_after_figure.draw_before_after(
             options.out / "before_after.png",
             prior,
             region,

@@ -12,9 +12,9 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_atomically, write_map
 from vb_evaluation import metrics
-from vb_evaluation.kit import protocol
-from vb_evaluation.kit.ground_truth import find_ground_truths
-from vb_evaluation.kit.recording import Recording
+from vb_evaluation.study_kit import protocol
+from vb_evaluation.study_kit.ground_truth import find_ground_truths
+from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.report.data import META, REQUIRED, RUNS, read_meta, write_table
 
 _TIMES = ("guide", "border", "seed", "total")
