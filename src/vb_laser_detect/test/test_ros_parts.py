@@ -100,7 +100,7 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
         report = DetectorDiagnostics.__new__(DetectorDiagnostics)
         report._camera, report._mobile, report._others, report._lock = "red", mobile, {}, threading.Lock()
         for camera, robots in (("green", False), ("robot", True), ("red", False)):
-            report.note_detector(DetectorStatus(camera=camera, mobile=robots, frame_id="head_camera"))
+            report.record_detector(DetectorStatus(camera=camera, mobile=robots, frame_id="head_camera"))
         return report
 
     with pytest.raises(CodedError) as raised:

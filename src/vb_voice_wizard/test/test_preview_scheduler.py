@@ -23,7 +23,7 @@ def shown(
     situation: PreviewInputs = DRAWN, started: float = 100.0, took: float = 0.0, answered: bool = True
 ) -> PreviewScheduler:
     pace = PreviewScheduler()
-    pace.done(situation, started, started + took, answered)
+    pace.record_preview(situation, started, started + took, answered)
     return pace
 
 

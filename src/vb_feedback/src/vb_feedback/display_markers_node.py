@@ -127,7 +127,7 @@ class DisplayMarkersNode:
         owner = self
 
         class Listener(rospy.SubscribeListener):
-            """Notes new subscribers, so that the worker sends them everything."""
+            """Records new subscribers, so that the worker sends them everything."""
 
             def peer_subscribe(self, _topic: str, _publish: Any, peer_publish: Any) -> None:
                 with owner._lock:

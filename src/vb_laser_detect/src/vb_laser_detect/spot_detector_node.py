@@ -87,7 +87,7 @@ class SpotDetectorNode:
         self._camera_geometry = self._make_camera_geometry(image)
         self._time_service = rospy.Service("~get_time", GetTime, _tell_time)
         self._worker = Worker(self._mailbox, self._search)
-        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.note_detector, queue_size=20)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
         self._reconfigure_servers = [
             ReconfigureServer(detector, "~detector", self._set_detector_params, fixed=("moving_camera",)),

@@ -60,7 +60,7 @@ class Lockstep:
         self._condition = threading.Condition()
 
     def arrive(self, who: str) -> None:
-        """Notes that a node has sent a command; from any thread."""
+        """Records that a node has sent a command; from any thread."""
         with self._condition:
             self._arrived.add(who)
             self._condition.notify_all()

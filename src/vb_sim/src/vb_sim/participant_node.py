@@ -127,7 +127,7 @@ class ParticipantNode:
     def _on_spot(self, message: LaserSpot) -> None:
         seen = (message.position.x, message.position.y)
         with self._lock:
-            self._percept.note_spot(self._spot, message.header.stamp.to_sec(), seen, message.mobile)
+            self._percept.record_spot(self._spot, message.header.stamp.to_sec(), seen, message.mobile)
 
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:

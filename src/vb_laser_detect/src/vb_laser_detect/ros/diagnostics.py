@@ -44,7 +44,7 @@ class _Fault:
     again_s: float = _REMINDER_PERIOD
 
     def meet(self, text: str, at: rospy.Time, now: float, lasts_s: float) -> bool:
-        """Notes that it is there, and returns whether that is to be logged."""
+        """Records that it is there, and returns whether that is to be logged."""
         if now - self.met > _FAULT_LIFETIME:
             self.since, self.again_s = now, _REMINDER_PERIOD
         self.at, self.text, self.met = at, text, now
@@ -113,12 +113,12 @@ class DetectorDiagnostics:
             (rospy.logerr if severe else rospy.logwarn)("%s: %s", rospy.get_name(), error)
 
     def set_missing_input(self, reason: str) -> None:
-        """Notes why no spot can be published yet; "" once all inputs are available."""
+        """Records why no spot can be published yet; "" once all inputs are available."""
         with self._lock:
             self._missing_input = reason
 
-    def note_detector(self, message: DetectorStatus) -> None:
-        """Notes another detector's status."""
+    def record_detector(self, message: DetectorStatus) -> None:
+        """Records another detector's status."""
         if message.camera != self._camera and not message.mobile and message.frame_id:
             with self._lock:
                 self._others[message.camera] = (message.frame_id, time.monotonic())

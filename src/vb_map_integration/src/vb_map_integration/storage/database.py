@@ -441,7 +441,7 @@ class Database:
         self._write([(_PUT_MAP, (*new, digest))], self._digests("maps", "id = ?", (place,)), [digest])
 
     def remember_place(self, place: int) -> None:
-        """Notes the last place in force."""
+        """Records the last place in force."""
         if self.get_value("last_place") != str(place):
             self._write([(_PUT_FACT, ("last_place", str(place)))])
 

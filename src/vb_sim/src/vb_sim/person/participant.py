@@ -70,7 +70,7 @@ class Perception:
         if HOLD_STILL in codes:
             self.hold_requested = self.now
 
-    def note_spot(
+    def record_spot(
         self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool
     ) -> None:
         """Takes note that some camera saw something.

@@ -77,8 +77,8 @@ class PreviewScheduler:
             return None if self._retry_at is None else max(0.0, self._retry_at - now)
         return max(0.0, self._not_before - now)
 
-    def done(self, inputs: PreviewInputs, started: float, now: float, answered: bool) -> None:
-        """Notes that a preview was made.
+    def record_preview(self, inputs: PreviewInputs, started: float, now: float, answered: bool) -> None:
+        """Records that a preview was made.
 
         Args:
             inputs: what was previewed.

@@ -125,7 +125,7 @@ class Previewer:
                 self._publisher.publish(preview)
                 doubtful = preview.available and preview.success and preview.issues
                 self._warned_of = inputs.interaction_id if doubtful else ""
-                self._pace.done(inputs, started, time.monotonic(), answered)
+                self._pace.record_preview(inputs, started, time.monotonic(), answered)
 
     def _compute(self, inputs: PreviewInputs) -> BorderPreviewArray:
         border = self._services.fetch_drawn_border(inputs.interaction_id)
