@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from vb_core import sentences
+from vb_msgs.msg import DriverState
+from vb_web import ros_view
 from vb_web.view import View, border_changes, coarse_age, rounded
 
 STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
@@ -116,3 +118,8 @@ def test_the_page_loads_nothing_from_elsewhere():
         text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
         assert not re.search(r"https?://|//cdn|@import|url\(", text), path.name
         assert "innerHTML" not in text and "eval(" not in text and "style=" not in text, path.name
+
+
+def test_where_a_driver_stopped_in_a_border_it_has_a_sentence_of_its_own():
+    entry = ros_view.driver_entry(DriverState(robot="one", source="navigation", code="inside_border"))
+    assert entry["source"] == "navigation" and entry["code"] in sentences.catalog()

@@ -934,14 +934,14 @@ function drawHealth() {
     [...new Set([...Object.keys(view.robots || {}), ...Object.keys(drivers)])].sort().map((name) => {
       const one = drivers[name],
         who = { who: name || "$the_robot" },
-        source = one && one.there ? `page_source_${one.source}` : "";
+        source = one && one.there ? `page_motion_source_${one.source}` : "";
       return element(
         "li",
         {},
         element(
           "span",
           {},
-          driver ? words.tell(one) : say(one ? "page_driver_gone" : "page_no_driver", who),
+          source ? words.tell(one) : say(one ? "page_driver_gone" : "page_no_driver", who),
           words.has(source) ? element("small", { class: "muted" }, say(source)) : null,
         ),
       );
