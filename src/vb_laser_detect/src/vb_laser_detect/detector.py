@@ -44,7 +44,7 @@ from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
 
-_BLUR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
+_BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _MIN_PX = 2.5  # smaller blobs are noise
 _MIN_CERTAIN_PROBABILITY = (

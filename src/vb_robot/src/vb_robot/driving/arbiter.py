@@ -50,7 +50,9 @@ class Command:
 
 
 class Arbiter:
-    """Chooses which source drives a robot, and passes its requests through the gate. Several threads may feed it; one calls `step`.
+    """Chooses which source drives a robot, and passes its requests through the gate.
+
+    Several threads may feed it; one calls `step`.
 
     Args:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
