@@ -52,7 +52,7 @@ study: setup ## the paper's experiment with simulated people, into out/study: QU
 	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" --size $(if $(QUICK),quick,$(SIZE)) $(if $(FRESH),--fresh) \
 	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) $(if $(SCHEDULER),--scheduler "$(SCHEDULER)") \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
-	    && python3 -m vb_evaluation.kit report "$(OUT)"
+	    && python3 -m vb_evaluation.study_kit report "$(OUT)"
 
 soak: setup ## simulated days with people, crashes, cut cables, full disks, then examples drawn for every input: HOURS=24 SEED=1 EXAMPLES=3000
 	@. scripts/env.sh && python3 bench/soak.py --hours "$(HOURS)" --seed "$(SEED)" \

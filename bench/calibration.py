@@ -36,7 +36,7 @@ from vb_laser_detect.calibration.pose import Correspondences, PoseEstimationPara
 from vb_laser_detect.calibration.board import BoardParams, corners_on_map, find_board, merge_views  # noqa: E402
 from vb_laser_detect.calibration.calibration_session import HeldSpot  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
-from vb_laser_detect.detection.image_format import to_grey  # noqa: E402
+from vb_laser_detect.detection.image_format import to_gray  # noqa: E402
 from vb_laser_detect.detection.projection import floor_points, pixels_of  # noqa: E402
 from vb_sim.cameras.camera_calibration import calibrated_pose  # noqa: E402
 from vb_sim.cameras.ceiling_view import CeilingView  # noqa: E402
@@ -115,7 +115,7 @@ class Lab:
         return self._view
 
     def free(self, points: np.ndarray) -> bool:
-        """Tells whether the camera sees floor at all of these points."""
+        """Returns whether the camera sees floor at all of these points."""
         return all(self.view.spot_share(Snapshot(0.0, laser=(float(x), float(y)))) > 0.9 for x, y in points)
 
 
@@ -155,7 +155,7 @@ def measured_boards(lab: Lab, rng: np.random.Generator, count: int, care: Care, 
 
         p1, p2 = _choose(lab, rng, part, images, corners_of)[:2]
         if images:
-            picture = to_grey(lab.view.frame(Snapshot(0.0)), lab.view.encoding)
+            picture = to_gray(lab.view.frame(Snapshot(0.0)), lab.view.encoding)
             noise = float(lab.models.noise.sigma(128.0))
             shown = [render_board(board, p1, p2, rng, lab.lens, lab.pose, noise, image=picture) for _ in range(3)]
             view = merge_views([find_board(board, image) for image in shown])
@@ -185,7 +185,7 @@ def _choose(
 
 def _held(lab: Lab, places: np.ndarray) -> np.ndarray:
     """(N, 2) [px] where the detector sees the laser that is held on each place; NaN where it does not."""
-    detector, stamp, found = SpotDetector(DetectorParams.stationary(hold_s=3600.0)), 0.0, []
+    detector, stamp, found = SpotDetector(DetectorParams.stationary(max_dwell_time=3600.0)), 0.0, []
     detector.encoding = lab.view.encoding
     for place in [None, *places]:
         held = HeldSpot()

@@ -12,9 +12,9 @@ import yaml
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.dispatching.dispatch import GoalStatus
+from vb_robot.dispatching.dispatch import SentGoalState
 from vb_robot.dispatching.dispatcher import RobotStatus
-from vb_robot.driving.driver import Command, Driver
+from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import Workspace
@@ -83,27 +83,27 @@ class DrivenRobot:
         camera: str,
         grid: GridMap,
         profile: RobotProfile,
-        leaves: bool = False,
+        exit_borders: bool = False,
     ) -> None:
         self._index, self._lab, self._body = index, lab, lab.robots[index]
         self._navigator, self._profile = navigator, profile
         self._state = (0, "", 0.0)
         self._said_at = -math.inf
-        self.driver = Driver(profile, camera, (camera,), leaves)
+        self.arbiter = Arbiter(profile, camera, (camera,), exit_borders)
         robot = lab.world.robots[index]
-        self.driver.follower.view = FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range)
-        self.driver.set_maps(Workspace(grid, None, profile.radius))
+        self.arbiter.follower.view = FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range)
+        self.arbiter.set_maps(Workspace(grid, None, profile.radius))
         self.lost: Set[str] = set()
         self.command = Command()
         self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
         self._goal: Optional[Pose] = None
-        self._goal_status = GoalStatus.NONE
+        self._goal_status = SentGoalState.NONE
         self.goals = 0
 
     def set_map(self, grid: GridMap) -> None:
         """Takes the map with borders."""
         self._navigator.set_map(grid)
-        self.driver.set_maps(Workspace(grid, None, self._profile.radius))
+        self.arbiter.set_maps(Workspace(grid, None, self._profile.radius))
 
     def set_state(self, state: int, interaction_id: str, entered: float) -> None:
         """Takes the interaction's state."""
@@ -113,7 +113,7 @@ class DrivenRobot:
     def add(self, sighting: Sighting) -> None:
         """Takes a spot of any camera."""
         if not self.lost & {"spots", "network"}:
-            self.driver.add(sighting)
+            self.arbiter.add(sighting)
 
     def scan(self, now: float) -> None:
         """Looks round."""
@@ -123,7 +123,7 @@ class DrivenRobot:
         hit = np.isfinite(ranges)
         self._obstacles = ranges[hit, None] * np.column_stack([np.cos(angles[hit]), np.sin(angles[hit])])
         model = self._lab.scan_model
-        self.driver.gate.set_scan(
+        self.arbiter.gate.set_scan(
             Scan(
                 ranges,
                 angles[0],
@@ -140,7 +140,7 @@ class DrivenRobot:
     @property
     def driving(self) -> bool:
         """Whether it is on its way to a goal."""
-        return self._goal_status is GoalStatus.ACTIVE
+        return self._goal_status is SentGoalState.ACTIVE
 
     def status(self, now: float) -> RobotStatus:
         """Returns how the dispatcher sees it."""
@@ -150,13 +150,13 @@ class DrivenRobot:
     def send(self, pose: Pose) -> None:
         """Begins a new goal."""
         self._navigator.begin(pose)
-        self._goal, self._goal_status = pose, GoalStatus.ACTIVE
+        self._goal, self._goal_status = pose, SentGoalState.ACTIVE
         self.goals += 1
 
     def cancel(self) -> None:
         """Cancels the goal."""
         if self.driving:
-            self._end(GoalStatus.NONE)
+            self._end(SentGoalState.NONE)
 
     def navigate(self, now: float, dt: float) -> None:
         """Performs one step of the controller."""
@@ -165,17 +165,17 @@ class DrivenRobot:
         try:
             drive = self._navigator.step(now, self._body.estimate(), self._obstacles, dt)
         except CodedError:
-            self._end(GoalStatus.FAILED)
+            self._end(SentGoalState.FAILED)
             return
         if drive.arrived:
-            self._end(GoalStatus.REACHED)
+            self._end(SentGoalState.REACHED)
             return
-        self.driver.request(NAVIGATION, drive.speed, drive.turn_rate, now)
+        self.arbiter.request(NAVIGATION, drive.speed, drive.turn_rate, now)
 
-    def _end(self, status: GoalStatus) -> None:
+    def _end(self, status: SentGoalState) -> None:
         self._goal_status = status
         self._navigator.halt()
-        self.driver.request(NAVIGATION, 0.0, 0.0, self._lab.now)
+        self.arbiter.request(NAVIGATION, 0.0, 0.0, self._lab.now)
 
     # ------------------------------------------------------------- who drives
     def drive(self, now: float) -> None:
@@ -185,11 +185,11 @@ class DrivenRobot:
         state, interaction_id, entered = self._state
         if not self.lost & {"state", "network"} and not 0.0 <= now - self._said_at < STATE_PERIOD - 1e-9:
             self._said_at = now
-            self.driver.set_state(state, interaction_id, entered, now)
+            self.arbiter.set_state(state, interaction_id, entered, now)
         if "pose" not in self.lost:
-            self.driver.gate.set_pose(self._body.estimate(), now)
-        self.driver.goal_active = self.driving
-        self.command = command = self.driver.step(now)
+            self.arbiter.gate.set_pose(self._body.estimate(), now)
+        self.arbiter.goal_active = self.driving
+        self.command = command = self.arbiter.step(now)
         if command.cancel:
             self.cancel()
         if command.publish:

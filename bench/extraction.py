@@ -72,10 +72,10 @@ PEOPLE = {
     "0.5-1.0 m/s": people.Seen(speed=(0.5, 1.0)),
     "1 camera at 30 frames/s": people.Seen(cameras=1, rate=30.0),
     "4 cameras at 10 frames/s, 4 cm off": people.Seen(cameras=4, rate=10.0, bias=0.04),
-    "two fifths seen by a robot only": people.Seen(robot=people.Localisation()),
-    "two fifths seen by a robot only, off by 5 cm, 3 deg": people.Seen(robot=people.Localisation(0.05, 0.05)),
+    "two fifths seen by a robot only": people.Seen(robot=people.Localization()),
+    "two fifths seen by a robot only, off by 5 cm, 3 deg": people.Seen(robot=people.Localization(0.05, 0.05)),
     "two fifths seen by a robot only, off by 5 cm, 3 deg, every 3 s": people.Seen(
-        robot=people.Localisation(0.05, 0.05, 3.0)
+        robot=people.Localization(0.05, 0.05, 3.0)
     ),
 }
 Extract = Callable[[Stroke], object]
@@ -337,7 +337,7 @@ def figures(folder: Path) -> None:
             ),
         ),
         (
-            "3_stations",
+            "3_samples",
             "stage 2: where it was",
             lambda a: (
                 a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),

@@ -80,7 +80,7 @@ def play(cameras: List[str], path: Path) -> None:
     poses = tf2_ros.StaticTransformBroadcaster()
     poses.sendTransform(
         [
-            messages.transform_message(views[view].pose, names.MAP_FRAME, f"{name}_optical_frame", now)
+            messages.message_from_transform(views[view].pose, names.MAP_FRAME, f"{name}_optical_frame", now)
             for name, view in zip(cameras, which)
         ]
     )
@@ -102,7 +102,7 @@ def play(cameras: List[str], path: Path) -> None:
         frame = 0 if turn / RATE < LEARN_S else order[turn % len(order)]
         stamp, frame_id = rospy.Time.now(), f"{cameras[camera]}_optical_frame"
         encoding = room.cameras[which[camera]].encoding
-        sent[camera].publish(images.image_message(pictures[which[camera], frame], encoding, stamp, frame_id))
+        sent[camera].publish(images.message_from_image(pictures[which[camera], frame], encoding, stamp, frame_id))
         infos[camera].publish(conversions.info_from_camera(views[which[camera]].model, stamp, frame_id))
 
 
@@ -170,7 +170,7 @@ def lab_of(cameras: List[str], hosts: int, images: Path, folder: Path) -> Iterat
         while not rosgraph.is_master_online():
             time.sleep(0.1)
         rospy.set_param("/go", False)
-        rospy.set_param("/border_fusion/journal", str(folder / "fusion.jsonl"))
+        rospy.set_param("/border_fusion/spot_log_file", str(folder / "fusion.jsonl"))
         start(0, "rosrun", "vb_fusion", "border_fusion")
         for host in range(hosts):
             own = cameras[host::hosts]

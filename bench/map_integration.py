@@ -58,7 +58,7 @@ def median(times: List[float]) -> float:
     return round(float(np.median(times[1:] or times)), 3)
 
 
-def serialise(grid: GridMap) -> None:
+def serialize(grid: GridMap) -> None:
     """Does what publishing does up to the socket."""
     messages.message_from_grid(grid, rospy.Time(0)).serialize(io.BytesIO())
 
@@ -79,7 +79,7 @@ def integration_times(grid: GridMap, random: np.random.Generator) -> Dict[str, f
 
 def keeper_times(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
     """Commits as the node makes them: check, files, composition; by the number of borders that are there already."""
-    result: Dict[str, Any] = {"serialise_ms": median([timed(lambda: serialise(grid)) for _ in range(4)]), "borders": []}
+    result: Dict[str, Any] = {"serialise_ms": median([timed(lambda: serialize(grid)) for _ in range(4)]), "borders": []}
     small = [polygon(grid, random, 0.1) for _ in range(max(COUNTS) + REPEATS)]
     with tempfile.TemporaryDirectory() as folder:
         keeper = MapIntegrator(IntegratorParams(), Path(folder))
@@ -136,7 +136,7 @@ def many_times(count: int = 10_000) -> Dict[str, Any]:
             grid = house(320 + floor, 200)
             place = database.add_map(grid, fingerprint(grid))
             borders = [polygon(grid, random, 0.1).replace(id=f"b{floor * count + k + 1}") for k in range(count // 20)]
-            database.take_over(place, borders, f"floor {floor}")
+            database.import_legacy(place, borders, f"floor {floor}")
         database.close()
         started = time.perf_counter()
         keeper = MapIntegrator(IntegratorParams(check_reachability=False), Path(folder))
@@ -168,7 +168,7 @@ def node_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         script = TOP / "src" / "vb_map_integration" / "scripts" / "map_integrator"
         node = spawn(
-            [sys.executable, str(script), f"_store_dir:={folder}", f"__name:=integrator_{grid.shape[1]}"],
+            [sys.executable, str(script), f"_database_dir:={folder}", f"__name:=integrator_{grid.shape[1]}"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )

@@ -27,13 +27,13 @@ def polygon(grid: GridMap, random: np.random.Generator, share: float) -> Virtual
     """Makes a polygon with 100 points; its diameter is a share of the map's shorter side."""
     height, width = grid.shape
     radius = 0.5 * share * min(height, width)
-    centre = random.uniform((radius, radius), (width - radius, height - radius))
+    center = random.uniform((radius, radius), (width - radius, height - radius))
     angles = np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False)
     radii = radius * (0.9 + 0.1 * np.cos(7 * angles))
-    points = centre + radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    seed = centre
+    points = center + radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    seed = center
     while grid.data[int(round(seed[1])), int(round(seed[0]))] != 0:
-        seed = centre + random.uniform(-0.5, 0.5, 2) * radius
+        seed = center + random.uniform(-0.5, 0.5, 2) * radius
     return VirtualBorder(grid.grid_to_world(points), grid.grid_to_world(seed)[0], closed=True)
 
 

@@ -44,7 +44,7 @@ BROWSERS, SECONDS, SPOTS_HZ = 20, 30.0, 75  # three cameras of 25 images a secon
 LAUNCH = """<launch>
   {map}
   <node pkg="vb_map_integration" type="map_integrator" name="map_integrator" output="log">
-    <param name="store_dir" value="{state}/borders"/><param name="map_dir" value="{state}/maps"/></node>
+    <param name="database_dir" value="{state}/borders"/><param name="map_dir" value="{state}/maps"/></node>
   <node pkg="vb_voice_wizard" type="interaction_manager" name="interaction_manager" output="log">
     <param name="log_file" value="{state}/i.jsonl"/><param name="state_file" value="{state}/s.json"/></node>
   <node pkg="vb_web" type="page" name="page" output="log">
@@ -462,7 +462,7 @@ def pictures(folder):
                     take("dark")
                     page.resize(size)
                     send(make_request("define_border", "bench", 10.0))
-                    page.wait_text("body", sentences.translate("no_spot_seen", {}, language))
+                    page.wait_text("body", sentences.translate("spot_not_seen_check_laser", {}, language))
                     take("unseen")
                     send(make_request("save", "voice", 10.0))
                     page.wait_text("#laser", sentences.translate("missing_spots", {}, language))
@@ -478,7 +478,7 @@ def pictures(folder):
 
 
 def has_floor(port):
-    """Tells whether the page has a picture of the floor: the cameras run."""
+    """Returns whether the page has a picture of the floor: the cameras run."""
     with contextlib.suppress(OSError):
         return urllib.request.urlopen(f"http://127.0.0.1:{port}/floor.webp", timeout=30).status == 200
 

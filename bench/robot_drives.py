@@ -427,10 +427,10 @@ def table(every) -> str:
             + ", ".join(f"{sum(run['outcome'] == outcome for run in noses)} {outcome}" for outcome in WANTED["nose"])
             + ".",
         ]
-    return "\n".join(lines + localisation(runs) + comparison(every)) + "\n"
+    return "\n".join(lines + localization(runs) + comparison(every)) + "\n"
 
 
-def localisation(runs):
+def localization(runs):
     """Lines: how far off AMCL was, how far its particles were spread, and how often what robots keep off was enough."""
     runs = [run for run in runs if run.get("errors")]
     if not runs:
@@ -440,7 +440,7 @@ def localisation(runs):
         uncertainty = PoseUncertainty()
         for error, spread in run["errors"]:
             uncertainty.add(np.eye(2) * (0.5 * spread) ** 2)
-            enough.append(error <= uncertainty.metres)
+            enough.append(error <= uncertainty.meters)
     errors, spreads = np.vstack([run["errors"] for run in runs]).T
     share = proportion(sum(enough), len(enough))
     return [

@@ -122,7 +122,7 @@ def run(world, grid, posterior, profile, guided, fault, seed):
             # time stands still for the driver, and it knows only for how long
             run.frozen = True
             if run.drive.due(run.now):
-                run.robot.driver.gate.clock_age = run.now - at
+                run.robot.arbiter.gate.clock_age = run.now - at
                 run.robot.drive(at)
                 run.body.command(run.robot.command.v, run.robot.command.w, run.now)
         run.step()
@@ -131,7 +131,7 @@ def run(world, grid, posterior, profile, guided, fault, seed):
             stopped = run.now - at
         depth = max(depth, profile.radius - float(np.linalg.norm(cells - run.body.pose[:2], axis=1).min()))
     run.robot.lost.clear()
-    run.robot.driver.gate.clock_age = 0.0
+    run.robot.arbiter.gate.clock_age = 0.0
     run.frozen = False
     end = run.now + 4.0
     going = 0.0

@@ -9,7 +9,7 @@
 In one process the same nodes run without a ROS master, in simulated time as fast as the processor goes
 (vb_evaluation.virtual_ros). Once the border is saved navigation is sent to places on either side
 of it and in it: it must go round or refuse. Over ROS the whole system is started with roslaunch under a master of its
-own, and goes on for some seconds in which a robot that the border swallowed leaves it. Either way the judge sees the
+own, and goes on for some seconds in which a robot that the border enclosed leaves it. Either way the judge sees the
 lab's ground truth 50 times a second, none of what the robot believes.
 Leaves out/bench/robot_runs.json (robot_runs_ros.json), one entry per run; bad runs stay in it; with --table also
 docs/results/robots_runs.md. Exits non-zero if a run broke a rule.
@@ -38,7 +38,7 @@ from result_table import revision
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message, pose_from_2d
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_pose2d
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port, roslaunch
 from vb_evaluation.study import config
@@ -140,7 +140,7 @@ class Judge:
         figures["least_clearance_m"] = min(figures["least_clearance_m"], clearance)
         if self._border_gap is not None:
             gap = min(float(self._border_gap[row, column]) - self._radius, 0.0)
-            # one that has left may not come back, one that was swallowed may not go deeper
+            # one that has left may not come back, one that was enclosed may not go deeper
             self._allowed_gap = gap if np.isinf(self._allowed_gap) else max(self._allowed_gap, gap)
             self._most("border_entered_m", self._allowed_gap - gap)
         if self._before is not None and now > self._before[0]:
@@ -191,7 +191,7 @@ def run_here(study, scenario: str, method: str, seed: int) -> dict:
         for place in [proof.start[:2], proof.goal[:2], run.scenario.seed]:
             goal = MoveBaseGoal()
             goal.target_pose.header.frame_id = names.MAP_FRAME
-            goal.target_pose.pose = pose_from_2d(float(place[0]), float(place[1]), 0.0)
+            goal.target_pose.pose = message_from_pose2d(float(place[0]), float(place[1]), 0.0)
             client.send_goal_and_wait(goal, rospy.Duration(GOAL_S), rospy.Duration(2.0))
             goals_after.append(GoalStatus.to_string(client.get_state()))
 
@@ -288,7 +288,7 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
         file = TOP / "launch" / "parts" / "participant.launch"
         person = roslaunch([file], log / "participant.txt", port, environment, **task, scenario=scenario)
         wait_until(lambda: judge.outcome or not launched.running, RUN_S)
-        until = rospy.get_time() + AFTER_S  # a robot that the border swallowed leaves it now
+        until = rospy.get_time() + AFTER_S  # a robot that the border enclosed leaves it now
         wait_until(lambda: rospy.get_time() >= until, 30.0)
         for subscriber in subscribers:
             subscriber.unregister()
@@ -331,7 +331,7 @@ def in_child(world: Path, scenario: str, method: str, seed: int, folder: Path, r
 
 
 # ----------------------------------------------------------------- all of them
-def summarise(runs: list) -> str:
+def summarize(runs: list) -> str:
     """Makes a table with one line per scenario and method."""
     lines = [
         f"{'scenario':9} {'method':10} {'runs':>4} {'saved':>5} {'collisions':>10} {'entries':>7} {'too fast':>8} "
@@ -368,7 +368,7 @@ def page(runs: list) -> str:
         f"revision {revision()}. *Hold*: the longest time that a person waited for the robot while drawing.",
         "",
         "```",
-        summarise(runs),
+        summarize(runs),
         "```",
         "",
         "Longest hold of each run, in order of its seed [s]:",
@@ -419,7 +419,7 @@ def main() -> int:
     if not runs:
         print("no runs")
         return 1
-    print(summarise(runs))
+    print(summarize(runs))
     if arguments.table:
         (TOP / "docs" / "results" / "robots_runs.md").write_text(page(runs))
     return int(any(run["breaches"] for run in runs))

@@ -63,9 +63,9 @@ def with_door(a: np.ndarray, b: np.ndarray, at: float, width: float, thickness: 
     return parts
 
 
-def _box(centre: np.ndarray, size: np.ndarray, yaw: float) -> np.ndarray:
+def _box(center: np.ndarray, size: np.ndarray, yaw: float) -> np.ndarray:
     corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * size
-    return Transform(float(centre[0]), float(centre[1]), yaw).apply(corners)
+    return Transform(float(center[0]), float(center[1]), yaw).apply(corners)
 
 
 def split_home(random: np.random.Generator, size: Tuple[float, float] = (0.0, 0.0)) -> Home:
@@ -130,17 +130,17 @@ def furnished(home: Home, random: np.random.Generator, kept: float = 0.0) -> Hom
         if (high - low).min() < 0.8:
             continue
         for _ in range(random.integers(1, 4) if not things else random.integers(0, 2)):
-            kind, centre = random.random(), random.uniform(low, high)
+            kind, center = random.random(), random.uniform(low, high)
             if kind < 0.25:
                 angles = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
-                things.append(centre + random.uniform(0.3, 0.6) * np.column_stack([np.cos(angles), np.sin(angles)]))
+                things.append(center + random.uniform(0.3, 0.6) * np.column_stack([np.cos(angles), np.sin(angles)]))
             elif kind < 0.5:  # four legs
                 spread = random.uniform(0.4, 1.2, 2)
-                corners = _box(centre, spread, random.uniform(0, 3))
+                corners = _box(center, spread, random.uniform(0, 3))
                 things += [_box(corner, np.array([0.06, 0.06]), 0.0) for corner in corners]
             else:
                 yaw = 0.0 if random.random() < 0.7 else random.uniform(0.0, math.pi)
-                things.append(_box(centre, random.uniform((0.5, 0.35), (2.0, 1.0)), yaw))
+                things.append(_box(center, random.uniform((0.5, 0.35), (2.0, 1.0)), yaw))
     return replace(home, furniture=things)
 
 

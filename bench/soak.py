@@ -49,7 +49,7 @@ from tf2_msgs.msg import TFMessage
 
 from vb_core import geometry, names
 from vb_core.grid_map import GridMap
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid, transform_message
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
 from vb_evaluation.processes import spawn
 from vb_msgs.msg import (
     BorderProgress,
@@ -67,7 +67,7 @@ SPEED = 0.4  # [m/s] of the pointer, within what people do (0.2 to 0.7)
 RATE = 12.5  # [1/s] spots of each camera
 RESOLUTION = 0.05
 CAMERAS = ("red", "green")
-PATIENCE = 40.0  # [s] of wall time for an answer on a busy machine; a killed node needs some seconds to come back
+TIMEOUT = 40.0  # [s] of wall time for an answer on a busy machine; a killed node needs some seconds to come back
 NOTICED_S = 5.0  # [s] of simulated time within which a fault must be told
 DISK_MIB = 48  # of the state folder, as root
 HERE, THERE = "10.254.79.1", "10.254.79.2"  # the two computers' addresses; they exist within the namespaces only
@@ -117,7 +117,7 @@ class Soak:
         self.folder, self.port = folder, port
         self.apart = apart
         self.remote: Optional[subprocess.Popen] = None
-        self.localised = True
+        self.localized = True
         self.lost_pose = {camera: 0 for camera in CAMERAS}
         self.hours = hours
         self.maps = rooms(seed)
@@ -278,8 +278,8 @@ class Soak:
             )
             status.header.stamp = stamp
             self.statuses.publish(status)
-        if self.localised:
-            self.tf.publish(TFMessage([transform_message(np.eye(4), "map", "base_link", stamp)]))
+        if self.localized:
+            self.tf.publish(TFMessage([message_from_transform(np.eye(4), "map", "base_link", stamp)]))
 
     def idle(self, seconds: float) -> None:
         """Lets some time pass without any action."""
@@ -288,7 +288,7 @@ class Soak:
             self.tick(1.0)
             time.sleep(0.004)
 
-    def wait(self, condition: Callable[[], Any], what: str, ticking: bool = False, limit: float = PATIENCE) -> Any:
+    def wait(self, condition: Callable[[], Any], what: str, ticking: bool = False, limit: float = TIMEOUT) -> Any:
         """Waits, in wall time, for something that a node is to do."""
         deadline = time.monotonic() + limit
         while time.monotonic() < deadline:
@@ -333,7 +333,7 @@ class Soak:
 
     def call(self, service: str, kind: Any, **fields: Any) -> Any:
         """Calls a service; while its node comes back from the dead, again."""
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + TIMEOUT
         while True:
             try:
                 return rospy.ServiceProxy(service, kind)(**fields)
@@ -369,11 +369,11 @@ class Soak:
 
     def shape(self) -> Any:
         """Returns the corners of a rectangle somewhere on the floor, (4, 2) [m]."""
-        centre = self.rng.uniform([1.2, 1.0], [6.8, 4.0])
+        center = self.rng.uniform([1.2, 1.0], [6.8, 4.0])
         half = self.rng.uniform(0.35, 0.8, 2)
         angle = self.rng.uniform(0, np.pi)
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        return centre + (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ turn.T
+        return center + (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ turn.T
 
     def interaction(self, meanwhile: Optional[Callable[[], None]] = None) -> None:
         """Draws an area as a person; now and then somebody kills a node meanwhile, or the person gives up.
@@ -536,7 +536,7 @@ class Soak:
     def lose_poses(self) -> None:
         """Transforms stop: the robot's, and one camera's. The next interaction must not wait for them."""
         camera = next(name for name in CAMERAS if name != REMOTE or not self.apart)
-        self.localised = False
+        self.localized = False
         self.kill("map_integrator")  # which now knows no place of the robot
         began = self.now
         while ("camera_no_pose", camera) not in self.notices.get("/lab_monitor", ()):
@@ -548,7 +548,7 @@ class Soak:
         self.notice_delays.append(self.now - began)
         self._taken_back(camera, "camera_no_pose")
         self.interaction()
-        self.localised = True
+        self.localized = True
         self.counts["transforms lost"] += 1
 
     def cut_network(self) -> None:
@@ -668,10 +668,10 @@ class Soak:
     def _oracle(self, polygons: List[Any]) -> Any:
         """(rows, columns) cells that are surely inside some polygon, and surely outside all; the edge may go either way."""
         rows, columns = np.mgrid[:100, :160]
-        centres = shapely.points((columns.ravel() + 0.5) * RESOLUTION, (rows.ravel() + 0.5) * RESOLUTION)
+        centers = shapely.points((columns.ravel() + 0.5) * RESOLUTION, (rows.ravel() + 0.5) * RESOLUTION)
         area = unary_union([Polygon(points).buffer(0) for points in polygons])
-        inside = shapely.contains(area.buffer(-1.5 * RESOLUTION), centres).reshape(100, 160)
-        outside = ~shapely.intersects(area.buffer(1.5 * RESOLUTION), centres).reshape(100, 160)
+        inside = shapely.contains(area.buffer(-1.5 * RESOLUTION), centers).reshape(100, 160)
+        outside = ~shapely.intersects(area.buffer(1.5 * RESOLUTION), centers).reshape(100, 160)
         return inside, outside
 
     def _map_agrees(self, inside: Any, outside: Any) -> bool:
@@ -751,7 +751,7 @@ class Soak:
     def recover(self) -> None:
         """Starts from what the stack has now, after a broken invariant, so that one fault counts once."""
         (self.folder / "state" / "filler").unlink(missing_ok=True)
-        self.localised = True
+        self.localized = True
         for camera in CAMERAS:
             self.plug(camera, True)
         self.command("cancel")
@@ -849,7 +849,7 @@ def camera_host() -> int:
 
 
 def live_apart() -> bool:
-    """Tells whether this process has namespaces of its own; as root it starts itself again within such."""
+    """Returns whether this process has namespaces of its own; as root it starts itself again within such."""
     if os.environ.get("SOAK_APART") == "1":
         return True
     if os.getuid() != 0 or any(shutil.which(tool) is None for tool in ("unshare", "ip", "mount", "nsenter")):

@@ -49,7 +49,7 @@ COUNTED = ("frames", "labels", "found", "shots", "shots_found", "false", "false_
 ROLES = ("stationary", "mobile", "window")
 # frames with pulses that nobody labelled, looked at one by one: what is found there counts as false, and is told apart
 # too
-UNLABELLED = {
+UNLABELED = {
     # 115 and 116 fall on a wall that is white already, and light a disc beside it
     "logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 115, 116, 126, 127, 222, 223)
 }
@@ -149,8 +149,8 @@ def frames_of(clip: Path, video: dict, role: str, variant: str) -> Iterator[Tupl
 class Count:
     """What a detector makes of one clip."""
 
-    def __init__(self, detector: Any, reach: float, unlabelled: Sequence[int]) -> None:
-        self._detector, self._reach, self._unlabelled = detector, reach, unlabelled
+    def __init__(self, detector: Any, reach: float, unlabeled: Sequence[int]) -> None:
+        self._detector, self._reach, self._unlabeled = detector, reach, unlabeled
         self.sums = dict.fromkeys(("frames", "labels", "found", "false", "false_off_fringe", "false_on_unlabelled"), 0)
         self._shots, self._hit, self._took = set(), set(), 0.0
         self.errors: List[float] = []
@@ -175,7 +175,7 @@ class Count:
                 fringe = bool(distances) and min(distances) < self._reach
                 self.sums["false"] += 1
                 self.sums["false_off_fringe"] += not fringe
-                self.sums["false_on_unlabelled"] += index in self._unlabelled
+                self.sums["false_on_unlabelled"] += index in self._unlabeled
                 self.places.append((index, round(spot.u, 1), round(spot.v, 1), fringe))
         self.sums["found"] += len(matched)
         self.sums["labels"] += len(here)
@@ -199,7 +199,7 @@ class Count:
 def measure(folder: Path, name: str, video: dict, role: str, variant: str, detectors: Dict[str, Any]) -> Dict[str, Any]:
     """Measures what detectors make of one clip."""
     reach = REACH_PX * VARIANTS[variant][1] * max(1.0, video["width"] / 640.0)
-    counts = {version: Count(detector, reach, UNLABELLED.get(name, ())) for version, detector in detectors.items()}
+    counts = {version: Count(detector, reach, UNLABELED.get(name, ())) for version, detector in detectors.items()}
     for number, frame in enumerate(frames_of(folder / "clips" / name, video, role, variant)):
         for count in counts.values():
             count.look(*frame, number * VARIANTS[variant][2])

@@ -31,7 +31,7 @@ from scenes import RED, Scene  # noqa: E402
 from spot_versions import append_rows  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
 
-PERIOD_S = 0.04
+PERIOD = 0.04
 SCENE_FIGURES = (
     "recall",
     "false_spots_per_hour",
@@ -55,8 +55,8 @@ class AuthorsDesign:
 
     def detect(self, image: np.ndarray) -> List[Tuple[float, float]]:
         """Returns (u, v) [px] of the spots."""
-        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        bright = cv2.adaptiveThreshold(grey, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY, 11, -20)
+        gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        bright = cv2.adaptiveThreshold(gray, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY, 11, -20)
         moved = self._foreground.apply(image)
         contours, _ = cv2.findContours(cv2.bitwise_and(bright, moved), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         spots = []
@@ -73,8 +73,8 @@ def measure_time(frames: int) -> Dict[str, Any]:
     # 25 pictures are played to and fro: a spot at 1 m/s and 2 mm per pixel
     places = [(500 + 20.0 * i, 400 + 8.0 * i) for i in range(25)]
     order = list(range(25)) + list(range(24, -1, -1))
-    color = [scene.render([place], smear=(10.0, 4.0), colour=RED) for place in places]
-    bayer = [scene.render([place], smear=(10.0, 4.0), colour=RED, bayer=True) for place in places]
+    color = [scene.render([place], smear=(10.0, 4.0), color=RED) for place in places]
+    bayer = [scene.render([place], smear=(10.0, 4.0), color=RED, bayer=True) for place in places]
     authors = AuthorsDesign()
     ours = {"bgr8": SpotDetector(DetectorParams.stationary()), "bayer_rggb8": SpotDetector(DetectorParams.stationary())}
     for encoding, detector in ours.items():
@@ -84,7 +84,7 @@ def measure_time(frames: int) -> Dict[str, Any]:
         picture = order[i % len(order)]
         for name, images in (("bgr8", color), ("bayer_rggb8", bayer)):
             began = time.thread_time()
-            ours[name].detect(images[picture], PERIOD_S * i)
+            ours[name].detect(images[picture], PERIOD * i)
             times[name].append(time.thread_time() - began)
         began = time.thread_time()
         authors.detect(color[picture])

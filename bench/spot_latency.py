@@ -35,7 +35,7 @@ from spot_scenes import Rooms, draw_round_carpet, lab  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 from vb_core import names  # noqa: E402
 from vb_core.ros.cameras import info_from_camera  # noqa: E402
-from vb_core.ros.images import image_message  # noqa: E402
+from vb_core.ros.images import message_from_image  # noqa: E402
 from vb_core.ros import messages  # noqa: E402
 from vb_evaluation.observer import wait_until  # noqa: E402
 from vb_evaluation.processes import Child, free_port, roslaunch  # noqa: E402
@@ -59,7 +59,10 @@ def play(seconds: float, rate: float) -> None:
     frame = lambda camera: f"{camera.name}_optical_frame"  # noqa: E731
     now = rospy.Time.now()
     poses.sendTransform(
-        [messages.transform_message(view.pose, names.MAP_FRAME, frame(camera), now) for camera, view, *_ in cameras]
+        [
+            messages.message_from_transform(view.pose, names.MAP_FRAME, frame(camera), now)
+            for camera, view, *_ in cameras
+        ]
     )
     images = [rospy.Publisher(f"/{camera.name}/image_raw", Image, queue_size=1) for camera, *_ in cameras]
     infos = [rospy.Publisher(f"/{camera.name}/camera_info", CameraInfo, queue_size=1) for camera, *_ in cameras]
@@ -74,7 +77,7 @@ def play(seconds: float, rate: float) -> None:
             rospy.rostime.wallsleep(due - time.monotonic())
         picture = empty if turn / rate < LEARN_S else drawn[turn % len(drawn)]
         stamp = rospy.Time.now()
-        images[which].publish(image_message(picture, camera.encoding, stamp, frame(camera)))
+        images[which].publish(message_from_image(picture, camera.encoding, stamp, frame(camera)))
         infos[which].publish(info_from_camera(view.model, stamp, frame(camera)))
         number += 1
     rospy.set_param("/player/sent", number // len(cameras))

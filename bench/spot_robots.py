@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What it costs and what it saves that nothing on a robot is a spot (vb_laser_detect/detection/bodies.py).
+"""What it costs and what it saves that nothing on a robot is a spot (vb_laser_detect/detection/robot_cylinders.py).
 
     bench/spot_robots.py [--places 1500] [--rounds 8] [--csv docs/results/detection_robots.csv]
 
@@ -36,7 +36,7 @@ for package in ("vb_core", "vb_laser_detect", "vb_sim"):
 from spot_versions import append_rows  # noqa: E402
 from vb_core.robot_profile import RobotProfile  # noqa: E402
 from vb_evaluation.statistics import proportion  # noqa: E402
-from vb_laser_detect.detection.bodies import Body  # noqa: E402
+from vb_laser_detect.detection.robot_cylinders import RobotCylinder  # noqa: E402
 from vb_laser_detect.detection.image_geometry import ImageGeometry, search  # noqa: E402
 from vb_laser_detect.detection.projection import FloorProjection  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
@@ -107,7 +107,9 @@ def geometry_rows(places: int) -> List[Dict[str, Any]]:
         offs = {error: around(random, error) for error in ERRORS}
 
         def refused(error: float, margin: float, camera: np.ndarray, spot: np.ndarray) -> bool:
-            return Body(*(place + offs[error]), PROFILE.radius + margin, PROFILE.shape.height).hides(camera, spot)
+            return RobotCylinder(*(place + offs[error]), PROFILE.radius + margin, PROFILE.shape.height).occludes(
+                camera, spot
+            )
 
         for ring in RINGS:
             spot = place + around(random, PROFILE.radius + random.uniform(*ring))
@@ -150,8 +152,8 @@ def time_ratio(rounds: int) -> Tuple[float, float]:
         laser = (x + 0.3 * math.cos(0.05 * step), y + 0.3) if step >= 25 else None
         image = view.frame(Snapshot(0.04 * step, {"robot": robot}, laser))
         for hides in ((False, True), (True, False))[step % 2]:
-            body = Body(*robot[:2], PROFILE.radius + MARGINS[0], PROFILE.shape.height)
-            frame = ImageGeometry(view.model, lambda: view.pose, projector, bodies=lambda: [body] if hides else [])
+            body = RobotCylinder(*robot[:2], PROFILE.radius + MARGINS[0], PROFILE.shape.height)
+            frame = ImageGeometry(view.model, lambda: view.pose, projector, cylinders=lambda: [body] if hides else [])
             began = time.thread_time()
             search(detectors[hides], image, 0.04 * step, frame, view.encoding)
             times[hides].append(1e3 * (time.thread_time() - began))

@@ -33,7 +33,7 @@ from vb_sim.room.floor_texture import FloorTexture, render_floor  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
 from vb_sim.room.mesh import world_mesh  # noqa: E402
 from vb_sim.room.camera_models import CameraModels, make_generator  # noqa: E402
-from vb_sim.robot.motion_models import LocalisationModel  # noqa: E402
+from vb_sim.robot.motion_models import LocalizationModel  # noqa: E402
 from vb_sim.room.raycast import DistanceField  # noqa: E402
 from vb_sim.cameras.robot_view import RobotView  # noqa: E402
 from vb_sim.room.world import FloorPatch, Light, World, load_world  # noqa: E402
@@ -247,13 +247,13 @@ def _pose_errors(scene: Scene, models: CameraModels, seed: int) -> Callable[[np.
         camera = scene.worlds[0].camera(scene.camera)
         wrong = [calibrated_pose(camera, models.optics, 100 + k) for k in range(DRAWS)]
         return lambda pose: iter(wrong)
-    model = LocalisationModel()
+    model = LocalizationModel()
     offsets = [
         (geometry.rotation_from_rpy(0, 0, random.normal(0, model.yaw_sigma)), random.normal(0, model.position_sigma, 2))
         for _ in range(DRAWS)
     ]
 
-    def localised(pose: np.ndarray) -> Iterator[np.ndarray]:
+    def localized(pose: np.ndarray) -> Iterator[np.ndarray]:
         for rotation, shift in offsets:
             moved = pose.copy()
             # the robot turns about itself, its camera sits 0.1 m before that
@@ -261,7 +261,7 @@ def _pose_errors(scene: Scene, models: CameraModels, seed: int) -> Callable[[np.
             moved[:2, 3] += shift
             yield moved
 
-    return localised
+    return localized
 
 
 def course(scene: Scene, quiet_s: float = QUIET_S, draw_s: float = 0.0) -> Iterator[Tuple[float, int, Snapshot]]:
@@ -494,7 +494,7 @@ def training_scenes(room: World) -> List[Scene]:
 
     The dots of `ceiling_scenes` thus remain a test of whether paint is told from light.
     """
-    colours = ((40, 60, 220), (240, 220, 40), (240, 120, 200), (250, 130, 30), (30, 200, 210))
+    colors = ((40, 60, 220), (240, 220, 40), (240, 120, 200), (250, 130, 30), (30, 200, 210))
     scenes = []
     for name, floor, size in (
         ("grey", room.floor, 0.012),
@@ -506,7 +506,7 @@ def training_scenes(room: World) -> List[Scene]:
             (False, ((3.3, 2.3), (4.4, 2.5), (5.2, 1.6), (3.9, 1.4), (4.8, 1.1))),
             (True, ((5.9, 1.2), (5.6, 0.8), (5.3, 1.1), (5.7, 1.0), (5.5, 1.3))),
         ):
-            printed = replace(bare, patches=dots(places, colours, size))
+            printed = replace(bare, patches=dots(places, colors, size))
             # twice within the time that is learnt from; a robot stands still, so that they are new to it
             scenes.append(
                 Scene(

@@ -47,7 +47,7 @@ class Row(NamedTuple):
     """
 
     name: str
-    colour: Tuple[float, float, float] = GREEN
+    color: Tuple[float, float, float] = GREEN
     bayer: bool = False
     width: int = 640
     height: int = 480
@@ -80,8 +80,8 @@ def rows() -> Iterator[Row]:
     """Lists all rows of the table."""
     for bayer in (False, True):
         kind = "Bayer" if bayer else "bgr8"
-        for name, colour in (("green", GREEN), ("red", RED)):
-            yield Row(f"{kind}, {name} laser", colour, bayer)
+        for name, color in (("green", GREEN), ("red", RED)):
+            yield Row(f"{kind}, {name} laser", color, bayer)
         for white in (240, 224, 212, 200):
             yield Row(f"{kind}, white level {white}", bayer=bayer, white=white)
         for rate in (2, 5, 10, 60):
@@ -129,7 +129,7 @@ def pictures(row: Row, moving: bool) -> Iterator[Tuple[float, np.ndarray, Option
             angle = 0.8 * t
             spot = (row.width * (0.5 + 0.33 * math.cos(angle)), row.height * (0.5 + 0.33 * math.sin(angle)))
         image = scene.render(
-            [spot] if spot else [], sigma=max(1.3, 2.0 * size), colour=row.colour, floor=floor, bayer=row.bayer
+            [spot] if spot else [], sigma=max(1.3, 2.0 * size), color=row.color, floor=floor, bayer=row.bayer
         )
         image = cv2.convertScaleAbs(image, alpha=row.white / 255.0)
         if row.jpeg:

@@ -4,7 +4,7 @@
     bench/spot_time.py [--other SRC] [--rounds 6] [--cases WORD ...]
 
 Two processes search the same rendered images in turn, ten at a time, each on one thread; times are the thread's own, so
-that what else runs disturbs both alike. Tells the median per image [ms], and the median of the ratios of paired rounds.
+that what else runs disturbs both alike. Prints the median per image [ms], and the median of the ratios of paired rounds.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def pictures(case: str) -> list:
         shift = 3 * i if "turning" in case else 0
         floor = np.ascontiguousarray(whole[shift : shift + height, 4 * shift : 4 * shift + width])
         spots = [(0.3 * width + 20.0 * i, 0.4 * height + 6.0 * i)] if i >= 2 else []
-        images.append(scene.render(spots, colour=RED, floor=floor, bayer=bayer, smear=(8.0, 3.0)))
+        images.append(scene.render(spots, color=RED, floor=floor, bayer=bayer, smear=(8.0, 3.0)))
     return images
 
 

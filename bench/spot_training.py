@@ -44,7 +44,7 @@ from vb_laser_detect.detection import classifier  # noqa: E402
 from vb_laser_detect.detector import DetectorParams  # noqa: E402
 from vb_laser_detect.detection.training import (  # noqa: E402
     Examples,
-    LabelledFrame,
+    LabeledFrame,
     collect,
     fit,
     load_examples,
@@ -61,9 +61,9 @@ SCENE_REACH_PX = 14.0
 
 def from_clip(folder: Path, name: str, video: dict) -> Examples:
     """Examples of one clip, seen by a camera that stands still: what it sees moving is only judged by."""
-    size, skipped = max(1.0, video["width"] / 640.0), spot_clips.UNLABELLED.get(name, ())
+    size, skipped = max(1.0, video["width"] / 640.0), spot_clips.UNLABELED.get(name, ())
 
-    def frames() -> Iterator[LabelledFrame]:
+    def frames() -> Iterator[LabeledFrame]:
         shots = np.array([one["frame"] for one in video["labels"]])
         for number, (stamp, image, labels) in enumerate(
             spot_clips.frames_of(folder / "clips" / name, video, "stationary", "plain")
@@ -74,7 +74,7 @@ def from_clip(folder: Path, name: str, video: dict) -> Examples:
             near = [(one["x"], one["y"]) for one in labels if one["near"]]
             if number in skipped:
                 near += [(u, v) for u in range(0, 1280, 8) for v in range(0, 720, 8)]
-            yield LabelledFrame(stamp, image, here, near)
+            yield LabeledFrame(stamp, image, here, near)
 
     return collect(frames(), DetectorParams.stationary(confirm_frames=1), name, spot_clips.REACH_PX * size)
 
@@ -82,7 +82,7 @@ def from_clip(folder: Path, name: str, video: dict) -> Examples:
 def from_recording(bag_file: str, topic: str) -> Examples:
     """Examples of a camera's recorded images, with clicks on the spot; see above."""
     import rosbag
-    from vb_core.ros.images import image_array
+    from vb_core.ros.images import array_from_image
     from vb_laser_detect.detection.image_format import PixelReader
 
     with rosbag.Bag(bag_file) as bag:
@@ -95,16 +95,16 @@ def from_recording(bag_file: str, topic: str) -> Examples:
             raise SystemExit(f"{bag_file}: there are no images {topic}, or no clicks {topic}_mouse_left")
         reader = PixelReader()
 
-        def frames() -> Iterator[LabelledFrame]:
+        def frames() -> Iterator[LabeledFrame]:
             for _, message, stamp in bag.read_messages(topics=[topic]):
-                image, now = reader.read(image_array(message), message.encoding), stamp.to_sec()
+                image, now = reader.read(array_from_image(message), message.encoding), stamp.to_sec()
                 nearest = min(clicks, key=lambda click: abs(click[0] - now))
                 spots, unclear = [], []
                 if abs(nearest[0] - now) <= 0.5:
                     spots = [nearest[1:]]
                 elif now > clicks[0][0] - 3.0:
                     unclear = [(u, v) for u in range(0, image.shape[1], 8) for v in range(0, image.shape[0], 8)]
-                yield LabelledFrame(message.header.stamp.to_sec(), image, spots, unclear)
+                yield LabeledFrame(message.header.stamp.to_sec(), image, spots, unclear)
 
         preset = DetectorParams.stationary(confirm_frames=1)
         return collect(frames(), preset, f"recording: {Path(bag_file).name}", SCENE_REACH_PX, encoding)
@@ -128,14 +128,14 @@ def _rendered(scenes: Any, scene: Any, rooms: Any, share: float, name: str) -> A
     camera = scenes.Camera(scene, rooms)
     encoding = {"encoding": "bgr8" if scene.mobile else scene.worlds[0].camera(scene.camera).encoding}
 
-    def frames() -> Iterator[LabelledFrame]:
+    def frames() -> Iterator[LabeledFrame]:
         for t, image, frame, view, snapshot in camera.pictures(scene, 8.0 * share, 10.0 * share):
             places: List[Any] = []
             if snapshot.laser is not None:
                 spot = view.spot(snapshot, frame.pose) if scene.mobile else view.spot(snapshot)
                 places = [tuple(spot.center)] if spot is not None else []
             clear = places and view.spot_share(snapshot) >= 0.7
-            yield LabelledFrame(t, image, places if clear else [], [] if clear else places, (frame.to_floor, None))
+            yield LabeledFrame(t, image, places if clear else [], [] if clear else places, (frame.to_floor, None))
 
     preset = DetectorParams.mobile if scene.mobile else DetectorParams.stationary
     return frames(), preset(confirm_frames=1), name, SCENE_REACH_PX, encoding["encoding"]

@@ -143,9 +143,9 @@ def _overshoot(incoming: np.ndarray, outgoing: np.ndarray) -> Optional[float]:
         middle = side[len(side) // 5 : max(len(side) - len(side) // 5, len(side) // 5 + 2)]
         if len(middle) < 3:
             return None
-        centre = middle.mean(axis=0)
-        direction = np.linalg.svd(middle - centre)[2][0]
-        lines.append((centre, direction * math.copysign(1.0, direction @ (side[-1] - side[0]))))
+        center = middle.mean(axis=0)
+        direction = np.linalg.svd(middle - center)[2][0]
+        lines.append((center, direction * math.copysign(1.0, direction @ (side[-1] - side[0]))))
     (a, u), (b, v) = lines
     cross = u[0] * v[1] - u[1] * v[0]
     if abs(cross) < 0.3:

@@ -58,7 +58,7 @@ def render(world, name: str, factor: float):
     return view.frame(Snapshot(0.0, laser=SPOT)).copy(), view
 
 
-def colour_of(image: np.ndarray) -> np.ndarray:
+def color_of(image: np.ndarray) -> np.ndarray:
     return cv2.cvtColor(image, cv2.COLOR_BayerBG2BGR) if image.ndim == 2 else image
 
 
@@ -68,7 +68,7 @@ def draw_exposures(world, out: Path) -> None:
     for factor in (1.0, 2.0):
         image, view = render(world, "green", factor)
         u, v = (round(value) for value in pixels_of(view.model, view.pose, np.array([[*SPOT, 0.0]]))[0])
-        part = colour_of(image)[v - AROUND_PX // 2 : v + AROUND_PX // 2, u - AROUND_PX : u + AROUND_PX]
+        part = color_of(image)[v - AROUND_PX // 2 : v + AROUND_PX // 2, u - AROUND_PX : u + AROUND_PX]
         print(f"exposure x {factor:g}: {100 * saturated_share(image):.1f} % at the white level")
         shown.append(cv2.resize(part, None, fx=1.5, fy=1.5, interpolation=cv2.INTER_CUBIC))
     cv2.imwrite(str(out / "exposure.jpg"), np.hstack(shown), [cv2.IMWRITE_JPEG_QUALITY, 88])
@@ -91,7 +91,7 @@ def photograph_rviz(world, out: Path) -> None:
         publisher = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGrid, queue_size=1, latch=True)
         publisher.publish(message_from_grid(floor_plan.physical_map(world), rospy.Time.now()))
         for camera in world.cameras:
-            image = colour_of(render(world, camera.name, 1.0)[0])
+            image = color_of(render(world, camera.name, 1.0)[0])
             message = CvBridge().cv2_to_imgmsg(cv2.resize(image, None, fx=0.5, fy=0.5), "bgr8")
             topic = f"/spot_detector_{camera.name}/debug_image"
             rospy.Publisher(topic, Image, queue_size=1, latch=True).publish(message)

@@ -37,7 +37,7 @@ from result_table import revision
 from voice_speech import MUSIC, NOISES, RATE, TOP
 
 from vb_evaluation.statistics import proportion
-from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, SileroVoiceActivityDetector
+from vb_voice_wizard.voice.endpointing import END_SILENCE, Endpointer, SileroVoiceActivityDetector
 from vb_voice_wizard.recognizer import EVEN_LOG_ODDS, CommandRecognizer, RecognizerParams
 
 # done when heard once: it stops robots, or does nothing before somebody points with the laser too; the rest is said
@@ -81,7 +81,7 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         "found": [
             {"best": issue.best, "evidence": evidence(issue.confidence), "reason": issue.reason} for issue in issues
         ],
-        "answer_s": deciding + END_SILENCE_S,
+        "answer_s": deciding + END_SILENCE,
         "cpu_s": time.process_time() - started,
         "audio_s": len(pcm) / RATE,
     }
@@ -132,7 +132,7 @@ def choose(results: List[dict]) -> str:
     )
 
 
-def summarise(results: List[dict], accepted: float) -> Dict[str, Tuple[int, int]]:
+def summarize(results: List[dict], accepted: float) -> Dict[str, Tuple[int, int]]:
     """(how many, of how many) for each figure of one set of results."""
 
     def count(kind: str, condition: Callable[[str, str], bool]) -> Tuple[int, int]:
@@ -183,7 +183,7 @@ def write_page() -> str:
             ("music", MUSIC[group]),
             ("eight people talking", ("babble",)),
         ):
-            columns[f"{name}, {group}"] = summarise([one for one in results if one["noise"] in kinds], accepted)
+            columns[f"{name}, {group}"] = summarize([one for one in results if one["noise"] in kinds], accepted)
         missed = [one for one in results if one["kind"] == "command" and taken(one, accepted)["best"] != one["command"]]
         wrong = [(one, taken(one, accepted)) for one in results if one["kind"] != "command"]
         lines = sorted(
@@ -201,7 +201,7 @@ def write_page() -> str:
 (where it was called several times, the last call).
 
 Answer {np.median(answers):.2f} s (median), {np.percentile(answers, 95):.2f} s (95th percentile) after the end of speech, of which
-{END_SILENCE_S:g} s are silence, the rest CPU time. {share:.3f} of a core.
+{END_SILENCE:g} s are silence, the rest CPU time. {share:.3f} of a core.
 
 What became of the commands that were missed: {counted(cause(one, accepted) for one in missed)};
 by voice: {counted(one['voice'] for one in missed)};

@@ -187,7 +187,7 @@ def synthesise(voice: Voice, text: str, speed: float = 1.0, pitch: int = 50) -> 
 
 
 # ------------------------------------------------------------------ rooms
-def _coloured(rng: np.random.Generator, count: int, exponent: float) -> np.ndarray:
+def _colored(rng: np.random.Generator, count: int, exponent: float) -> np.ndarray:
     frequency = np.fft.rfftfreq(count, 1 / RATE)
     noise = np.fft.irfft(np.fft.rfft(rng.normal(size=count)) * np.maximum(frequency, 40.0) ** (-exponent / 2), count)
     return noise / noise.std()
@@ -203,7 +203,7 @@ def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequenc
         return noise
     if any(kind in styles for styles in MUSIC.values()):
         return music(rng, count, kind)
-    colours = {
+    colors = {
         "white": 0.0,
         "pink": 1.0,
         "brown": 2.0,
@@ -220,7 +220,7 @@ def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequenc
         "hairdryer": 0.4,
         "sea": 0.9,
     }
-    noise = _coloured(rng, count, colours[kind])
+    noise = _colored(rng, count, colors[kind])
     if kind == "street":
         # cars pass
         noise *= 1.0 + 0.6 * np.sin(2 * np.pi * rng.uniform(0.2, 0.5) * np.arange(count) / RATE + rng.uniform(0, 6))

@@ -92,7 +92,7 @@ class InputMethods(unittest.TestCase):
         self.wait_for_manager()
 
     def manager_has_the_time(self):
-        """Tells whether the manager knows the time: a command that changes nothing makes it say so at once."""
+        """Returns whether the manager knows the time: a command that changes nothing makes it say so at once."""
         del self.state.all[:]
         rospy.ServiceProxy(names.COMMAND, Command)(command="cancel", source="test")
         stamp = self.state.wait(lambda message: True, "the state").header.stamp

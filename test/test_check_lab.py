@@ -103,10 +103,10 @@ def test_two_cameras_with_the_drivers_default_frame_are_both_named():
 
 
 def test_every_notice_about_a_camera_or_robot_names_it():
-    from vb_core.sentences import catalogue, languages, placeholders
+    from vb_core.sentences import catalog, languages, placeholders
 
     for language in languages():
-        for code, sentence in catalogue(language).items():
+        for code, sentence in catalog(language).items():
             if code.startswith("lab_camera_"):
                 assert "camera" in placeholders(sentence.split(":")[0]), code
             if code.startswith("lab_robot_"):
@@ -183,7 +183,7 @@ def test_what_the_nodes_tell_people_is_part_of_the_result():
     apart = Notice(
         "cameras_disagree", Severity.ERROR, camera="south", values={"first": "north", "second": "south", "cm": "9"}
     )
-    everyday = Notice("robot_leaves_border", Severity.INFO)
+    everyday = Notice("robot_exits_border", Severity.INFO)
     doubt = Notice("strokes_left_out", Severity.WARNING, values={"spots": "7"})
     fine = check_cameras([GOOD])
     found = lines_from_notices([apart, everyday, doubt], fine)
@@ -239,7 +239,7 @@ def test_every_line_has_a_sentence_in_every_language():
     }
     assert len(used) > 30
     for language in sentences.languages():
-        assert used <= set(sentences.catalogue(language)), language
+        assert used <= set(sentences.catalog(language)), language
 
 
 # ------------------------------------------------------------ while people work

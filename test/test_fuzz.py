@@ -112,10 +112,10 @@ def damaged(good):
 # ---------------------------------------------------------------------- messages
 CONVERSIONS = [
     (messages.grid_from_message, OccupancyGrid),
-    (messages.pose_to_2d, Pose),
-    (messages.matrix_from_transform, Transform),
-    (images.image_array, Image),
-    (images.compressed_image_array, CompressedImage),
+    (messages.pose2d_from_message, Pose),
+    (messages.transform_from_message, Transform),
+    (images.array_from_image, Image),
+    (images.array_from_compressed_image, CompressedImage),
     (cameras.camera_from_info, CameraInfo),
     (border_messages.border_from_message, VirtualBorder),
 ]
@@ -146,7 +146,7 @@ def test_messages(convert, cls):
 def test_images_of_known_encodings(encoding, height, width, step, data, big):
     image = Image(height=height, width=width, encoding=encoding, step=step, data=data, is_bigendian=big)
     try:
-        assert images.image_array(image).shape[:2] == (height, width)
+        assert images.array_from_image(image).shape[:2] == (height, width)
     except CodedError as error:
         assert error.code == "bad_image"
 
@@ -158,7 +158,7 @@ def test_images_of_known_encodings(encoding, height, width, step, data, big):
 )
 def test_compressed_images(data):
     try:
-        assert images.compressed_image_array(CompressedImage(format="jpeg", data=data)).size
+        assert images.array_from_compressed_image(CompressedImage(format="jpeg", data=data)).size
     except CodedError as error:
         assert error.code == "bad_image"
 

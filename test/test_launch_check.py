@@ -113,7 +113,7 @@ def test_navigation_needs_a_robot(navigation, robot, code):
 def files(tmp_path):
     """Good and bad files, by the words that stand for their paths below."""
     for name, text in (
-        ("good.yaml", "image: x\ndetector: {hold_s: 12}"),
+        ("good.yaml", "image: x\ndetector: {max_dwell_time: 12}"),
         ("empty.yaml", "{}"),
         ("mistyped.yaml", "detector: {noise: 3}"),
         ("list.yaml", "[1, 2]"),

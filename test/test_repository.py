@@ -3,10 +3,12 @@
 import ast
 import importlib.machinery
 import importlib.util
+import io
 import os
 import re
 import subprocess
 import sys
+import tokenize
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -389,7 +391,7 @@ def own_sentences(tree):
     return [
         code.value
         for code, *_ in raised + reported
-        if isinstance(code, ast.Constant) and code.value in sentences.catalogue()
+        if isinstance(code, ast.Constant) and code.value in sentences.catalog()
     ]
 
 
@@ -443,6 +445,32 @@ def test_replaced_words_stay_away():
         if match
     ]
     assert not found, "\n".join(["docs/glossary.md says what to write instead", *found])
+
+
+BRITISH = re.compile("behaviour|catalogue|centre|colour|grey|labelled|localis|metre|neighbour|normalis|recognis", re.I)
+
+
+def test_identifiers_are_spelt_in_american():
+    found = [
+        f"{path.relative_to(TOP)}:{token.start[0]}: {token.string}"
+        for path in python_files()
+        for token in tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline)
+        # a test's name is a sentence
+        if token.type == tokenize.NAME and BRITISH.search(token.string) and not token.string.startswith("test_")
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_parameters_in_si_units_have_no_suffix():
+    # the study's file and the models' are quoted by published results
+    files = [
+        path
+        for path in TOP.glob("src/*/config/*.yaml")
+        if path.name not in ("study.yaml", "models.yaml", "assumptions.yaml")
+    ]
+    assert len(files) > 20
+    pattern = re.compile(r"^ *(\w+_(?:m|m2|s|hz|rad)):", re.M)
+    assert not [f"{path.name}: {name}" for path in files for name in pattern.findall(path.read_text(encoding="utf-8"))]
 
 
 def test_links_lead_somewhere():

@@ -5,7 +5,7 @@ setup(
     **generate_distutils_setup(
         packages=[
             "vb_evaluation",
-            "vb_evaluation.kit",
+            "vb_evaluation.study_kit",
             "vb_evaluation.live",
             "vb_evaluation.report",
             "vb_evaluation.study",

@@ -22,7 +22,7 @@ from vb_core import names
 from vb_msgs.msg import BorderProgress, LaserSpot
 from vb_msgs.srv import Command, CommandRequest
 
-PATIENCE = 120.0  # [s] for each step: a busy computer may take a minute to log in and start a node there
+TIMEOUT = 120.0  # [s] for each step: a busy computer may take a minute to log in and start a node there
 
 
 class Watch:
@@ -62,8 +62,8 @@ class Watch:
 
     def wait(self, condition, what):
         with self.changed:
-            if not self.changed.wait_for(condition, PATIENCE):
-                sys.exit(f"waited {PATIENCE:.0f} s in vain for {what}")
+            if not self.changed.wait_for(condition, TIMEOUT):
+                sys.exit(f"waited {TIMEOUT:.0f} s in vain for {what}")
 
     def crossing(self, condition, what):
         """Measures (received, sent) [bytes], and how long it took [s], until something has come."""
@@ -116,8 +116,8 @@ for each spot {per_spot / 1e3:.2f} kB crossed, for each image {per_image / 1e3:.
 
 def define_border(watch):
     """Begins a border; a manager that has just started may not answer yet."""
-    rospy.wait_for_service(names.COMMAND, timeout=PATIENCE)
-    end = time.monotonic() + PATIENCE
+    rospy.wait_for_service(names.COMMAND, timeout=TIMEOUT)
+    end = time.monotonic() + TIMEOUT
     request = CommandRequest(command="define_border", source="wizard")
     while True:
         try:

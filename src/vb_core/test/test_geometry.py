@@ -36,9 +36,9 @@ def test_yaw_round_trip(yaw):
 
 @given(coordinates, coordinates, angles)
 def test_inverse_and_plane_poses(x, y, yaw):
-    T = geometry.pose2d_transform(x, y, yaw)
+    T = geometry.transform_from_pose2d(x, y, yaw)
     assert np.allclose(geometry.invert(T) @ T, np.eye(4), atol=1e-9)
-    bx, by, byaw = geometry.transform_pose2d(T)
+    bx, by, byaw = geometry.pose2d_from_transform(T)
     assert (bx, by) == (x, y) and abs(geometry.wrap_angle(byaw - yaw)) < 1e-9
 
 

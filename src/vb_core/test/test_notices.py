@@ -1,6 +1,6 @@
 """Notices: each node's list replaces its last one; what a silent node said is forgotten."""
 
-from vb_core.notices import EXPIRY_S, Notice, ActiveNotices, Severity
+from vb_core.notices import EXPIRY_TIME, Notice, ActiveNotices, Severity
 
 
 def test_a_node_takes_back_by_saying_less():
@@ -17,8 +17,8 @@ def test_a_node_takes_back_by_saying_less():
 def test_what_a_silent_node_said_is_forgotten():
     book = ActiveNotices()
     book.update("monitor", [Notice("robot_inside")], 1.0)
-    assert book.current(1.0 + EXPIRY_S)
-    assert not book.current(1.1 + EXPIRY_S)
+    assert book.current(1.0 + EXPIRY_TIME)
+    assert not book.current(1.1 + EXPIRY_TIME)
 
 
 def test_the_most_severe_comes_first():

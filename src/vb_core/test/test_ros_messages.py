@@ -13,7 +13,7 @@ from vb_msgs.msg import BorderPreview
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_core.geometry import pose2d_transform
+from vb_core.geometry import transform_from_pose2d
 from vb_core.grid_map import GridMap
 from vb_core.ros import cameras, images, messages
 
@@ -57,15 +57,15 @@ def test_a_map_whose_size_is_a_lie_is_refused():
 @pytest.mark.parametrize("encoding, shape", [("bgr8", (6, 8, 3)), ("mono8", (6, 8)), ("bayer_rggb8", (6, 8))])
 def test_images_round_trip(encoding, shape):
     pixels = np.random.default_rng(2).integers(0, 256, shape).astype(np.uint8)
-    message = images.image_message(pixels, encoding, rospy.Time(3), "red_optical_frame")
-    assert (images.image_array(message) == pixels).all()
+    message = images.message_from_image(pixels, encoding, rospy.Time(3), "red_optical_frame")
+    assert (images.array_from_image(message) == pixels).all()
     assert message.step == shape[1] * (shape[2] if len(shape) > 2 else 1)
 
 
 def test_depth_images_round_trip():
     depth = np.arange(48, dtype=np.uint16).reshape(6, 8) * 100
-    message = images.image_message(depth, "16UC1", rospy.Time(3), "camera_optical_frame")
-    assert (images.image_array(message) == depth).all()
+    message = images.message_from_image(depth, "16UC1", rospy.Time(3), "camera_optical_frame")
+    assert (images.array_from_image(message) == depth).all()
 
 
 ENCODINGS = [
@@ -98,7 +98,7 @@ def test_images_are_read_as_cv_bridge_reads_them(encoding, is_bigendian):
     data = np.random.default_rng(5).integers(0, 64, 6 * row).astype(np.uint8).tobytes()
     message = Image(height=6, width=8, encoding=encoding, step=row, is_bigendian=is_bigendian, data=data)
     expected = bridge.imgmsg_to_cv2(message, "passthrough")
-    pixels = images.image_array(message)
+    pixels = images.array_from_image(message)
     assert pixels.dtype == expected.dtype.newbyteorder("=") and np.array_equal(pixels, expected)
 
 
@@ -106,7 +106,7 @@ def test_padding_at_the_end_of_rows_is_no_part_of_the_image():
     pixels = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
     padded = np.pad(pixels.reshape(2, 9), ((0, 0), (0, 5))).tobytes()
     message = Image(height=2, width=3, encoding="bgr8", step=14, data=padded)
-    assert (images.image_array(message) == pixels).all()
+    assert (images.array_from_image(message) == pixels).all()
 
 
 def test_messages_of_a_node_without_images_load_no_opencv():
@@ -118,7 +118,7 @@ def test_messages_of_a_node_without_images_load_no_opencv():
 
 
 def test_images_that_cannot_be_read_are_refused():
-    good = images.image_message(np.zeros((6, 8), np.uint8), "mono8", rospy.Time(0), "x")
+    good = images.message_from_image(np.zeros((6, 8), np.uint8), "mono8", rospy.Time(0), "x")
     changes = (
         {"encoding": "nonsense"},
         {"height": 0},
@@ -133,10 +133,10 @@ def test_images_that_cannot_be_read_are_refused():
         for name, value in {**good_fields, **change}.items():
             setattr(bad, name, value)
         with pytest.raises(CodedError) as caught:
-            images.image_array(bad)
+            images.array_from_image(bad)
         assert caught.value.code == "bad_image"
     with pytest.raises(CodedError):
-        images.compressed_image_array(CompressedImage(data=b"not a picture"))
+        images.array_from_compressed_image(CompressedImage(data=b"not a picture"))
 
 
 def test_cameras_round_trip_and_bad_ones_are_refused():
@@ -153,14 +153,14 @@ def test_cameras_round_trip_and_bad_ones_are_refused():
 
 
 def test_transforms_points_and_poses_round_trip():
-    T = pose2d_transform(1.0, -2.0, 2.5)
+    T = transform_from_pose2d(1.0, -2.0, 2.5)
     T[2, 3] = 0.7
-    stamped = messages.transform_message(T, "map", "base_link", rospy.Time(2))
-    assert np.allclose(messages.matrix_from_transform(stamped.transform), T)
+    stamped = messages.message_from_transform(T, "map", "base_link", rospy.Time(2))
+    assert np.allclose(messages.transform_from_message(stamped.transform), T)
     stamped.transform.rotation.x = float("nan")
     with pytest.raises(CodedError):
-        messages.matrix_from_transform(stamped.transform)
+        messages.transform_from_message(stamped.transform)
     points = np.array([[1.0, 2.0], [3.0, -4.0]])
     assert (messages.array_from_points(messages.points_from_array(points)) == points).all()
     assert messages.array_from_points([]).shape == (0, 2)
-    assert np.allclose(messages.pose_to_2d(messages.pose_from_2d(1, 2, 3)), (1, 2, 3))
+    assert np.allclose(messages.pose2d_from_message(messages.message_from_pose2d(1, 2, 3)), (1, 2, 3))

@@ -113,7 +113,7 @@ lines = []
 rospy.logwarn = lambda text, *values: lines.append(text % values)
 rospy.logfatal = lambda text, *values: lines.append(text % values)
 rospy.signal_shutdown = lambda reason: lines.append(reason)
-node.LOG_AFTER_S = 0.05
+node.LOG_DELAY = 0.05
 looks = iter([False] * 10 + [True])
 assert node._await("the postman", lambda: next(looks), 60.0) and len(lines) >= 1
 assert all(line.endswith("waits for the postman") for line in lines), lines

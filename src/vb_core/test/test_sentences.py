@@ -9,12 +9,12 @@ OTHERS = [language for language in sentences.languages() if language != sentence
 
 
 def test_there_is_more_than_english():
-    assert "de" in OTHERS and sentences.catalogue()
+    assert "de" in OTHERS and sentences.catalog()
 
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_every_language_has_every_code_with_the_same_values(language):
-    english, other = sentences.catalogue(), sentences.catalogue(language)
+    english, other = sentences.catalog(), sentences.catalog(language)
     assert set(english) == set(other)
     differing = {
         code for code in english if sentences.placeholders(english[code]) != sentences.placeholders(other[code])
@@ -51,7 +51,7 @@ def test_a_border_that_nobody_named_is_numbered_in_the_readers_language():
     assert sentences.border_name("border 3") == "Border 3" and sentences.border_name("border 3", "de") == "Grenze 3"
     assert sentences.border_name("Rug", "de") == "Rug" and sentences.border_name("", "de") == ""
     assert (
-        sentences.translate("border_back", {"borders": "border 3, wall 4, Rug"}, "de")
+        sentences.translate("border_restored", {"borders": "border 3, wall 4, Rug"}, "de")
         == "Wieder in der Karte: Grenze 3, Wand 4, Rug."
     )
     assert sentences.translate("robot_touches_border", {"who": "ada", "border": "'border 3'"}, "de").endswith(
@@ -60,9 +60,9 @@ def test_a_border_that_nobody_named_is_numbered_in_the_readers_language():
 
 
 def test_words_of_the_language_stand_within_a_sentence_and_at_its_beginning():
-    values = {"who": "$the_robot", "border": "Rug", "reason": "$robot_no_way_out"}
+    values = {"who": "$the_robot", "border": "Rug", "reason": "$robot_no_exit_path"}
     assert sentences.translate("robot_inside_border", values) == "The robot is inside Rug."
     assert sentences.translate("robot_touches_border", values) == "The edge of the robot touches Rug."
     assert sentences.translate("robot_inside_border", values, "de").startswith("Der Roboter ")
-    assert "Kein Weg führt" in sentences.translate("robot_cannot_leave", values, "de")
+    assert "Kein Weg führt" in sentences.translate("robot_cannot_exit", values, "de")
     assert sentences.translate("robot_inside_border", {"who": "ada", "border": "Rug"}) == "ada is inside Rug."

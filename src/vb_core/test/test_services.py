@@ -42,7 +42,7 @@ def test_a_hanging_neighbour_is_left(monkeypatch):
     release = threading.Event()
     fake(monkeypatch, present, lambda request: release.wait(30))
     with pytest.raises(CodedError) as caught:
-        services.call("/s", object, 1, "the integrator", wait_s=0.05, answer_s=0.1)
+        services.call("/s", object, 1, "the integrator", service_timeout=0.05, response_timeout=0.1)
     release.set()
     assert caught.value.code == "no_response"
 

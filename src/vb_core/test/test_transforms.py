@@ -12,7 +12,7 @@ import tf2_ros
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.ros import transforms
-from vb_core.ros.messages import transform_message
+from vb_core.ros.messages import message_from_transform
 
 CAMERA = geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0.3), (1.0, 2.0, 3.0))
 
@@ -41,7 +41,7 @@ def lookup(monkeypatch):
 
 
 def place(lookup, child, T=CAMERA, parent="map", stamp=5, static=True):
-    message = transform_message(T, parent, child, rospy.Time(stamp))
+    message = message_from_transform(T, parent, child, rospy.Time(stamp))
     (lookup._buffer.set_transform_static if static else lookup._buffer.set_transform)(message, "test")
 
 

@@ -37,13 +37,13 @@ class NavigationCheckTest(unittest.TestCase):
 
     def test_a_good_navigation_passes_and_nothing_stays_behind(self):
         # how fast is told by the command; here only that it happens, on however busy a machine
-        checks = NavigationCheck(GOAL, at_once=60.0, patience=60.0).run()
+        checks = NavigationCheck(GOAL, at_once=60.0, timeout=60.0).run()
         self.assertEqual([check for check in checks if check.good is False], [])
         self.assertGreaterEqual(sum(check.good is True for check in checks), 5)
         self.assertEqual(self.borders(), [])
 
     def test_a_navigation_on_the_physical_map_is_found_out(self):
-        checks = NavigationCheck(GOAL, move_base="miswired/move_base", patience=2.0).run()
+        checks = NavigationCheck(GOAL, move_base="miswired/move_base", timeout=2.0).run()
         bad = {check.what for check in checks if check.good is False}
         self.assertIn("plans respect a new border at once", bad)
         self.assertIn("a soft border is gone round where that is possible", bad)

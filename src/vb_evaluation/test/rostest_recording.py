@@ -20,8 +20,8 @@ from vb_core import names
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import messages
-from vb_evaluation.kit import measure, replay
-from vb_evaluation.kit.recording import Recording
+from vb_evaluation.study_kit import measure, replay
+from vb_evaluation.study_kit.recording import Recording
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_msgs.srv import Command
 

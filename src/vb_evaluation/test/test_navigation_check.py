@@ -58,14 +58,14 @@ class Planner:
 
 def test_a_good_navigation_passes_and_nothing_stays_behind(monkeypatch):
     planner = Planner(monkeypatch)
-    checks = NavigationCheck((4.0, 0.0), at_once=60.0, patience=60.0).run()
+    checks = NavigationCheck((4.0, 0.0), at_once=60.0, timeout=60.0).run()
     assert [check for check in checks if check.good is False] == [] and sum(check.good is True for check in checks) == 5
     assert not planner.borders
 
 
 def test_a_navigation_that_knows_no_borders_is_found_out(monkeypatch):
     planner = Planner(monkeypatch, respects=False)
-    bad = {check.what for check in NavigationCheck((4.0, 0.0), patience=0.05).run() if check.good is False}
+    bad = {check.what for check in NavigationCheck((4.0, 0.0), timeout=0.05).run() if check.good is False}
     assert {"plans respect a new border at once", "a soft border is gone round where that is possible"} <= bad
     assert not planner.borders
 

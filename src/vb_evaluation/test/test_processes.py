@@ -17,7 +17,7 @@ def test_a_child_and_all_it_started_end(tmp_path):
     )
     child = Child([sys.executable, "-c", script], tmp_path / "log" / "child.txt")
     assert child.running
-    child.stop(patience_s=0.2)
+    child.stop(timeout=0.2)
     assert not child.running
 
 

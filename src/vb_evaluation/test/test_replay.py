@@ -17,11 +17,11 @@ from vb_core.errors import CodedError
 from vb_core.files import append_line
 from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
-from vb_evaluation.kit import replay, session
-from vb_evaluation.kit.__main__ import main
-from vb_evaluation.kit.recording import Recording
+from vb_evaluation.study_kit import replay, session
+from vb_evaluation.study_kit.__main__ import main
+from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_map_integration.border import VirtualBorder
@@ -107,7 +107,7 @@ def write_bag(folder, rows, images, ended=True, outcome="saved"):
         early = rospy.Time.from_sec(START - 1.0)
         bag.write("/map", messages.message_from_grid(free_floor(), early), early)
         bag.write(
-            "/tf_static", TFMessage([messages.transform_message(POSE, "map", "green_optical_frame", early)]), early
+            "/tf_static", TFMessage([messages.message_from_transform(POSE, "map", "green_optical_frame", early)]), early
         )
         bag.write("/green/camera_info", info_from_camera(CAMERA, early, "green_optical_frame"), early)
         entries = [(START - 1.0 + number / 25.0, None) for number in range(25)] + [(row[0], row) for row in rows]
@@ -131,7 +131,7 @@ def write_bag(folder, rows, images, ended=True, outcome="saved"):
                 )
                 bag.write(
                     "/green/image_raw",
-                    image_message(picture(random, pixel), "mono8", time, "green_optical_frame"),
+                    message_from_image(picture(random, pixel), "mono8", time, "green_optical_frame"),
                     time,
                 )
             if row is not None:
@@ -248,11 +248,13 @@ def test_images_of_a_robot_use_its_pose_and_depth_at_their_time(tmp_path):
             image = random.normal(90.0, 2.0, (240, 320, 3)) + light[..., None] * np.array([90.0, 70.0, 400.0])
             image = np.clip(image, 0, 255).astype(np.uint8)
             bag.write(
-                "/camera/depth_registered/image_raw", image_message(depth, "16UC1", time, "camera_optical_frame"), time
+                "/camera/depth_registered/image_raw",
+                message_from_image(depth, "16UC1", time, "camera_optical_frame"),
+                time,
             )
-            bag.write("/camera/rgb/image_raw", image_message(image, "bgr8", time, "camera_optical_frame"), time)
+            bag.write("/camera/rgb/image_raw", message_from_image(image, "bgr8", time, "camera_optical_frame"), time)
             # the pose comes after the image, as odometry does
-            moved = messages.transform_message(pose, "map", "camera_optical_frame", time)
+            moved = messages.message_from_transform(pose, "map", "camera_optical_frame", time)
             bag.write("/tf", TFMessage([moved]), time + rospy.Duration(0.03))
     today = replay.replay(Recording(tmp_path), images=True)
     spots = np.array([(found.position.x, found.position.y) for found in today.found])

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError
-from vb_evaluation.kit import __main__ as command
+from vb_evaluation.study_kit import __main__ as command
 from vb_evaluation.report import background, charts, paper_comparison, sensitivity
 from vb_evaluation.report.data import read_study
 from vb_evaluation.report.maps import nearest_to_median
@@ -99,7 +99,7 @@ def test_every_section_of_a_simulation_has_its_caveat(full):
 
 
 def test_the_worlds_tell_what_decides(full):
-    blocks = sensitivity.plausible(read_study(full[0]))
+    blocks = sensitivity.plausible_worlds_section(read_study(full[0]))
     assert "All 3 assumptions" in blocks[0].words and "60 draws" in blocks[0].words
     conclusions, deciding = (
         next(block.rows for block in blocks if getattr(block, "name", "") == name) for name in ("worlds", "deciding")
@@ -134,7 +134,9 @@ def test_order_effects_are_found(tmp_path):
         if int(row["order"]) > 3:
             row["time_total_s"] = str(float(row["time_total_s"]) - 20.0)
     study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows)
-    found = [row for block in background.order(read_study(folder)) if hasattr(block, "rows") for row in block.rows]
+    found = [
+        row for block in background.order_section(read_study(folder)) if hasattr(block, "rows") for row in block.rows
+    ]
     period, carried = [row for row in found if row["measure"] == "time [s]"]
     assert float(period["difference"].split()[0].replace("−", "-")) == pytest.approx(-20.0, abs=3.0)
     assert period["p"] == "< .001" or float(period["p"]) < 0.01
@@ -222,8 +224,9 @@ def test_the_analysis_knows_no_simulator():
     """Nothing that measures or reports imports what simulates, so that both can go their own ways."""
     code = (
         "import importlib, pkgutil, sys; sys.modules.update(dict.fromkeys(['vb_sim', 'vb_evaluation.study']))\n"
-        "import vb_evaluation.kit as kit, vb_evaluation.report as report, vb_evaluation.statistics, vb_evaluation.metrics\n"
-        "for package in (kit, report):\n"
+        "import vb_evaluation.statistics, vb_evaluation.metrics\n"
+        "from vb_evaluation import report, study_kit\n"
+        "for package in (study_kit, report):\n"
         "    for module in pkgutil.iter_modules(package.__path__, package.__name__ + '.'):\n"
         "        importlib.import_module(module.name)"
     )

@@ -25,18 +25,18 @@ MAIZE = [49, -67, 8, 16, 6, 23, 28, 41, 14, 29, 56, 24, 75, 60, -48]
 
 @pytest.mark.parametrize("sunday_wednesday, z, p, r", [(ECSTASY, -2.53, 0.012, 0.57), (ALCOHOL, -1.99, 0.047, 0.44)])
 def test_spss_as_in_fields_textbook(sunday_wednesday, z, p, r):
-    found = statistics.compare(*sunday_wednesday)
+    found = statistics.compare_paired(*sunday_wednesday)
     assert round(found.test.z, 2) == z and round(found.test.p, 3) == p
     assert found.r == pytest.approx(r, abs=0.0051)  # the book divides the rounded Z
 
 
 def test_ecstasy_has_two_ties_with_zero_that_are_left_out():
-    test = statistics.compare(*ECSTASY).test
+    test = statistics.compare_paired(*ECSTASY).test
     assert (test.n, test.zeros, test.w_plus, test.w_minus) == (8, 2, 0.0, 36.0)
 
 
 def test_hollander_and_wolfe_exact_p_estimate_and_interval():
-    found = statistics.compare(HAMILTON[1], HAMILTON[0], confidence=0.96)
+    found = statistics.compare_paired(HAMILTON[1], HAMILTON[0], confidence=0.96)
     assert (found.test.w_plus, found.test.w_minus) == (5.0, 40.0)
     assert found.test.p_exact == 2 * 0.01953125  # R: V = 40, one-sided p = 0.01953
     assert found.shift.estimate == pytest.approx(-0.46)
@@ -51,7 +51,7 @@ def test_darwins_maize():
 
 def test_rank_biserial_of_a_worked_example():
     # the example of Wikipedia's article on the test until 2020: a sum of signed ranks of 9 out of 45
-    found = statistics.compare(
+    found = statistics.compare_paired(
         [125, 115, 130, 140, 140, 115, 140, 125, 140, 135], [110, 122, 125, 120, 140, 124, 123, 137, 135, 145]
     )
     assert (found.test.w_plus, found.test.w_minus, found.test.n) == (27.0, 18.0, 9)
@@ -106,7 +106,7 @@ def test_exact_p_against_all_signs(values):
 @given(st.lists(st.floats(-50, 50), min_size=2, max_size=12), st.lists(st.floats(-50, 50), min_size=12, max_size=12))
 def test_exchanging_the_samples_turns_the_signs(first, second):
     second = second[: len(first)]
-    a, b = statistics.compare(first, second), statistics.compare(second, first)
+    a, b = statistics.compare_paired(first, second), statistics.compare_paired(second, first)
     assert (a.test.w_plus, a.test.w_minus) == (b.test.w_minus, b.test.w_plus)
     assert a.shift.estimate == pytest.approx(-b.shift.estimate) and a.shift.low == pytest.approx(-b.shift.high)
     assert a.shift.low <= a.shift.estimate <= a.shift.high
@@ -114,7 +114,7 @@ def test_exchanging_the_samples_turns_the_signs(first, second):
 
 
 def test_ties_that_floating_point_hides():
-    assert statistics.compare([0.3, 0.4], [0.1, 0.2]).test.w_plus == 3.0
+    assert statistics.compare_paired([0.3, 0.4], [0.1, 0.2]).test.w_plus == 3.0
     assert statistics.signed_rank(np.round(np.array([0.3 - 0.1, 0.4 - 0.2, -0.1]), 9)).w_plus == 5.0
 
 
@@ -128,20 +128,20 @@ def test_the_interval_covers_the_truth_as_often_as_it_says():
 
 
 def test_few_participants():
-    three = statistics.compare([3.0, 4.0, 5.0], [1.0, 1.0, 1.0])
+    three = statistics.compare_paired([3.0, 4.0, 5.0], [1.0, 1.0, 1.0])
     assert three.shift.confidence == 0.75 and three.test.p_exact == 0.25
-    one = statistics.compare([2.0], [1.0])
+    one = statistics.compare_paired([2.0], [1.0])
     assert one.test.p_exact == 1.0
-    none = statistics.compare([], [])
+    none = statistics.compare_paired([], [])
     assert none.n == 0 and math.isnan(none.r) and math.isnan(none.shift.estimate)
-    equal = statistics.compare([2.0, 2.0], [2.0, 2.0])
+    equal = statistics.compare_paired([2.0, 2.0], [2.0, 2.0])
     assert equal.test.p_exact == 1.0 and math.isnan(equal.test.z) and math.isnan(equal.rank_biserial)
 
 
 @pytest.mark.parametrize("first, second", [([1.0], [1.0, 2.0]), ([math.nan], [1.0]), ([[1.0]], [[1.0]])])
 def test_bad_samples(first, second):
     with pytest.raises(CodedError) as caught:
-        statistics.compare(first, second)
+        statistics.compare_paired(first, second)
     assert caught.value.code == "bad_sample"
 
 

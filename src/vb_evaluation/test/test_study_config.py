@@ -165,14 +165,14 @@ def test_every_figure_has_its_source():
     models -= {f"models/participant/{key}" for key in drawn} | {"models/body/height", "models/body/breadth"}
     study = set(leaves({key: STUDY.document[key] for key in ("participants", "marks", "timing")}))
     study -= {"timing/idle_every", "timing/time_limit_s"}
-    assert models | study == set(assumptions.assumptions())
-    assert all(entry.why for entry in assumptions.assumptions().values())
+    assert models | study == set(assumptions.load_assumptions())
+    assert all(entry.why for entry in assumptions.load_assumptions().values())
 
 
 def test_worlds_are_a_latin_hypercube_of_everything():
     drawn = assumptions.draw_worlds(STUDY, 40, 1)
-    assert set(drawn[0]) == set(assumptions.varied(STUDY)) and len(drawn[0]) > 60
-    for key, entry in assumptions.varied(STUDY).items():
+    assert set(drawn[0]) == set(assumptions.varied_assumptions(STUDY)) and len(drawn[0]) > 60
+    for key, entry in assumptions.varied_assumptions(STUDY).items():
         low, high = entry.range
         cells = np.floor(40 * np.log([factors[key] / low for factors in drawn]) / np.log(high / low) + 1e-3)
         assert len(set(np.clip(cells, 0, 39))) >= 39, key  # one draw in each of 40 equal parts
@@ -184,7 +184,7 @@ def test_worlds_are_a_latin_hypercube_of_everything():
 
 def test_the_corners_of_every_range_are_possible():
     for index in (0, 1):
-        factors = {key: entry.range[index] for key, entry in assumptions.varied(STUDY).items()}
+        factors = {key: entry.range[index] for key, entry in assumptions.varied_assumptions(STUDY).items()}
         traits = STUDY.changed(assumptions.changes(STUDY, factors)).traits(1)
         assert traits != STUDY.traits(1)
 

@@ -46,7 +46,7 @@ def test_the_same_whatever_was_run_before():
 
 def make_row(document, sources, job):
     """What a worker of these tests does instead of a run: a row that depends on job and configuration."""
-    study = config.study_of(document, sources)
+    study = config.study_from_mapping(document, sources)
     varied = study.changed(job.changes) if job.changes else study
     row = {name: 0 for name in campaign.columns(job.file)}
     row.update(job.columns(study.design.seed), spots=int(varied.hash, 16) % 10**6)

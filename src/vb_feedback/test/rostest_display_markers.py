@@ -122,7 +122,7 @@ class DisplayMarkersTest(unittest.TestCase):
         drawn = BorderProgress(
             interaction_id="i7",
             cameras=["red", "robot"],
-            seeing=["robot"],
+            cameras_seeing_spot=["robot"],
             points=[Point(0, 2, 0), Point(1, 2, 0)],
             point_cameras=bytes([0, 1]),
             chain=[Point(0, 2, 0), Point(1, 2, 0), Point(1, 3, 0)],
@@ -265,7 +265,7 @@ class DisplayMarkersTest(unittest.TestCase):
             self.assertIn("__name:=display", (Path(folder) / "arguments").read_text())
         layout = fit_view(Box.around(self.grid.corners()), 16 / 9)
         self.assertAlmostEqual(view["Scale"], 1280 / layout.view.width, 1)
-        self.assertAlmostEqual(view["X"], layout.view.centre[0], 2)
+        self.assertAlmostEqual(view["X"], layout.view.center[0], 2)
 
     def test_5_a_newcomer_gets_everything(self):
         self.publish_state(name="guide", interaction_id="i", commands=["cancel"])

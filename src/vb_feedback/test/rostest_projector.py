@@ -18,7 +18,7 @@ from sensor_msgs.msg import Image
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import wait_until  # noqa: E402
 from vb_core.grid_map import GridMap  # noqa: E402
-from vb_core.ros.images import image_array  # noqa: E402
+from vb_core.ros.images import array_from_image  # noqa: E402
 from vb_core.ros.messages import BorderPreviewArray, message_from_grid  # noqa: E402
 from vb_feedback.projector import projector_calibration  # noqa: E402
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray  # noqa: E402
@@ -55,7 +55,7 @@ class ProjectorTest(unittest.TestCase):
         cls.folder.cleanup()
 
     def shown(self):
-        return image_array(self.pictures[-1]) if self.pictures else np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+        return array_from_image(self.pictures[-1]) if self.pictures else np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
 
     def at(self, x, y):
         return (
@@ -69,7 +69,7 @@ class ProjectorTest(unittest.TestCase):
             f"_width:={SIZE[0]}",
             f"_height:={SIZE[1]}",
             "_window:=false",
-            "_check:=0.5",
+            "_check_duration:=0.5",
         )
         clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
         wait_until(lambda: clicks.get_num_connections() and self.pictures, "the first marker")

@@ -14,5 +14,5 @@ def text_boxes(shapes):
         if shape.kind == TEXT:
             boxes.append(text_box(shape.text, x, y, shape.size[0]))
         elif shape.kind == PLATE:
-            boxes.append(Box.centred(x, y, *shape.size))
+            boxes.append(Box.centered(x, y, *shape.size))
     return boxes

@@ -1,6 +1,6 @@
 """States and sounds on a Kobuki base."""
 
-from vb_feedback.display.colours import STATE
+from vb_feedback.display.colors import STATE
 from vb_feedback.kobuki_feedback_node import BEEPS, LEDS
 from vb_feedback.sound.tone_synthesis import SOUNDS
 

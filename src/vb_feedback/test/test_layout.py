@@ -19,7 +19,7 @@ from vb_feedback.display.layout import (
     text_width,
     wrap,
 )
-from vb_feedback.display.rviz_fonts import is_drawn, overlay
+from vb_feedback.display.rviz_fonts import is_drawn, overlay_fonts
 
 sizes = st.floats(0.5, 200.0)
 places = st.floats(-1000.0, 1000.0)
@@ -133,7 +133,7 @@ def test_rviz_is_asked_for_the_letters(tmp_path):
     (fonts / "f.ttf").write_text("letters")
     (fonts / "f.fontdef").write_text('font "F"\n{\n  type truetype\n  source f.ttf\n}\n')
     for _ in range(2):
-        found = overlay(tmp_path / "rviz", tmp_path / "over") / "rviz"
+        found = overlay_fonts(tmp_path / "rviz", tmp_path / "over") / "rviz"
         assert (found / "package.xml").read_text() == "<package/>" and (found / "ogre_media" / "models").is_dir()
         assert (found / "ogre_media" / "fonts" / "f.ttf").read_text() == "letters"
         lines = (found / "ogre_media" / "fonts" / "f.fontdef").read_text().splitlines()
@@ -141,7 +141,7 @@ def test_rviz_is_asked_for_the_letters(tmp_path):
     assert "code_points" not in (fonts / "f.fontdef").read_text()
 
 
-boxes = st.builds(Box.centred, st.floats(-5, 15), st.floats(-5, 12), st.floats(0.5, 1.5), st.floats(0.2, 0.5))
+boxes = st.builds(Box.centered, st.floats(-5, 15), st.floats(-5, 12), st.floats(0.5, 1.5), st.floats(0.2, 0.5))
 
 
 @settings(max_examples=40, deadline=None)
@@ -157,16 +157,16 @@ def test_labels_lie_on_the_map_and_not_on_each_other(wanted):
 
 def test_labels_that_are_wanted_at_one_place_find_room():
     # five at the edge, and a flat one, whose own height is no measure of how far it has to go
-    within, tall = Box(0.0, 0.0, 8.0, 6.0), Box.centred(0.0, 0.0, 1.0, 0.5)
-    placed = place_labels([tall] * 5 + [Box.centred(0.0, 0.0, 1.0, 0.2)], within)
+    within, tall = Box(0.0, 0.0, 8.0, 6.0), Box.centered(0.0, 0.0, 1.0, 0.5)
+    placed = place_labels([tall] * 5 + [Box.centered(0.0, 0.0, 1.0, 0.2)], within)
     assert not any(a.overlaps(b) for number, a in enumerate(placed) for b in placed[:number])
     # the last one in a column that is full but for its own height
     narrow = Box(0.0, 0.0, 1.0, 2.0)
-    column = [Box.centred(0.5, y, 1.0, 0.5) for y in (0.25, 1.25, 1.75)]
-    full = place_labels(column + [Box.centred(0.5, 1.9, 1.0, 0.4)], narrow)
-    assert not any(full[3].overlaps(other) for other in full[:3]) and abs(full[3].centre[1] - 0.75) < 0.06
+    column = [Box.centered(0.5, y, 1.0, 0.5) for y in (0.25, 1.25, 1.75)]
+    full = place_labels(column + [Box.centered(0.5, 1.9, 1.0, 0.4)], narrow)
+    assert not any(full[3].overlaps(other) for other in full[:3]) and abs(full[3].center[1] - 0.75) < 0.06
 
 
 def test_a_label_with_room_stays():
-    box = Box.centred(4.0, 3.0, 1.0, 0.3)
+    box = Box.centered(4.0, 3.0, 1.0, 0.3)
     assert place_labels([box], Box(0.0, 0.0, 8.0, 5.0)) == [box]

@@ -79,5 +79,5 @@ def test_a_spot_that_nobody_sees():
     for coverage in (None, partly):
         assert "robot" not in texts(coverage_notices("seed", (), (1.2, 0.5), coverage, False, (), "en"))[0][0]
     # others that say so themselves know better
-    for code in ("spot_unseen_robot_comes", "no_spot_seen"):
+    for code in ("spot_not_seen_robot_looks", "spot_not_seen_check_laser"):
         assert coverage_notices("border", (), (1.2, 0.5), partly, True, [Notice(code)], "en") == []

@@ -144,8 +144,8 @@ def test_what_save_would_restrict_is_striped(yaw):
     cells = np.zeros((80, 80), np.int8)
     region = GridMap(cells, 0.05, (2.0, 0.0, yaw))
     rows, columns = np.indices(cells.shape)
-    centres = region.cell_to_world(np.column_stack([rows.ravel(), columns.ravel()]))
-    inside = (np.abs(centres - (4.0, 2.1)) < (0.35, 0.25)).all(axis=1).reshape(cells.shape)
+    centers = region.cell_to_world(np.column_stack([rows.ravel(), columns.ravel()]))
+    inside = (np.abs(centers - (4.0, 2.1)) < (0.35, 0.25)).all(axis=1).reshape(cells.shape)
     region = region.with_data(np.where(inside, 100, 0).astype(np.int8))
     shown = FloorImage(CALIBRATION).render(FloorContent("default", region=region))
     grid = [(x, y) for x in np.linspace(3.72, 4.28, 29) for y in np.linspace(1.92, 2.28, 19)]

@@ -29,7 +29,7 @@ def test_every_part_of_the_display_is_on_the_screen(extent, screen):
     view = fitted["Visualization Manager"]["Views"]["Current"]
     layout = fit_view(extent, screen[0] / screen[1])
     # an orthographic view from above: pixels per metre about its centre
-    for x, y in ((layout.view.x0, layout.view.y0), (layout.view.x1, layout.view.y1), extent.centre):
+    for x, y in ((layout.view.x0, layout.view.y0), (layout.view.x1, layout.view.y1), extent.center):
         column = screen[0] / 2 + (x - view["X"]) * view["Scale"]
         row = screen[1] / 2 - (y - view["Y"]) * view["Scale"]
         assert -1e-6 <= column <= screen[0] + 1e-6 and -1e-6 <= row <= screen[1] + 1e-6
@@ -42,7 +42,7 @@ def test_on_a_screen_of_another_aspect_nothing_is_cut(screen):
     view = fit_config(template(), Box(0, 0, 8, 5), *screen, aspect=16 / 9)["Visualization Manager"]["Views"]["Current"]
     used = [layout.view.width * view["Scale"] / screen[0], layout.view.height * view["Scale"] / screen[1]]
     assert max(used) == pytest.approx(1.0) and min(used) > 0.7
-    assert (view["X"], view["Y"]) == pytest.approx(layout.view.centre)
+    assert (view["X"], view["Y"]) == pytest.approx(layout.view.center)
 
 
 def test_the_screens_size_is_read():

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from vb_feedback.display import colours, scene
+from vb_feedback.display import colors, scene
 from vb_feedback.display.layout import Box, fit_view
-from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, overlay
+from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
 from vb_feedback.display.text_panel import PanelContent, words
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -33,8 +33,8 @@ def test_borders_differ_by_kind():
         return [shape for shape in scene.borders(layout, [one]) if shape.namespace == "borders/outline"][0]
 
     hard, soft, off = outline(border()), outline(border(occupancy=0.4)), outline(border(enabled=False))
-    assert sum(soft.colours[0]) > sum(hard.colours[0])
-    assert len(set(off.colours[0])) == 1
+    assert sum(soft.colors[0]) > sum(hard.colors[0])
+    assert len(set(off.colors[0])) == 1
     # four sides of a polygon, three of a curve
     assert (len(hard.points), len(outline(border(closed=False)).points)) == (8, 6)
 
@@ -76,8 +76,8 @@ def test_spots_fade_and_go():
     ]
     shapes = {shape.key: shape for shape in scene.trails(layout, seen, 11.0)}
     trail = shapes[("spots/red/trail", 0)]
-    assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colours[0]) > sum(trail.colours[1])
-    assert trail.colours[1] == colours.camera_colour("red") != colours.camera_colour("blue")
+    assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colors[0]) > sum(trail.colors[1])
+    assert trail.colors[1] == colors.camera_color("red") != colors.camera_color("blue")
     discs = {shape.key: shape for shape in scene.live_spots(layout, seen, 11.0)}
     assert discs[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in discs
     # long ago; and time that jumped back: what seems to come from the future is left out
@@ -121,13 +121,13 @@ def test_overlay_marks_only_what_borders_changed():
     posterior = physical.copy()
     posterior[10:30, 10:30] = 100
     posterior[32:38, 5:45] = 40
-    found = overlay(physical, posterior, 4)
+    found = draw_restrictions(physical, posterior, 4)
     assert set(np.unique(found)) == {CLEAR, STRIPE}
     assert not found[(physical == posterior)].any()
     hard, soft = found[11:29, 11:29] == STRIPE, found[33:37, 6:44] == STRIPE
     assert 0.4 < hard.mean() < 0.6 and 0 < soft.mean() < hard.mean()
     assert (found[10, 10:30] == STRIPE).all() and (found[10:30, 29] == STRIPE).all()
-    assert not overlay(physical, physical, 4).any()
+    assert not draw_restrictions(physical, physical, 4).any()
 
 
 def test_what_save_would_restrict_is_told_from_what_is_saved():
@@ -135,7 +135,7 @@ def test_what_save_would_restrict_is_told_from_what_is_saved():
     posterior, wanted = physical.copy(), np.zeros((40, 60), np.int8)
     posterior[5:20, 5:20] = 100
     wanted[22:38, 30:55] = 100
-    found = overlay(physical, posterior, 4, wanted)
+    found = draw_restrictions(physical, posterior, 4, wanted)
     assert set(np.unique(found[wanted > 0])) == {CLEAR, PREVIEW} and (found[wanted == 0] != PREVIEW).all()
     assert 0.4 < (found[23:37, 31:54] == PREVIEW).mean() < 0.6
     # stripes run down to the right here and up to the right there
@@ -148,4 +148,4 @@ def test_a_single_cell_is_visible():
     physical = np.zeros((9, 9), np.int8)
     posterior = physical.copy()
     posterior[4, 5] = 50
-    assert overlay(physical, posterior, 4)[4, 5] == STRIPE
+    assert draw_restrictions(physical, posterior, 4)[4, 5] == STRIPE

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from vb_feedback.display import colours
+from vb_feedback.display import colors
 from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.scene import PLATE, TEXT
 from vb_feedback.display.text_panel import PanelNotice, PanelContent, words
@@ -29,10 +29,10 @@ LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
 def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
     layout = fit_view(extent, aspect)
     many = ("red", "green", "blue", "a_camera_with_a_long_name", "hall", "robot", "one too many")
-    for commands, seeing, message, notices in itertools.product(
+    for commands, cameras_seeing_spot, message, notices in itertools.product(
         ((), COMMANDS[:4]), ((), many), ("Ok.", LONG), ((), NOTICES)
     ):
-        shapes = words(layout, PanelContent(state, 3599.0, commands, False, message, seeing, notices))
+        shapes = words(layout, PanelContent(state, 3599.0, commands, False, message, cameras_seeing_spot, notices))
         for kind in (TEXT, PLATE):
             boxes = text_boxes([shape for shape in shapes if shape.kind == kind])
             for one, other in itertools.combinations(boxes, 2):
@@ -111,7 +111,7 @@ def test_a_refusal_stands_out_for_every_eye():
     assert not [shape for shape in good if shape.kind == PLATE]
     plate = [shape for shape in bad if shape.kind == PLATE][0]
     answer = [shape for shape in bad if shape.namespace == "words/answer"]
-    assert plate.colours == (colours.YELLOW,) and all(shape.colours == (colours.BLACK,) for shape in answer)
+    assert plate.colors == (colors.YELLOW,) and all(shape.colors == (colors.BLACK,) for shape in answer)
     box = text_boxes([plate])[0]
     assert all(box.contains(text) for text in text_boxes(answer))
 

@@ -35,7 +35,7 @@ class Drawing:
 
 
 @dataclass(frozen=True)
-class Localisation:
+class Localization:
     """How a robot's pose errs: standard deviations, and the time after which the error is another.
 
     In the simulated lab AMCL's position was off by 2.5 cm in the median, 5 cm at 95 %
@@ -64,7 +64,7 @@ class Seen:
     noise: float = 0.01  # [m]
     tremor: float = 0.015  # [m]
     outliers: float = 0.03
-    robot: Optional[Localisation] = None
+    robot: Optional[Localization] = None
 
     def replace(self, **changes) -> "Seen":
         return dataclasses.replace(self, **changes)
@@ -128,14 +128,14 @@ def see(drawing: Drawing, seen: Seen, rng: np.random.Generator) -> Stroke:
 
 
 def _robot_offset(
-    places: np.ndarray, stamps: np.ndarray, localisation: Localisation, rng: np.random.Generator
+    places: np.ndarray, stamps: np.ndarray, localization: Localization, rng: np.random.Generator
 ) -> np.ndarray:
     """(N, 2) [m] by how much a robot misplaces what it sees at places (N, 2) [m] about itself, stamps (N,) [s] rising."""
-    sigma = np.array([localisation.position, localisation.position, localisation.yaw])
+    sigma = np.array([localization.position, localization.position, localization.yaw])
     error = np.empty((len(stamps), 3))
     state = sigma * rng.standard_normal(3)
     for row, pause in enumerate(np.diff(stamps, prepend=stamps[:1])):
-        keep = np.exp(-pause / localisation.lasts)
+        keep = np.exp(-pause / localization.lasts)
         state = keep * state + np.sqrt(1.0 - keep**2) * sigma * rng.standard_normal(3)
         error[row] = state
     return error[:, :2] + error[:, 2:] * np.column_stack([-places[:, 1], places[:, 0]])

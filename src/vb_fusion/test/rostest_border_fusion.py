@@ -159,8 +159,8 @@ class BorderFusionTest(unittest.TestCase):
         self.wait(lambda: self.last(seed_spots=30, has_seed=True), "the seed")
         self.assertTrue(self.candidate("three").success)
         self.enter(InteractionState.DEFAULT, "", "saved")
-        journal = Path(rospy.get_param(NODE + "/journal"))
-        self.wait(lambda: not journal.exists(), "the removal of the journal")
+        spot_log = Path(rospy.get_param(NODE + "/spot_log_file"))
+        self.wait(lambda: not spot_log.exists(), "the removal of the spot log")
 
 
 if __name__ == "__main__":

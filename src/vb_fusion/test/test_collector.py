@@ -1,4 +1,4 @@
-"""Which spots belong to an interaction, the journal, and the live candidate's thrift."""
+"""Which spots belong to an interaction, the spot log, and the live candidate's thrift."""
 
 from pathlib import Path
 
@@ -85,12 +85,12 @@ def test_seeing():
 
 
 def test_the_log_returns_what_was_collected(tmp_path):
-    path = tmp_path / "folder" / "journal.jsonl"
-    journal = SpotLog(path)
-    assert journal.start("a") == []
-    journal.append("border", spot(1.5, 0.25, -1.0))
-    journal.append("seed", spot(2.5, 1.0, 2.0, "green"))
-    journal.flush()
+    path = tmp_path / "folder" / "spot_log.jsonl"
+    spot_log = SpotLog(path)
+    assert spot_log.start("a") == []
+    spot_log.append("border", spot(1.5, 0.25, -1.0))
+    spot_log.append("seed", spot(2.5, 1.0, 2.0, "green"))
+    spot_log.flush()
     with open(str(path), "a") as file:
         file.write('["border", 3.0, 0.')  # killed while writing
     again = SpotLog(path)
@@ -103,14 +103,14 @@ def test_the_log_returns_what_was_collected(tmp_path):
 
 
 def test_the_log_is_bounded_removed_and_optional(tmp_path):
-    journal = SpotLog(tmp_path / "j", limit=3)
-    journal.start("a")
+    spot_log = SpotLog(tmp_path / "j", limit=3)
+    spot_log.start("a")
     for k in range(10):
-        journal.append("border", spot(float(k)))
-    journal.close()
-    assert len(journal.read("a")) == 3
-    journal.discard()
-    journal.discard()
+        spot_log.append("border", spot(float(k)))
+    spot_log.close()
+    assert len(spot_log.read("a")) == 3
+    spot_log.discard()
+    spot_log.discard()
     assert not (tmp_path / "j").exists()
     nothing = SpotLog(None)
     assert nothing.start("a") == []
@@ -127,40 +127,40 @@ def test_a_file_that_is_not_a_log_is_ignored(tmp_path, text):
 
 def test_an_impossible_folder_is_reported_and_the_drawing_goes_on(tmp_path):
     (tmp_path / "file").write_text("")
-    journal = SpotLog(tmp_path / "file" / "folder" / "j")
-    assert journal.start("a") == []
-    assert journal.problem.code == "journal_unwritable"
-    journal.append("border", spot(1.0))
-    journal.flush()
-    journal.discard()
-    assert journal.problem is None
+    spot_log = SpotLog(tmp_path / "file" / "folder" / "j")
+    assert spot_log.start("a") == []
+    assert spot_log.problem.code == "spot_log_unwritable"
+    spot_log.append("border", spot(1.0))
+    spot_log.flush()
+    spot_log.discard()
+    assert spot_log.problem is None
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
 def test_a_full_disk_says_so_and_the_drawing_goes_on(tmp_path):
     (tmp_path / "j").symlink_to("/dev/full")
-    journal = SpotLog(tmp_path / "j")
-    journal.start("a")
+    spot_log = SpotLog(tmp_path / "j")
+    spot_log.start("a")
     for k in range(5000):
-        journal.append("border", spot(float(k)))
-    journal.flush()
-    assert journal.problem.code == "journal_unwritable"
-    journal.close()
+        spot_log.append("border", spot(float(k)))
+    spot_log.flush()
+    assert spot_log.problem.code == "spot_log_unwritable"
+    spot_log.close()
 
 
 def test_a_damaged_log_returns_what_it_still_has(tmp_path):
     path = tmp_path / "j"
-    journal = SpotLog(path)
-    journal.start("a")
+    spot_log = SpotLog(path)
+    spot_log.start("a")
     for k in range(3):
-        journal.append("border", spot(float(k)))
-    journal.close()
+        spot_log.append("border", spot(float(k)))
+    spot_log.close()
     lines = path.read_bytes().split(b"\n")
     lines[2] = b"\xff\xfe damaged"
     path.write_bytes(b"\n".join(lines))
     again = SpotLog(path)
     assert [entry[1].stamp for entry in again.start("a")] == [0.0, 2.0]
-    assert again.problem.code == "journal_damaged" and again.problem.values == {"lines": 1}
+    assert again.problem.code == "spot_log_damaged" and again.problem.values == {"lines": 1}
 
 
 def test_live_candidate_keeps_to_its_share():

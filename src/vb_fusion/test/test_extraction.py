@@ -158,7 +158,7 @@ def test_carpet_with_a_gap_is_closed_at_every_scale(scale):
 
 def test_overlapping_ends_are_cut():
     decision = closure.classify_closure(carpet(-0.4) + np.linspace(0, 0.05, 300)[:, None])
-    assert decision.closed and decision.code == "closed_cut"
+    assert decision.closed and decision.code == "closed_trimmed"
     assert decision.last - decision.first < 299
 
 

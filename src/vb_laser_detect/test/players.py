@@ -10,7 +10,7 @@ from scenes import RED, Scene
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
 
 
@@ -21,8 +21,8 @@ class FixedCamera:
         info: a stamp to the camera_info to be sent; None: none is sent.
     """
 
-    def __init__(self, name, x, y, colour, compressed):
-        self.name, self.colour, self.compressed = name, colour, compressed
+    def __init__(self, name, x, y, color, compressed):
+        self.name, self.color, self.compressed = name, color, compressed
         self.camera = CameraModel(
             480, 270, np.array([[300.0, 0, 239.5], [0, 300.0, 134.5], [0, 0, 1]]), np.array([-0.12, 0.02, 0.001, 0, 0])
         )
@@ -36,13 +36,13 @@ class FixedCamera:
 
     def play(self, stamp, point):
         uv = self.camera.project(geometry.apply(geometry.invert(self.T), np.array([*point, 0.0]))[None])[0]
-        image = self.scene.render([uv], sigma=1.3, colour=self.colour, bayer=not self.compressed)
+        image = self.scene.render([uv], sigma=1.3, color=self.color, bayer=not self.compressed)
         if self.compressed:
             message = CompressedImage(format="jpeg")
             message.data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
             message.header.stamp, message.header.frame_id = stamp, self.frame
         else:
-            message = image_message(image, "bayer_rggb8", stamp, self.frame)
+            message = message_from_image(image, "bayer_rggb8", stamp, self.frame)
         self.images.publish(message)
         if self.info is not None:
             self.infos.publish(self.info(stamp))
@@ -53,7 +53,7 @@ class RobotCamera:
 
     Attributes:
         info: a stamp to the camera_info to be sent.
-        localised: whether its pose is published.
+        localized: whether its pose is published.
         looped: whether its transforms go round in a circle.
         pose_late_s: [s] by which the pose comes after the image of the same time.
         depth_message: depth (60, 80) uint16 [mm] to the message to be sent.
@@ -70,18 +70,18 @@ class RobotCamera:
         self.depths = rospy.Publisher("/camera/depth_registered/image_raw", Image, queue_size=1)
         self.tf = tf2_ros.TransformBroadcaster()
         self.played = 0
-        self.localised, self.looped, self.pose_late_s = True, False, 0.0
+        self.localized, self.looped, self.pose_late_s = True, False, 0.0
         self.info = lambda stamp: info_from_camera(self.camera, stamp, self.frame)
-        self.depth_message = lambda depth: image_message(depth, "16UC1", rospy.Time(), self.frame)
+        self.depth_message = lambda depth: message_from_image(depth, "16UC1", rospy.Time(), self.frame)
 
     def play(self, stamp, x):
-        base = geometry.pose2d_transform(x, 1.0, 0.2)
+        base = geometry.transform_from_pose2d(x, 1.0, 0.2)
         T = base @ self.T_base
         # a spot that rests at one place of the picture for long is a lamp
         self.played += 1
         point = geometry.apply(base, np.array([1.0, 0.1 + 0.15 * np.sin(0.05 * self.played), 0.0]))
         uv = self.camera.project(geometry.apply(geometry.invert(T), point)[None])[0]
-        image = self.scene.render([uv], sigma=2.5, colour=RED)[:, :, ::-1]
+        image = self.scene.render([uv], sigma=2.5, color=RED)[:, :, ::-1]
         small = self.camera.scaled_to(80, 60)
         grid = np.stack(np.meshgrid(np.arange(80), np.arange(60)), axis=-1).reshape(-1, 2)
         floor = geometry.intersect_floor(T[:3, 3], small.rays(grid) @ T[:3, :3].T)
@@ -93,17 +93,17 @@ class RobotCamera:
         self.infos.publish(self.info(stamp))
         if self.pose_late_s == 0.0:
             self._publish_pose(base, stamp)
-        self.images.publish(image_message(image, "rgb8", stamp, self.frame))
+        self.images.publish(message_from_image(image, "rgb8", stamp, self.frame))
         if self.pose_late_s > 0.0:
             rospy.rostime.wallsleep(self.pose_late_s)
             self._publish_pose(base, stamp)
         return point[:2]
 
     def _publish_pose(self, base, stamp):
-        if self.localised:
+        if self.localized:
             self.tf.sendTransform(
                 [
-                    messages.transform_message(base, self.frame if self.looped else "map", "base_link", stamp),
-                    messages.transform_message(self.T_base, "base_link", self.frame, stamp),
+                    messages.message_from_transform(base, self.frame if self.looped else "map", "base_link", stamp),
+                    messages.message_from_transform(self.T_base, "base_link", self.frame, stamp),
                 ]
             )

@@ -21,7 +21,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from vb_core import geometry, names
 from vb_core.camera_model import CameraModel
 from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.board import BoardParams
@@ -32,7 +32,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from board_scene import CAMERA, POSE, p2_of, render_board  # noqa: E402
 from scenes import Scene  # noqa: E402
 
-PATIENCE = 120.0
+TIMEOUT = 120.0
 FASTER = 3.0  # the images' stamps run ahead of the wall clock: nobody waits two seconds for a spot to be held for two
 SMALL = CameraModel(640, 360, np.array([[400.0, 0, 319], [0, 400.0, 181], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))
 
@@ -71,14 +71,14 @@ class Command:
             return next((line for line in self.lines[after:] if any(word in line for word in words)), None)
 
         with self._changed:
-            self._changed.wait_for(found, PATIENCE)
+            self._changed.wait_for(found, TIMEOUT)
             if found() is None:
                 raise AssertionError(f"waited in vain for {words} after line {after} of:\n" + "\n".join(self.lines))
             return found()
 
     def status(self):
-        status = self._process.wait(PATIENCE)
-        self._reader.join(PATIENCE)
+        status = self._process.wait(TIMEOUT)
+        self._reader.join(TIMEOUT)
         return status
 
     def end(self):
@@ -106,7 +106,7 @@ class Player:
             return
         frame, now = self.name + "_optical_frame", self._now()
         self._infos.publish(info_from_camera(self.camera, now, frame))
-        self._images.publish(image_message(self.render(), "mono8", now, frame))
+        self._images.publish(message_from_image(self.render(), "mono8", now, frame))
         with self._changed:
             self._latest = now
             self._changed.notify_all()
@@ -119,7 +119,7 @@ class Player:
         """Shows something else, and waits until it was shown for so long, by the images' own time."""
         with self._changed:
             self.shown, since = what, self._now()
-            if not self._changed.wait_for(lambda: (self._latest - since).to_sec() > seconds, PATIENCE):
+            if not self._changed.wait_for(lambda: (self._latest - since).to_sec() > seconds, TIMEOUT):
                 raise AssertionError("the camera does not play")
 
     def close(self):
@@ -140,7 +140,7 @@ class CalibrateCameraTest(unittest.TestCase):
         cls.unattended = {
             "agreeing": Command("check", "--seconds", "4", "--limit", "5"),
             "strict": Command("check", "--seconds", "4", "--limit", "1"),
-            "nobody": Command("spots", "nobody", "--folder", tempfile.gettempdir(), "--patience", "0.5"),
+            "nobody": Command("spots", "nobody", "--folder", tempfile.gettempdir(), "--timeout", "0.5"),
         }
 
     @classmethod
@@ -178,10 +178,10 @@ class CalibrateCameraTest(unittest.TestCase):
         message.point.x, message.point.y = point
         self.clicks.publish(message)
 
-    def check_pose(self, camera, truth, metres, degrees):
+    def check_pose(self, camera, truth, meters, degrees):
         pose = calibration_file.load(calibration_file.calibration_path(self.folder.name, camera))
         self.assertEqual((pose.camera, pose.parent, pose.frame), (camera, "map", camera + "_optical_frame"))
-        self.assertLess(np.linalg.norm(pose.T[:3, 3] - truth[:3, 3]), metres)
+        self.assertLess(np.linalg.norm(pose.T[:3, 3] - truth[:3, 3]), meters)
         turn = geometry.invert(pose.T) @ truth
         self.assertLess(math.degrees(math.acos(min(1.0, (np.trace(turn[:3, :3]) - 1) / 2))), degrees)
         return pose
@@ -202,7 +202,7 @@ class CalibrateCameraTest(unittest.TestCase):
 
         red.render = render
         # where the running lab looks for calibrations
-        rospy.set_param("/camera_poses/folder", self.folder.name)
+        rospy.set_param("/camera_poses/calibration_dir", self.folder.name)
         self.addCleanup(rospy.delete_param, "/camera_poses")
         command = self.start("spots", "red")
         command.wait_for("Hold the spot")
@@ -229,7 +229,7 @@ class CalibrateCameraTest(unittest.TestCase):
                 answer = command.wait_for("is at", "! ", after=before)
                 if "is at" in answer:
                     break
-                self.assertTrue("no_spot" in answer or "spot_moves" in answer, answer)
+                self.assertTrue("spot_not_seen_by_camera" in answer or "spot_moves" in answer, answer)
             self.assertIn("is at", answer)
             command.wait_for(f"{i + 1} place", after=before)
         command.type("done")
@@ -274,7 +274,9 @@ class CalibrateCameraTest(unittest.TestCase):
         self.check_pose("blue", POSE, 0.03, 0.5)
 
         # the pose that the file holds is what launch/parts/perception.launch publishes
-        rospy.set_param("/camera_poses", {"folder": self.folder.name, "cameras": "blue green", "look_s": 0.2})
+        rospy.set_param(
+            "/camera_poses", {"calibration_dir": self.folder.name, "cameras": "blue green", "check_period": 0.2}
+        )
         poses = subprocess.Popen(["rosrun", "vb_laser_detect", "camera_poses"])
         self.addCleanup(poses.wait)
         self.addCleanup(poses.terminate)
@@ -300,17 +302,17 @@ class CalibrateCameraTest(unittest.TestCase):
 
     def check_transform(self, frame, truth):
         """Waits until tf has a frame at its true pose."""
-        error, deadline = float("inf"), time.monotonic() + PATIENCE
+        error, deadline = float("inf"), time.monotonic() + TIMEOUT
         while error > 0.02 and time.monotonic() < deadline:
-            found = self.buffer.lookup_transform(names.MAP_FRAME, frame, rospy.Time(0), rospy.Duration(PATIENCE))
-            error = np.abs(messages.matrix_from_transform(found.transform) - truth).max()
+            found = self.buffer.lookup_transform(names.MAP_FRAME, frame, rospy.Time(0), rospy.Duration(TIMEOUT))
+            error = np.abs(messages.transform_from_message(found.transform) - truth).max()
             rospy.rostime.wallsleep(0.05)
         self.assertLess(error, 0.02, frame)
 
     def test_nothing_comes_from_the_camera(self):
         command = self.unattended["nobody"]
         self.assertEqual(command.status(), 1)
-        command.wait_for("no_camera")
+        command.wait_for("no_images")
 
     def test_a_frame_that_another_camera_uses_is_refused_before_any_work(self):
         detectors = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)

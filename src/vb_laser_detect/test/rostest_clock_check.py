@@ -12,7 +12,7 @@ from rosgraph_msgs.msg import Log
 
 from vb_msgs.srv import GetTime, GetTimeResponse
 
-PATIENCE = 120.0
+TIMEOUT = 120.0
 
 
 class ClockCheckTest(unittest.TestCase):
@@ -45,7 +45,7 @@ class ClockCheckTest(unittest.TestCase):
     def wait(self, condition, what):
         with self.changed:
             self.assertTrue(
-                self.changed.wait_for(condition, PATIENCE), f"waited in vain for {what}: {self.found} {self.warned}"
+                self.changed.wait_for(condition, TIMEOUT), f"waited in vain for {what}: {self.found} {self.warned}"
             )
 
     def level(self, name):

@@ -15,7 +15,7 @@ from sensor_msgs.msg import Image
 
 from vb_core import geometry, names
 from vb_core.grid_map import GridMap
-from vb_core.ros.images import image_array
+from vb_core.ros.images import array_from_image
 from vb_core.ros import messages
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
@@ -23,7 +23,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from players import FixedCamera, RobotCamera  # noqa: E402
 from scenes import GREEN, RED  # noqa: E402
 
-PATIENCE = 120.0
+TIMEOUT = 120.0
 GUARD = (2.5, 1.5)  # [m] where a robot stands, on the circle that red's laser draws
 
 
@@ -40,8 +40,8 @@ class SpotDetectorTest(unittest.TestCase):
         cls.fixed_tf = tf2_ros.StaticTransformBroadcaster()
         cls.fixed_tf.sendTransform(
             [
-                *(messages.transform_message(c.T, "map", c.frame, rospy.Time.now()) for c in (cls.red, cls.blue)),
-                messages.transform_message(
+                *(messages.message_from_transform(c.T, "map", c.frame, rospy.Time.now()) for c in (cls.red, cls.blue)),
+                messages.message_from_transform(
                     geometry.transform(np.eye(3), (*GUARD, 0.0)), "map", "guard/base_link", rospy.Time.now()
                 ),
             ]
@@ -69,8 +69,8 @@ class SpotDetectorTest(unittest.TestCase):
             stamp = rospy.Time.now()
             angle = 0.1 * step
             for camera in (cls.red, cls.blue):
-                centre = camera.T[:2, 3]
-                point = centre + 0.5 * np.array([np.cos(angle), np.sin(angle)])
+                center = camera.T[:2, 3]
+                point = center + 0.5 * np.array([np.cos(angle), np.sin(angle)])
                 cls.truth[camera.name, stamp.to_nsec()] = point
                 camera.play(stamp, point)
             with cls.changed:  # a spot may come back before this thread has noted where it was
@@ -108,7 +108,7 @@ class SpotDetectorTest(unittest.TestCase):
 
     def wait(self, condition, what):
         with self.changed:
-            self.assertTrue(self.changed.wait_for(condition, PATIENCE), f"waited in vain for {what}: {self.status}")
+            self.assertTrue(self.changed.wait_for(condition, TIMEOUT), f"waited in vain for {what}: {self.status}")
 
     def check(self, camera, projections, limit):
         self.wait(lambda: sum(spot.camera == camera for spot in self.spots) >= 15, "spots of " + camera)
@@ -172,7 +172,7 @@ class SpotDetectorTest(unittest.TestCase):
 
     def test_debug_image_when_listened_to(self):
         self.wait(lambda: len(self.pictures) > 0, "a debug image")
-        self.assertEqual(image_array(self.pictures[-1]).shape, (270, 480, 3))
+        self.assertEqual(array_from_image(self.pictures[-1]).shape, (270, 480, 3))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from sensor_msgs.msg import Image
 from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
@@ -28,7 +28,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from players import FixedCamera, RobotCamera  # noqa: E402
 from scenes import RED  # noqa: E402
 
-PATIENCE = 120.0
+TIMEOUT = 120.0
 WARN_EVERY = 10.0
 
 
@@ -124,7 +124,7 @@ class FaultsTest(unittest.TestCase):
         o = self.observer
         with o.changed:
             self.assertTrue(
-                o.changed.wait_for(condition, PATIENCE), f"waited in vain for {what}: {o.status} {o.diagnostics}"
+                o.changed.wait_for(condition, TIMEOUT), f"waited in vain for {what}: {o.status} {o.diagnostics}"
             )
 
     def wait_for_spots(self, camera, count=3, projection=None):
@@ -203,15 +203,15 @@ class FaultsTest(unittest.TestCase):
         now, red = rospy.Time.now(), self.red
         self.static.sendTransform(
             [
-                messages.transform_message(np.eye(4), "a", red.frame, now),
-                messages.transform_message(np.eye(4), "b", "a", now),
-                messages.transform_message(np.eye(4), "a", "b", now),
-                messages.transform_message(np.eye(4), "map", "elsewhere", now),
+                messages.message_from_transform(np.eye(4), "a", red.frame, now),
+                messages.message_from_transform(np.eye(4), "b", "a", now),
+                messages.message_from_transform(np.eye(4), "a", "b", now),
+                messages.message_from_transform(np.eye(4), "map", "elsewhere", now),
             ]
         )
         self.check_fault("red", "no_transform", "loop", DiagnosticStatus.ERROR)
         self.assertFalse([spot for spot in self.observer.spots if spot.camera == "red"])
-        self.static.sendTransform([messages.transform_message(red.T, "map", red.frame, now)])
+        self.static.sendTransform([messages.message_from_transform(red.T, "map", red.frame, now)])
         self.assertLess(np.median(self.errors(self.wait_for_spots("red"))), 0.01)
 
     def camera_info_changes(self):
@@ -258,7 +258,7 @@ class FaultsTest(unittest.TestCase):
         good = np.full((height, width), 100, np.uint8)
 
         def short():
-            message = image_message(good, "mono8", rospy.Time(), "")
+            message = message_from_image(good, "mono8", rospy.Time(), "")
             message.data = message.data[:1000]
             return message
 
@@ -268,7 +268,7 @@ class FaultsTest(unittest.TestCase):
         for spoil, words in (
             (lambda: Image(encoding="bayer_rggb8"), "the image is empty"),
             (unknown, "purple8"),
-            (lambda: image_message(good.astype(np.float32), "32FC1", rospy.Time(), ""), "32FC1"),
+            (lambda: message_from_image(good.astype(np.float32), "32FC1", rospy.Time(), ""), "32FC1"),
             (short, "cannot read an image"),
         ):
             self.spoil[camera] = spoil
@@ -279,9 +279,9 @@ class FaultsTest(unittest.TestCase):
         self.wait(lambda: self.observer.diagnostics[name].level == DiagnosticStatus.OK, "all well again")
 
     def tuning(self):
-        client = Client("/spot_detector_red/detector", timeout=PATIENCE)
+        client = Client("/spot_detector_red/detector", timeout=TIMEOUT)
         self.addCleanup(client.close)
-        described = {entry["name"]: entry for entry in client.get_parameter_descriptions(timeout=PATIENCE)}
+        described = {entry["name"]: entry for entry in client.get_parameter_descriptions(timeout=TIMEOUT)}
         self.assertEqual((described["confirm_frames"]["min"], described["confirm_frames"]["type"]), (1, "int"))
         self.assertNotIn("moving_camera", described)
         before = self.observer.refused("red", "too_small")
@@ -297,7 +297,7 @@ class FaultsTest(unittest.TestCase):
         client.update_configuration({"min_diameter_mm": 3.0})
         self.wait_for_spots("red")
         # the projection's, and the node's own
-        other = Client("/spot_detector_red/projection", timeout=PATIENCE)
+        other = Client("/spot_detector_red/projection", timeout=TIMEOUT)
         self.addCleanup(other.close)
         other.update_configuration({"max_range": 1.0})
         self.wait(lambda: self.observer.refused("red", "too_far") > 3, "a floor that is too far away")
@@ -336,25 +336,27 @@ class FaultsTest(unittest.TestCase):
 
     def bad_depth(self, robot):
         def empty(depth):
-            return image_message(
+            return message_from_image(
                 np.full(depth.shape, np.nan, np.float32), "32FC1", rospy.Time(), "camera_optical_frame"
             )
 
-        def coloured(depth):
-            return image_message(np.zeros((*depth.shape, 3), np.uint8), "rgb8", rospy.Time(), "camera_optical_frame")
+        def colored(depth):
+            return message_from_image(
+                np.zeros((*depth.shape, 3), np.uint8), "rgb8", rospy.Time(), "camera_optical_frame"
+            )
 
         good = robot.depth_message
         # depth of another camera's frame does not belong to the pixels of this one
-        robot.depth_message = lambda depth: image_message(depth, "16UC1", rospy.Time(), "depth_optical_frame")
+        robot.depth_message = lambda depth: message_from_image(depth, "16UC1", rospy.Time(), "depth_optical_frame")
         self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
         self.check_fault("robot", "depth_not_registered", "depth_optical_frame", DiagnosticStatus.WARN, count=3)
-        for spoilt, words in ((empty, "no reading at all"), (coloured, "expected depth images of 16UC1 or 32FC1")):
+        for spoilt, words in ((empty, "no reading at all"), (colored, "expected depth images of 16UC1 or 32FC1")):
             robot.depth_message = spoilt
             # the floor's plane takes over, and the spots say so
             spots = self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
             self.assertLess(np.median(self.errors(spots)), 0.03)
             self.check_fault("robot", "bad_depth", words, DiagnosticStatus.WARN, count=3)
-        robot.depth_message = lambda depth: image_message(
+        robot.depth_message = lambda depth: message_from_image(
             np.where(depth > 0, depth / 1000.0, np.nan).astype(np.float32),
             "32FC1",
             rospy.Time(),
@@ -377,14 +379,14 @@ class FaultsTest(unittest.TestCase):
         self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
         robot.pose_late_s = 0.0
         # without a pose at the image's time a spot is dropped and counted, never published where it was last
-        robot.localised = False
+        robot.localized = False
         self.check_fault("robot", "no_transform", "no transform", DiagnosticStatus.ERROR, count=5)
         with o.changed:
             count = len([spot for spot in o.spots if spot.camera == "robot"])
         before = o.refused("robot", "no_transform")
         self.wait(lambda: o.refused("robot", "no_transform") >= before + 5, "more spots that are dropped")
         self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "robot"]), count)
-        robot.looped = robot.localised = True
+        robot.looped = robot.localized = True
         self.wait(lambda: "loop" in o.diagnostics["robot"].message, "the diagnostic of the loop")
         before = o.refused("robot", "no_transform")
         self.wait(lambda: o.refused("robot", "no_transform") >= before + 5, "spots that are dropped for the loop")

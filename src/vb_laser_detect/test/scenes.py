@@ -40,7 +40,7 @@ class Scene:
         spots: Sequence[Tuple[float, float]] = (),
         sigma: float = 2.5,
         power: float = 420.0,
-        colour: Tuple[float, float, float] = RED,
+        color: Tuple[float, float, float] = RED,
         smear: Tuple[float, float] = (0.0, 0.0),
         gain: float = 1.0,
         floor: Optional[np.ndarray] = None,
@@ -67,7 +67,7 @@ class Scene:
                 gx = np.exp(-0.5 * ((np.arange(left, right) - cu) / sigma) ** 2)
                 gy = np.exp(-0.5 * ((np.arange(top, bottom) - cv) / sigma) ** 2)
                 glow = (power / steps) * (gy[:, None] * gx[None])[:, :, None]
-                light[top:bottom, left:right] += (glow * colour).astype(np.float32)
+                light[top:bottom, left:right] += (glow * color).astype(np.float32)
         light = light * gain
         if bayer:
             mosaic = np.empty((height, width), np.float32)

@@ -157,13 +157,14 @@ def test_points_that_leave_the_pose_open_are_refused(focal, tilt, part, code, mo
 def test_mirrored_coordinates_are_refused():
     observed = observe(np.random.default_rng(5), 8, 0.0, 0.0)
     mirrored = Correspondences.single(observed.pixels, observed.points * (1, -1))
-    assert rejection(mirrored) in ("below_floor", "no_agreement")
+    assert rejection(mirrored) in ("below_floor", "no_consistent_pose")
 
 
 def test_points_of_another_lens_or_in_disorder_do_not_agree():
     observed = observe(np.random.default_rng(6), 8, 0.0, 0.0)
     assert (
-        rejection(Correspondences.single(observed.pixels, observed.points[[3, 0, 6, 1, 7, 2, 5, 4]])) == "no_agreement"
+        rejection(Correspondences.single(observed.pixels, observed.points[[3, 0, 6, 1, 7, 2, 5, 4]]))
+        == "no_consistent_pose"
     )
 
 
@@ -188,7 +189,7 @@ def test_a_spot_is_taken_only_while_it_is_still():
             held.place()
         return raised.value.code
 
-    assert code() == "no_spot"
+    assert code() == "spot_not_seen_by_camera"
     for i in range(25):
         held.add(0.04 * i, [(300 + 20 * i, 200)])
     assert code() == "spot_moves"
@@ -197,9 +198,9 @@ def test_a_spot_is_taken_only_while_it_is_still():
     assert held.place() == pytest.approx((800, 400), abs=0.5)
     for i in range(100, 160):  # the images go on without it
         held.add(0.04 * i, [])
-    assert code() == "no_spot"
+    assert code() == "spot_not_seen_by_camera"
     held.add(0.0, [(1, 1)])  # time jumped back
-    assert code() == "no_spot"
+    assert code() == "spot_not_seen_by_camera"
 
 
 def test_session_guides_to_a_result_and_back():

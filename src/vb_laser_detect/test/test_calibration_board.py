@@ -150,8 +150,8 @@ def test_print_is_true_to_size(tmp_path):
         BoardParams.for_paper("A4"), cv2.resize(page, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
     )
     assert len(view.ids) == 12
-    per_metre = np.linalg.norm(np.ptp(view.pixels, axis=0)) / np.linalg.norm(np.ptp(view.corners, axis=0))
-    assert per_metre == pytest.approx(75 / 0.0254, rel=2e-3)
+    per_meter = np.linalg.norm(np.ptp(view.pixels, axis=0)) / np.linalg.norm(np.ptp(view.corners, axis=0))
+    assert per_meter == pytest.approx(75 / 0.0254, rel=2e-3)
     pdf = tmp_path / "board.pdf"
     write_board(BOARD, "A3", str(pdf))
     content = pdf.read_bytes()
@@ -200,8 +200,8 @@ def test_agreement_of_slow_cameras():
 
 def test_agreement_needs_cameras_that_see_the_spot_together():
     for sightings, code in (
-        ([], "one_camera"),
-        (draw({"red": ((0, 0), 0.0)}), "one_camera"),
+        ([], "too_few_cameras"),
+        (draw({"red": ((0, 0), 0.0)}), "too_few_cameras"),
         (draw({"red": ((0, 0), 0.0)}, 2.0) + draw({"green": ((0, 0), 50.0)}, 2.0), "no_overlap"),
         (draw({"red": ((0, 0), 0.0), "green": ((0, 0), 0.0)}, 0.5), "no_overlap"),
     ):

@@ -109,7 +109,7 @@ def test_a_pose_that_is_tilted_is_off_by_that_angle_at_its_height(tmp_path, chec
     assert medians["green", "red"] <= 0.2
 
 
-@pytest.mark.parametrize("cameras, code", [((), "one_camera"), (("red",), "one_camera")])
+@pytest.mark.parametrize("cameras, code", [((), "too_few_cameras"), (("red",), "too_few_cameras")])
 def test_bags_that_say_nothing_about_overlap(tmp_path, check, cameras, code):
     status, _, _, text = check(record(tmp_path / "one.bag", {}, 2.0, cameras))
     assert status == 1 and code in text

@@ -1,4 +1,4 @@
-"""Offsets of clocks from exchanges whose delays are known."""
+"""Offsets of clocks from samples whose delays are known."""
 
 import random
 
@@ -30,13 +30,13 @@ def test_the_truth_is_within_the_uncertainty(offset, there, within, back):
 
 def test_the_quickest_exchange_counts():
     rng = random.Random(1)
-    exchanges = [exchange(-0.02, 0.001 + rng.expovariate(50), 0.0, 0.001, 1000.0 + i) for i in range(20)]
-    exchanges.append(exchange(-0.02, 0.0005, 0.0, 0.0005, 2000.0))
-    assert estimate_clock_offset(exchanges).offset == pytest.approx(-0.02, abs=1e-9)
+    samples = [exchange(-0.02, 0.001 + rng.expovariate(50), 0.0, 0.001, 1000.0 + i) for i in range(20)]
+    samples.append(exchange(-0.02, 0.0005, 0.0, 0.0005, 2000.0))
+    assert estimate_clock_offset(samples).offset == pytest.approx(-0.02, abs=1e-9)
 
 
-@pytest.mark.parametrize("exchanges", [[], [(10.0, 9.0, 9.5, 9.9)], [(10.0, 20.0, 19.0, 10.1)]])
-def test_impossible_exchanges_are_refused(exchanges):
+@pytest.mark.parametrize("samples", [[], [(10.0, 9.0, 9.5, 9.9)], [(10.0, 20.0, 19.0, 10.1)]])
+def test_impossible_exchanges_are_refused(samples):
     with pytest.raises(CodedError) as raised:
-        estimate_clock_offset(exchanges)
-    assert raised.value.code == "no_exchange"
+        estimate_clock_offset(samples)
+    assert raised.value.code == "no_clock_samples"

@@ -8,7 +8,7 @@ from scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection.classifier import Classification, SpotClassifier
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.detection.projection import metres_per_pixel
+from vb_laser_detect.detection.projection import meters_per_pixel
 
 PERIOD = 0.04
 
@@ -23,16 +23,16 @@ def feed(detector, images, start=0.0):
 
 
 @pytest.mark.parametrize("bayer", [False, True])
-@pytest.mark.parametrize("colour", [RED, GREEN])
+@pytest.mark.parametrize("color", [RED, GREEN])
 @pytest.mark.parametrize("sigma", [1.2, 2.5, 5.0])
-def test_spot_is_found_to_a_fraction_of_a_pixel(bayer, colour, sigma):
+def test_spot_is_found_to_a_fraction_of_a_pixel(bayer, color, sigma):
     scene, detector, random = Scene(), at_once(), np.random.default_rng(2)
     detector.encoding = "bayer_rggb8" if bayer else "bgr8"
     feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
     errors = []
     for i in range(12):
         truth = random.uniform((40, 40), (600, 320))
-        spots = detector.detect(scene.render([truth], sigma, colour=colour, bayer=bayer), 0.4 + PERIOD * i)
+        spots = detector.detect(scene.render([truth], sigma, color=color, bayer=bayer), 0.4 + PERIOD * i)
         assert len(spots) <= 1
         errors += [np.hypot(spot.u - truth[0], spot.v - truth[1]) for spot in spots]
     assert len(errors) >= 11
@@ -165,15 +165,15 @@ def test_bayer_images_tell_white_light_from_a_laser(laser):
     scene, detector = tinted(Scene()), at_once()
     detector.encoding = "bayer_rggb8"
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
-    glint = feed(detector, [scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True) for _ in range(10)], 0.4)
+    glint = feed(detector, [scene.render([(300, 150)], color=(1.0, 1.0, 1.0), bayer=True) for _ in range(10)], 0.4)
     assert glint == [[]] * 10
     assert "chroma_mosaic" in {candidate.rejection for candidate in detector.candidates}
     both = tinted(Scene())
     found = [
         detector.detect(
             np.maximum(
-                scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True),
-                both.render([(80 + 10.0 * i, 300)], colour=laser, bayer=True),
+                scene.render([(300, 150)], color=(1.0, 1.0, 1.0), bayer=True),
+                both.render([(80 + 10.0 * i, 300)], color=laser, bayer=True),
             ),
             0.8 + PERIOD * i,
         )
@@ -253,9 +253,9 @@ def test_what_comes_beside_a_followed_spot_is_no_reason_to_lose_it():
 
 def test_a_camera_without_colour_is_not_asked_for_it():
     scene, detector = Scene(), at_once()
-    grey = lambda *spots: scene.render(spots, colour=(1.0, 1.0, 1.0))[:, :, 1].copy()  # noqa: E731
-    feed(detector, [grey() for _ in range(8)])
-    assert len(detector.detect(grey((200, 150)), 0.4)) == 1
+    gray = lambda *spots: scene.render(spots, color=(1.0, 1.0, 1.0))[:, :, 1].copy()  # noqa: E731
+    feed(detector, [gray() for _ in range(8)])
+    assert len(detector.detect(gray((200, 150)), 0.4)) == 1
 
 
 @pytest.mark.parametrize("gain, bayer", [(1.4, False), (0.4, False), (0.4, True)])
@@ -344,8 +344,8 @@ def test_a_place_can_be_rejected_and_the_reason_is_kept():
 
 
 def test_metres_per_pixel():
-    assert metres_per_pixel(lambda p: p * 0.004, 10, 10) == pytest.approx(0.004)
-    assert np.isnan(metres_per_pixel(lambda p: p * np.nan, 10, 10))
+    assert meters_per_pixel(lambda p: p * 0.004, 10, 10) == pytest.approx(0.004)
+    assert np.isnan(meters_per_pixel(lambda p: p * np.nan, 10, 10))
 
 
 def test_moving_camera():
@@ -390,27 +390,27 @@ def test_moving_camera_follows_the_spot_over_a_bright_line():
     assert len(offsets) == 48 and max(offsets) < 1.5
 
 
-@pytest.mark.parametrize("colour", [RED, GREEN])
-def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(colour):
+@pytest.mark.parametrize("color", [RED, GREEN])
+def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(color):
     # borders are drawn along such edges; the brighter side must not merge with the spot
     detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480, brightness=150.0)
     scene.floor[150:] *= 0.3
     truths = [(100.0 + 20 * i, 150.0) for i in range(20)]
-    found = feed(detector, [scene.render([truth], 3.0, colour=colour) for truth in truths])
+    found = feed(detector, [scene.render([truth], 3.0, color=color) for truth in truths])
     assert sum(len(spots) for spots in found) <= 20
     hits = [spots and np.hypot(spots[0].u - u, spots[0].v - v) < 2.0 for spots, (u, v) in zip(found, truths)]
     assert sum(map(bool, hits)) >= 19
 
 
-@pytest.mark.parametrize("colour", [RED, GREEN])
-def test_moving_camera_sees_the_spot_within_the_reflection_of_a_lamp(colour):
+@pytest.mark.parametrize("color", [RED, GREEN])
+def test_moving_camera_sees_the_spot_within_the_reflection_of_a_lamp(color):
     detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480, brightness=120.0)
     detector.set_camera_pose(lambda pixels: np.column_stack([pixels * 0.003, np.zeros(len(pixels))]))
     lamp = cv2.ellipse(np.zeros((480, 640), np.float32), (320, 300), (34, 20), 0, 0, 360, 90.0, -1)
     scene.floor = scene.floor + cv2.GaussianBlur(lamp, (0, 0), 6)[:, :, None]
     assert not any(feed(detector, [scene.render([])] * 3))
     truths = [(285.0 + 2 * i, 300.0) for i in range(36)]
-    found = feed(detector, [scene.render([truth], 3.0, colour=colour) for truth in truths])
+    found = feed(detector, [scene.render([truth], 3.0, color=color) for truth in truths])
     offsets = [np.hypot(spot.u - u, spot.v - v) for spots, (u, v) in zip(found, truths) for spot in spots]
     # not at its rim, where lamp and floor meet under the spot; what is seen is the spot and not the lamp
     assert len(offsets) > 18 and max(offsets) < 8.0
@@ -466,11 +466,11 @@ def test_light_without_colour_counts_once_it_was_followed_for_longer_than_a_step
     # what shines on a shoe is as round, bright and sudden as a spot; it goes along with the shoe for a part of a step
     white, scene = (1.0, 1.0, 1.0), Scene()
 
-    def told(colour, images):
+    def told(color, images):
         detector = SpotDetector(DetectorParams.mobile())
         feed(detector, [scene.render() for _ in range(8)])
         places = [(100 + 8.0 * i, 150) for i in range(images)]
-        spots = feed(detector, [scene.render([place], colour=colour) for place in places], 8 * PERIOD)
+        spots = feed(detector, [scene.render([place], color=color) for place in places], 8 * PERIOD)
         return [bool(found) for found in spots], len(detector.backfilled)
 
     assert not any(told(white, 12)[0])
@@ -486,12 +486,12 @@ def test_a_newcomer_does_not_take_the_drawn_spot_s_place(bayer, weaker):
     scene, detector = tinted(Scene()), SpotDetector(DetectorParams.stationary())
     detector.encoding = "bayer_rggb8" if bayer else "bgr8"
     feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
-    colour, power, found = ((1.0, 1.0, 1.0), 250.0, []) if weaker else (RED, 420.0, [])
+    color, power, found = ((1.0, 1.0, 1.0), 250.0, []) if weaker else (RED, 420.0, [])
     for i in range(60):
         place = (80 + (5.0 * i if weaker else 0.2 * (i % 5)), 200)
         image = scene.render([place], bayer=bayer)
         if i >= 15:
-            image = np.maximum(image, scene.render([(500, 80)], colour=colour, power=power, bayer=bayer))
+            image = np.maximum(image, scene.render([(500, 80)], color=color, power=power, bayer=bayer))
         found.append(detector.detect(image, 0.4 + PERIOD * i))
     assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in found[4:])
 
@@ -500,16 +500,16 @@ def test_a_newcomer_does_not_take_the_drawn_spot_s_place(bayer, weaker):
 @pytest.mark.parametrize("preset", [DetectorParams.stationary, DetectorParams.mobile])
 def test_paint_takes_light_from_some_channel_and_is_no_spot(preset, bayer):
     # dots of paper that are laid down are as sudden, round and bright as a spot, and more coloured
-    for colour in ((225, 80, 50), (30, 130, 250), (60, 230, 40), (45, 35, 235)):
+    for color in ((225, 80, 50), (30, 130, 250), (60, 230, 40), (45, 35, 235)):
         for radius in (3, 5, 9):
             scene, detector = tinted(Scene(320, 240)), SpotDetector(preset(confirm_frames=1))
             detector.encoding = "bayer_rggb8" if bayer else "bgr8"
             feed(detector, [scene.render(bayer=bayer) for _ in range(5)])
             dot = cv2.circle(np.zeros((240, 320), np.float32), (150, 120), radius, 1.0, -1, cv2.LINE_AA)
             dot = cv2.GaussianBlur(dot, (0, 0), 0.8)[:, :, None]
-            laid = scene.floor * (1.0 - dot) + dot * np.array(colour, np.float32)
+            laid = scene.floor * (1.0 - dot) + dot * np.array(color, np.float32)
             assert feed(detector, [scene.render(floor=laid, bayer=bayer) for _ in range(3)], 0.2) == [[]] * 3, (
-                colour,
+                color,
                 radius,
             )
             # and light that falls beside it is one

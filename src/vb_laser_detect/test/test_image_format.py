@@ -20,11 +20,11 @@ def run(images, encoding, params=None):
     return [detector.detect(reader.read(image, encoding), PERIOD * i) for i, image in enumerate(images)]
 
 
-def strokes(encode, bayer=False, grey=False):
+def strokes(encode, bayer=False, gray=False):
     """Eight images without and twelve with a spot, and the spot's places."""
     scene, places = Scene(320, 240, noise=1.5), [(60.0 + 12.0 * i, 100.0) for i in range(12)]
-    images = [scene.render([place] if place else [], colour=GREEN, bayer=bayer) for place in [None] * 8 + places]
-    return [encode(image[:, :, 1].copy() if grey else image) for image in images], [None] * 8 + places
+    images = [scene.render([place] if place else [], color=GREEN, bayer=bayer) for place in [None] * 8 + places]
+    return [encode(image[:, :, 1].copy() if gray else image) for image in images], [None] * 8 + places
 
 
 def yuv(order):
@@ -45,9 +45,9 @@ CASES = {
     "bgr8": (lambda image: image, {}),
     "rgb8": (lambda image: image[:, :, ::-1].copy(), {}),
     "bgra8": (lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2BGRA), {}),
-    "mono8": (lambda image: image, {"grey": True}),
-    "mono16": (lambda image: image.astype(np.uint16) * 257, {"grey": True}),
-    "mono16 of 12 bits": (lambda image: image.astype(np.uint16) * 16, {"grey": True}),
+    "mono8": (lambda image: image, {"gray": True}),
+    "mono16": (lambda image: image.astype(np.uint16) * 257, {"gray": True}),
+    "mono16 of 12 bits": (lambda image: image.astype(np.uint16) * 16, {"gray": True}),
     "bayer_rggb8": (lambda image: image, {"bayer": True}),
     "bayer_rggb16": (lambda image: image.astype(np.uint16) * 257, {"bayer": True}),
     "bayer_rggb16 of 10 bits": (lambda image: image.astype(np.uint16) * 4, {"bayer": True}),
@@ -83,7 +83,7 @@ def test_the_message_says_whether_it_is_a_mosaic():
     # encoding
     scene = tinted(Scene(320, 240))
     images = [
-        scene.render([(60.0 + 12.0 * i, 100.0)] if i >= 0 else [], colour=(1.0, 1.0, 1.0), bayer=True)
+        scene.render([(60.0 + 12.0 * i, 100.0)] if i >= 0 else [], color=(1.0, 1.0, 1.0), bayer=True)
         for i in range(-8, 12)
     ]
     assert not any(run(images, "bayer_rggb8")) and sum(map(len, run(images, "mono8"))) >= 10

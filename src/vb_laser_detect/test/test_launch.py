@@ -70,7 +70,7 @@ def test_poses_are_published_from_calibrations():
     assert "camera_poses" in placed(config)
     assert config.params["/camera_poses/cameras"].value == "red green"
     lab = load("cameras:=red", "robot:=false", "rviz:=false", "state:=/tmp/vb", file="lab.launch")
-    assert lab.params["/camera_poses/folder"].value == "/tmp/vb/cameras"
+    assert lab.params["/camera_poses/calibration_dir"].value == "/tmp/vb/cameras"
     assert "camera_poses" not in placed(load("robot:=false", "cameras:=none", "rviz:=false", file="lab.launch"))
 
 
@@ -83,7 +83,9 @@ def test_the_example_of_a_machines_file_can_be_read():
 
 def test_parameters_can_be_set_for_all_detectors_and_for_one(tmp_path):
     for name, value in (("ceiling", 11), ("wall", 12), ("robot", 13), ("rear", 14)):
-        (tmp_path / f"{name}.yaml").write_text(f"detector:\n  hold_s: 20.0\n  min_rise: {value}.0\n")
+        (tmp_path / f"{name}.yaml").write_text(
+            f"detector:\n  max_dwell_time: 20.0\n  difference_threshold: {value}.0\n"
+        )
     files = {name: tmp_path / f"{name}.yaml" for name in ("ceiling", "wall", "robot", "rear")}
     config = load(
         "cameras:=red green",
@@ -95,7 +97,7 @@ def test_parameters_can_be_set_for_all_detectors_and_for_one(tmp_path):
         file="lab.launch",
     )
     rise = {
-        name: config.params[f"{name}/detector/min_rise"].value
+        name: config.params[f"{name}/detector/difference_threshold"].value
         for name in (
             "/spot_detector_red",
             "/spot_detector_green",

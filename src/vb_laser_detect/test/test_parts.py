@@ -21,7 +21,7 @@ from vb_laser_detect.detection.blocks import (
     mask_of_blocks,
     max_channel,
 )
-from vb_laser_detect.detection.debug_image import draw
+from vb_laser_detect.detection.debug_image import draw_candidates
 
 from vb_laser_detect.detection.projection import ProjectionParams
 from vb_laser_detect.detection.detector_counts import DetectorCounts
@@ -83,7 +83,7 @@ def test_background_takes_in_what_stays_and_leaves_out_what_is_a_spot():
     spots = np.zeros((8, 8), bool)
     spots[4, 4] = True
     for _ in range(60):
-        maxima, _ = background.measure_rise(changed, None)
+        maxima, _ = background.subtract_background(changed, None)
         background.update(changed, maxima, maxima > 18, spots, 0.04)
     assert (background.image[8:16, 8:16] == 200).all()
     assert (background.image[32:40, 32:40] == 100).all()
@@ -93,7 +93,7 @@ def test_background_follows_a_slow_drift():
     background = Background(np.full((64, 64), 100, np.uint8))
     for i in range(500):
         image = np.full((64, 64), 100 + i // 25, np.uint8)
-        maxima, _ = background.measure_rise(image, None)
+        maxima, _ = background.subtract_background(image, None)
         background.update(image, maxima, maxima > 18, np.zeros((8, 8), bool), 0.04)
     assert abs(int(background.image.mean()) - 119) <= 4
 
@@ -111,7 +111,7 @@ def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
         motion, image = np.array([[1.0, 0, -0.6 * (i - keyframe)], [0, 1, 0], [0, 0, 1]]), seen(i)
         left = 100 - 0.6 * i  # of what is hidden, in this image
         image[40:56, int(left) : int(left) + 16] = 255
-        rise, _ = background.measure_rise(image, motion, halve(image))
+        rise, _ = background.subtract_background(image, motion, halve(image))
         background.refine_reference([(int(left) // 8 * 8, 40, int(left) // 8 * 8 + 24, 56)], image)
         spots = np.zeros(background.blocks, bool)
         spots[5:7, int(left) // 8 : int(left) // 8 + 3] = True
@@ -183,7 +183,9 @@ def test_statistics():
 @pytest.mark.parametrize("encoding, bayer", [("bgr8", False), ("rgb8", False), ("bayer_rggb8", True), ("mono8", True)])
 def test_debug_image(encoding, bayer):
     image = Scene(160, 96).render(bayer=bayer)
-    picture = draw(image, encoding, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")])
+    picture = draw_candidates(
+        image, encoding, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")]
+    )
     assert picture.shape == (96, 160, 3) and (picture == (0, 220, 0)).all(axis=2).any()
 
 

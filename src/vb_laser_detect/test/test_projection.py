@@ -48,7 +48,7 @@ def test_plane_round_trip(u, v, tilt):
 def test_metres_per_pixel_of_a_camera_that_looks_down():
     camera = CameraModel.ideal(1920, 1080, 1000.0)
     T = geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0), (0, 0, 2.95))
-    assert FloorProjection().on_plane(camera, T, 300, 800).metres_per_pixel == pytest.approx(0.00295, rel=1e-3)
+    assert FloorProjection().on_plane(camera, T, 300, 800).meters_per_pixel == pytest.approx(0.00295, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_depth_of_any_size_meets_the_plane(dtype, size):
         point = FloorProjection().with_depth(ROBOT, T, u, v, depth)
         assert point.source == DEPTH
         assert np.linalg.norm(point.position - plane.position) < 0.012
-        assert point.metres_per_pixel == pytest.approx(plane.metres_per_pixel, rel=0.02)
+        assert point.meters_per_pixel == pytest.approx(plane.meters_per_pixel, rel=0.02)
 
 
 def test_holes_fall_back_to_the_plane_and_outliers_do_not_matter():
@@ -124,15 +124,15 @@ def test_holes_fall_back_to_the_plane_and_outliers_do_not_matter():
 
 def test_depth_of_a_camera_with_its_own_lens_is_read_where_the_colour_pixel_looks():
     # the colour image is distorted, the depth image is not, and sees a wider field
-    colour = CameraModel(
+    color = CameraModel(
         640, 480, np.array([[525.0, 0, 322], [0, 520.0, 236], [0, 0, 1]]), np.array([-0.25, 0.06, 0.001, 0, 0])
     )
     wide = CameraModel.ideal(160, 120, 95.0)
     T = forward()
     depth, random = depth_image(T, wide, "m"), np.random.default_rng(1)
     for u, v in random.uniform((20, 150), (620, 460), (40, 2)):
-        plane = FloorProjection().on_plane(colour, T, u, v)
-        point = FloorProjection().with_depth(colour, T, u, v, depth, wide)
+        plane = FloorProjection().on_plane(color, T, u, v)
+        point = FloorProjection().with_depth(color, T, u, v, depth, wide)
         assert point.source == DEPTH
         assert np.linalg.norm(point.position - plane.position) < 0.015
 

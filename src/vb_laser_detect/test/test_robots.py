@@ -9,7 +9,7 @@ import tf2_ros
 from vb_core import geometry
 from vb_core.robot_profile import Limits, RobotProfile, RobotShape
 from vb_core.ros import robot_profile, transforms
-from vb_core.ros.messages import transform_message
+from vb_core.ros.messages import message_from_transform
 from vb_laser_detect.ros.camera_geometry import Robots
 
 PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(max_speed=0.4))
@@ -47,7 +47,7 @@ def lab(monkeypatch):
 
 def drive(buffer, frame, x, stamp, static=False):
     T = geometry.transform(geometry.rotation_from_rpy(0, 0, 0.3), (x, 1.0, 0.0))
-    message = transform_message(T, "map", frame, rospy.Time(stamp))
+    message = message_from_transform(T, "map", frame, rospy.Time(stamp))
     (buffer.set_transform_static if static else buffer.set_transform)(message, "test")
 
 
@@ -56,7 +56,7 @@ def test_robots_are_where_they_were_at_the_images_time(lab):
     for stamp, x in ((5.0, 2.0), (5.1, 2.04), (5.2, 2.2)):
         drive(buffer, "base_link", x, stamp)
         drive(buffer, "second/base_link", 4.0 - x, stamp)
-    first, second = robots.bodies(rospy.Time(5.05))
+    first, second = robots.cylinders(rospy.Time(5.05))
     assert (first.x, first.y, second.x) == pytest.approx((2.02, 1.0, 1.98)) and not report.codes
     assert first.height == 0.3 and 0.2 < first.radius < 0.3
 
@@ -64,7 +64,7 @@ def test_robots_are_where_they_were_at_the_images_time(lab):
 def test_a_pose_that_has_not_arrived_makes_a_robot_larger(lab):
     robots, buffer, _ = lab
     drive(buffer, "base_link", 2.0, 5.0)
-    then, later = robots.bodies(rospy.Time(5.0))[0], robots.bodies(rospy.Time(5.25))[0]
+    then, later = robots.cylinders(rospy.Time(5.0))[0], robots.cylinders(rospy.Time(5.25))[0]
     assert later.x == then.x and later.radius == pytest.approx(then.radius + 0.25 * 0.4)
 
 
@@ -72,15 +72,15 @@ def test_a_robot_without_a_recent_pose_hides_nothing_and_is_counted(lab):
     robots, buffer, report = lab
     drive(buffer, "base_link", 2.0, 5.0)
     # the second has never had one
-    assert len(robots.bodies(rospy.Time(5.0))) == 1 and report.codes == ["robot_without_pose"]
-    assert robots.bodies(rospy.Time(7.0)) == [] and report.codes == ["robot_without_pose"] * 3
-    assert robots.bodies(rospy.Time(4.0)) == [] and len(report.codes) == 5  # before tf knows of any
+    assert len(robots.cylinders(rospy.Time(5.0))) == 1 and report.codes == ["robot_without_pose"]
+    assert robots.cylinders(rospy.Time(7.0)) == [] and report.codes == ["robot_without_pose"] * 3
+    assert robots.cylinders(rospy.Time(4.0)) == [] and len(report.codes) == 5  # before tf knows of any
 
 
 def test_a_robot_with_a_fixed_pose_is_never_out_of_date(lab):
     robots, buffer, report = lab
     drive(buffer, "base_link", 2.0, 5.0, static=True)
     drive(buffer, "second/base_link", 3.0, 5.0, static=True)
-    for body, x in zip(robots.bodies(rospy.Time(900.0)), (2.0, 3.0)):
-        assert body.x == x and math.isclose(body.radius, robots.bodies(rospy.Time(5.0))[0].radius)
+    for cylinder, x in zip(robots.cylinders(rospy.Time(900.0)), (2.0, 3.0)):
+        assert cylinder.x == x and math.isclose(cylinder.radius, robots.cylinders(rospy.Time(5.0))[0].radius)
     assert not report.codes

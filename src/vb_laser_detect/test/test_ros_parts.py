@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros import cameras
-from vb_core.ros.images import compressed_encoding, compressed_image_array
+from vb_core.ros.images import compressed_encoding, array_from_compressed_image
 from vb_laser_detect import calibrate_camera_node, clock_check_node, spot_detector_node
 from vb_laser_detect.calibration.clock_offset import ClockOffset
 from vb_laser_detect.detection.detector_counts import DetectorCounts
@@ -90,7 +90,7 @@ def test_depth_of_another_frame_is_not_used():
     topic._on_image(
         Image(Header(stamp=rospy.Time(5), frame_id="depth_frame"), 48, 64, "16UC1", 0, 128, depth.tobytes())
     )
-    assert topic.nearest(rospy.Time(5), "colour_frame") == (None, None)
+    assert topic.nearest(rospy.Time(5), "color_frame") == (None, None)
     assert report.codes == ["depth_not_registered"]
     assert topic.nearest(rospy.Time(5), "depth_frame")[0].shape == (48, 64)
 
@@ -100,7 +100,7 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
         report = DetectorDiagnostics.__new__(DetectorDiagnostics)
         report._camera, report._mobile, report._others, report._lock = "red", mobile, {}, threading.Lock()
         for camera, robots in (("green", False), ("robot", True), ("red", False)):
-            report.note_detector(DetectorStatus(camera=camera, mobile=robots, frame_id="head_camera"))
+            report.record_detector(DetectorStatus(camera=camera, mobile=robots, frame_id="head_camera"))
         return report
 
     with pytest.raises(CodedError) as raised:
@@ -113,24 +113,24 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
 
 
 @pytest.mark.parametrize(
-    "mobile, colour, confirmation_s, said",
+    "mobile, color, confirmation_s, said",
     [
         (False, True, 0.12, ""),
         (True, True, 0.12, ""),
         (False, False, 0.12, ""),
-        (True, False, 0.12, "no_colour"),
+        (True, False, 0.12, "no_color"),
         (False, True, 1.5, "slow_camera"),
     ],
 )
 def test_a_camera_that_is_slow_or_a_robots_without_colour_is_not_called_well(
-    monkeypatch, mobile, colour, confirmation_s, said
+    monkeypatch, mobile, color, confirmation_s, said
 ):
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
     report = DetectorDiagnostics.__new__(DetectorDiagnostics)
     report._camera, report._mobile, report._frame_id, report._lock = "red", mobile, "red_frame", threading.Lock()
     report._missing_input, report._faults, report._started, report.debug_images = "", {}, rospy.Time(1), 0
     report._status, report._image = DetectorStatus(rate_hz=2.0), np.zeros((64, 64), np.uint8)
-    report.colour, report._confirmation_s = colour, confirmation_s
+    report.color, report._confirmation_s = color, confirmation_s
     status = report._diagnose(DiagnosticStatusWrapper())
     assert status.level == (DiagnosticStatus.WARN if said else DiagnosticStatus.OK)
     assert not said or f"[{said}]" in status.message
@@ -184,7 +184,7 @@ def test_counts_are_the_status_s_fields():
 
 def test_a_clock_that_was_right_says_nothing_once_its_computer_is_silent():
     node = clock_check_node.ClockCheckNode.__new__(clock_check_node.ClockCheckNode)
-    node._params, node._lock = clock_check_node.ClockCheckParams(nodes="red", period_s=10.0), threading.Lock()
+    node._params, node._lock = clock_check_node.ClockCheckParams(nodes="red", measurement_period=10.0), threading.Lock()
     levels = []
     for age in (1.0, 60.0):
         node._offsets, node._measured = {"red": ClockOffset(0.001, 0.001)}, {"red": time.monotonic() - age}
@@ -196,11 +196,11 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
     monkeypatch.setattr(
         rospy,
         "get_param",
-        lambda name, default=None: {"/spot_detector_red/detector": {"min_rise": 11.0, "hold_s": 20.0}}.get(
-            name, default
-        ),
+        lambda name, default=None: {
+            "/spot_detector_red/detector": {"difference_threshold": 11.0, "max_dwell_time": 20.0}
+        }.get(name, default),
     )
-    assert calibrate_camera_node.detector_params_of("red").min_rise == 11.0
+    assert calibrate_camera_node.detector_params_of("red").difference_threshold == 11.0
     assert calibrate_camera_node.detector_params_of("green") == DetectorParams.stationary()
 
 
@@ -216,7 +216,7 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
 )
 def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
     message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
-    assert compressed_encoding(message, compressed_image_array(message)) == encoding
+    assert compressed_encoding(message, array_from_compressed_image(message)) == encoding
 
 
 def test_a_camera_info_that_others_of_the_process_get_too_is_left_as_it_came():

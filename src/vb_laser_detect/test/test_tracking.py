@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from vb_laser_detect.detection.features import Camera
+from vb_laser_detect.detection.features import ImageTraits
 from vb_laser_detect.detection.tracking import Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
 
@@ -32,7 +32,7 @@ class Film:
     def __init__(self, rate=25.0, mosaic=False, **changes):
         self.tracker, self.camera = (
             SpotTracker(DetectorParams(**{"confirm_frames": 3, **changes})),
-            Camera(800.0, mosaic),
+            ImageTraits(800.0, mosaic),
         )
         self.period, self.now, self.images = 1.0 / rate, 0.0, -1
 

@@ -9,7 +9,7 @@ import rospy
 from geometry_msgs.msg import Point
 
 from scenes import GREEN, Scene
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_laser_detect.detection.training import load_examples, save_examples
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))
@@ -26,8 +26,8 @@ def test_a_recording_and_clicks_make_examples(tmp_path):
                 floor[100:160, 10 * i : 10 * i + 60] = 250.0
             else:
                 spots = [places[(i - 20) // 12]]
-            image = scene.render(spots, colour=GREEN, floor=floor)
-            bag.write("/hall/image_raw", image_message(image, "bgr8", stamp, "hall"), stamp)
+            image = scene.render(spots, color=GREEN, floor=floor)
+            bag.write("/hall/image_raw", message_from_image(image, "bgr8", stamp, "hall"), stamp)
             if spots and (i - 20) % 12 == 6:
                 bag.write("/hall/image_raw_mouse_left", Point(round(spots[0][0]), round(spots[0][1]), 0), stamp)
     examples = from_recording(path, "/hall/image_raw")

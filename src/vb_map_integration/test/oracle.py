@@ -23,7 +23,7 @@ ROOMS = {
 ORIGINS = [(0.0, 0.0, 0.0), (-3.0, -7.5, 0.0), (1.0, -2.0, 0.6), (-4.0, 2.0, -2.2), (10.0, 10.0, math.pi / 2)]
 
 
-def cell_centres(grid: GridMap) -> np.ndarray:
+def cell_centers(grid: GridMap) -> np.ndarray:
     """(H * W, 2) [m], in the order of the flat grid."""
     rows, columns = np.mgrid[: grid.shape[0], : grid.shape[1]]
     return grid.cell_to_world(np.column_stack([rows.ravel(), columns.ravel()]))
@@ -31,9 +31,9 @@ def cell_centres(grid: GridMap) -> np.ndarray:
 
 def rasterise(shape, grid: GridMap) -> np.ndarray:
     """(H, W) bool: the cells whose centre lies in a shape, in map coordinates."""
-    centres = cell_centres(grid)
+    centers = cell_centers(grid)
     shapely.prepare(shape)
-    return shapely.contains_xy(shape, centres[:, 0], centres[:, 1]).reshape(grid.shape)
+    return shapely.contains_xy(shape, centers[:, 0], centers[:, 1]).reshape(grid.shape)
 
 
 def place(shape, origin: Sequence[float]):

@@ -213,7 +213,7 @@ def test_a_disk_that_can_be_written_again_keeps_the_borders_that_acted(tmp_path,
 
 def test_a_second_integrator_is_refused(tmp_path, monkeypatch):
     """Both gave the id b1, and one border was gone after a restart."""
-    monkeypatch.setattr(module, "LOCK_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(module, "LOCK_TIMEOUT", 0.1)
     first = integrator(tmp_path)
     with pytest.raises(CodedError) as caught:
         MapIntegrator(IntegratorParams(), tmp_path)
@@ -379,7 +379,7 @@ def test_borders_of_older_versions_are_taken_over_once(tmp_path, damaged):
     assert [(border.id, border.name) for border in keeper.borders] == [("b1", "old"), ("b2", "newer")] or damaged
     assert {border.name for border in keeper.borders} == {"old", "newer"}
     assert np.array_equal(keeper.borders[0].points, first.points)
-    assert {"borders_taken_over", "borders_taken_over_damaged"} & set(codes(keeper))
+    assert {"borders_imported", "borders_imported_damaged"} & set(codes(keeper))
     keeper.set_map(other)
     assert [border.name for border in keeper.borders] == ["upstairs"] and not keeper.needs_confirmation
     keeper.remove(keeper.borders[0].id)

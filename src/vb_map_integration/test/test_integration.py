@@ -26,10 +26,10 @@ SETTINGS = settings(max_examples=25, deadline=None, derandomize=True, suppress_h
 def random_polygon(random, room, least=0.6):
     """A star-shaped polygon within a room."""
     while True:
-        centre = random.uniform(*np.array(room.bounds).reshape(2, 2))
+        center = random.uniform(*np.array(room.bounds).reshape(2, 2))
         angles = np.sort(random.uniform(0.0, 2.0 * np.pi, random.integers(3, 30)))
         radii = random.uniform(0.4, 1.6, len(angles))
-        polygon = Polygon(centre + radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]))
+        polygon = Polygon(center + radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]))
         if polygon.is_valid and polygon.area > least and room.contains(polygon):
             return polygon
 
@@ -190,14 +190,14 @@ def test_nothing_leaks_through_corners(seed):
     data[[0, -1]] = 100
     data[:, [0, -1]] = 100
     prior = GridMap(data, RESOLUTION)
-    centre = np.array([30.0, 30.0]) + random.uniform(-4, 4, 2)
+    center = np.array([30.0, 30.0]) + random.uniform(-4, 4, 2)
     angle = random.uniform(-1.3, 1.3) + 3 * np.pi / 4
     unit = np.array([np.cos(angle), np.sin(angle)])
     if abs(unit @ [1, 1]) > 1.2:
         return
-    ends = prior.grid_to_world(centre + np.array([-6, 6])[:, None] * unit)
+    ends = prior.grid_to_world(center + np.array([-6, 6])[:, None] * unit)
     normal = np.array([-unit[1], unit[0]])
-    seeds = prior.grid_to_world(centre + np.array([-4, 4])[:, None] * normal)
+    seeds = prior.grid_to_world(center + np.array([-4, 4])[:, None] * normal)
     one, other = (integrate(prior, VirtualBorder(ends, s, closed=False)).region for s in seeds)
     assert not (one & other).any()
     # beyond the diagonal walls nothing is restricted
@@ -295,7 +295,7 @@ def test_a_curve_in_another_room_separates_nothing():
 
 def test_warnings_are_coded():
     _, run = room_border([(1, 1), (3, 3), (3, 1), (1, 3)], (1.2, 2.0), closed=True)
-    assert "self_crossing" in codes(run())
+    assert "border_self_intersects" in codes(run())
     _, run = room_border([(7, 4), (9, 4), (9, 5.5), (7, 5.5)], (7.2, 4.2), closed=True)
     assert "outside_map" in codes(run())
     _, run = room_border([(4, 1), (4, 4)], (1.9, 2.5), closed=False)
@@ -378,7 +378,7 @@ def test_the_kind_is_decided_from_the_gap():
 
 
 def test_parameters_are_checked():
-    for bad in ({"occupied_threshold": 0}, {"fit_length_m": 0.0}, {"seed_radius_m": -1.0}, {"unheard_of": 1}):
+    for bad in ({"occupied_threshold": 0}, {"extension_fit_length": 0.0}, {"max_seed_shift": -1.0}, {"unheard_of": 1}):
         with pytest.raises(CodedError) as caught:
             IntegrationParams.from_mapping(bad)
         assert next(iter(bad)) in caught.value.message

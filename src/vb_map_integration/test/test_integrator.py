@@ -161,8 +161,8 @@ def test_a_gap_narrower_than_the_robot_is_no_path():
     data[50:56, 80] = 0  # 0.30 m
     grid = GRID.with_data(data)
     goal = [at((130, 50))[0]]
-    assert check_reachability(grid, goal, at((20, 50))[0], radius_m=0.18).unreachable == (0,)
-    assert check_reachability(grid, goal, at((20, 50))[0], radius_m=0.05).unreachable == ()
+    assert check_reachability(grid, goal, at((20, 50))[0], radius=0.18).unreachable == (0,)
+    assert check_reachability(grid, goal, at((20, 50))[0], radius=0.05).unreachable == ()
 
 
 def test_a_large_map_is_looked_at_in_coarser_cells(monkeypatch):

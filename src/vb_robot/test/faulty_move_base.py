@@ -8,7 +8,7 @@ import rospy
 from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseAction
 
-from vb_core.ros.messages import pose_to_2d
+from vb_core.ros.messages import pose2d_from_message
 
 SPEED = 1.5  # [m/s] faster than in life: tests wait for robots that arrive
 
@@ -24,10 +24,10 @@ class _Server(actionlib.ActionServer):
 
 
 class FaultyMoveBase:
-    """Drives a stimulus.Body straight to its goal, or does what `behaviour` says.
+    """Drives a stimulus.Body straight to its goal, or does what `behavior` says.
 
     Attributes:
-        behaviour: "drive"; "hold": accepts the goal and stands; "abort".
+        behavior: "drive"; "hold": accepts the goal and stands; "abort".
         asked: when [s] each goal came, also those that were not read.
         goals: (time [s], pose) of every goal that was read.
         stopped: when [s] the robot was stopped by a cancel or a new goal.
@@ -35,7 +35,7 @@ class FaultyMoveBase:
 
     def __init__(self, body):
         self.body = body
-        self.behaviour = "drive"
+        self.behavior = "drive"
         self.asked, self.goals, self.stopped = [], [], []
         self._lock = threading.RLock()
         self._handle = self._target = self._server = None
@@ -77,7 +77,7 @@ class FaultyMoveBase:
         if self._server is None:
             self.revive()
         self.be_deaf(False)
-        self.behaviour = "drive"
+        self.behavior = "drive"
 
     @property
     def active(self):
@@ -86,13 +86,13 @@ class FaultyMoveBase:
 
     def _on_goal(self, handle):
         with self._lock:
-            pose = pose_to_2d(handle.get_goal().target_pose.pose)
+            pose = pose2d_from_message(handle.get_goal().target_pose.pose)
             self.goals.append((rospy.Time.now().to_sec(), pose))
             if self._handle is not None:
                 self._handle.set_canceled()
                 self._stop()
             handle.set_accepted()
-            if self.behaviour == "abort":
+            if self.behavior == "abort":
                 handle.set_aborted()
                 return
             self._handle, self._target = handle, pose
@@ -110,7 +110,7 @@ class FaultyMoveBase:
 
     def _drive(self, _event):
         with self._lock:
-            if self._handle is None or self.behaviour != "drive":
+            if self._handle is None or self.behavior != "drive":
                 return
             if self._handle.get_goal_status().status != GoalStatus.ACTIVE:
                 return

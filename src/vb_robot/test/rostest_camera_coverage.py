@@ -21,7 +21,7 @@ from vb_core.ros.messages import (  # noqa: E402
     OccupancyGridArray,
     grid_from_message,
     message_from_grid,
-    transform_message,
+    message_from_transform,
 )
 
 LENS = CameraModel.ideal(400, 400, 200.0)  # sees 2 m x 2 m from a height of 2 m
@@ -52,7 +52,7 @@ class CoverageTest(unittest.TestCase):
 
     @classmethod
     def place(cls, name, x, y):
-        cls.poses[name] = transform_message(
+        cls.poses[name] = message_from_transform(
             geometry.transform(DOWN, (x, y, 2.0)), "map", f"{name}_optical_frame", rospy.Time.now()
         )
         cls.broadcaster.sendTransform(list(cls.poses.values()))

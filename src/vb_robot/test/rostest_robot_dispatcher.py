@@ -17,7 +17,7 @@ from move_base_msgs.msg import MoveBaseAction
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from stimulus import Stimulus, assert_bad_parameter_is_named, wait_until  # noqa: E402
 
-from vb_core.ros.messages import pose_to_2d  # noqa: E402
+from vb_core.ros.messages import pose2d_from_message  # noqa: E402
 from vb_robot import robot_dispatcher_node  # noqa: E402
 from vb_robot.floor_view import FloorView  # noqa: E402
 from vb_robot.poses import to_base  # noqa: E402
@@ -32,22 +32,22 @@ class MoveBase:
         self.stimulus = stimulus
         self.goals = []  # (time, pose)
         self.preempted = 0
-        self.behaviour = "hold"
+        self.behavior = "hold"
         self.server = actionlib.SimpleActionServer("move_base", MoveBaseAction, self._execute, auto_start=False)
         self.server.start()
 
     def _execute(self, goal):
-        pose = pose_to_2d(goal.target_pose.pose)
+        pose = pose2d_from_message(goal.target_pose.pose)
         self.goals.append((rospy.Time.now().to_sec(), pose))
         while not rospy.is_shutdown():
             if self.server.is_preempt_requested():
                 self.preempted += 1
                 self.server.set_preempted()
                 return
-            if self.behaviour == "abort":
+            if self.behavior == "abort":
                 self.server.set_aborted()
                 return
-            if self.behaviour == "reach":
+            if self.behavior == "reach":
                 with self.stimulus.lock:
                     self.stimulus.pose = pose
                 self.server.set_succeeded()
@@ -78,7 +78,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertTrue(FloorView.usual().sees(to_base(np.array([spot]), pose), 0.1)[0], f"{pose} and {spot}")
 
     def test_waits_for_a_stationary_camera_then_sends_once_and_cancels(self):
-        self.navigation.behaviour = "hold"
+        self.navigation.behavior = "hold"
         self.stimulus.set_state(BORDER)
         self.stimulus.spot = (2.0, 2.5, "robot", True)
         count = []
@@ -96,13 +96,13 @@ class DispatcherTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.navigation.preempted == 1), "the goal is cancelled with the state")
 
     def test_aborted_goal_is_followed_by_another_place(self):
-        self.navigation.behaviour = "abort"
+        self.navigation.behavior = "abort"
         self.stimulus.set_state(SEED)
         self.stimulus.spot = (2.0, 2.5, "red", False)
         self.assertTrue(wait_until(lambda: len(self.navigation.goals) >= 2))
         (_, first), (_, second) = self.navigation.goals[:2]
         self.assertGreater(math.dist(first[:2], second[:2]), 0.25)
-        self.navigation.behaviour = "reach"
+        self.navigation.behavior = "reach"
         reached = len(self.navigation.goals)
         self.assertTrue(wait_until(lambda: len(self.navigation.goals) > reached or self._robot_sees((2.0, 2.5))))
 
@@ -110,7 +110,7 @@ class DispatcherTest(unittest.TestCase):
         return FloorView.usual().sees(to_base(np.array([spot]), self.stimulus.pose), 0.05)[0]
 
     def test_spot_that_moves_on_is_followed(self):
-        self.navigation.behaviour = "reach"
+        self.navigation.behavior = "reach"
         self.stimulus.set_state(BORDER)
         self.stimulus.spot = (2.0, 2.5, "red", False)
         self.assertTrue(wait_until(lambda: self._robot_sees((2.0, 2.5))))
@@ -118,7 +118,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self._robot_sees((4.6, 4.0))))
 
     def test_guide_sends_no_robot_and_wrong_frames_do_no_harm(self):
-        self.navigation.behaviour = "hold"
+        self.navigation.behavior = "hold"
         self.stimulus.set_state(BORDER)
         self.stimulus.spot_frame = "odom"
         self.stimulus.spot = (2.0, 2.5, "red", False)
@@ -133,7 +133,7 @@ class DispatcherTest(unittest.TestCase):
         gather.unregister()
 
     def test_goal_of_a_killed_dispatcher_is_cancelled(self):
-        self.navigation.behaviour = "hold"
+        self.navigation.behavior = "hold"
         self.stimulus.set_state(BORDER)
         self.stimulus.spot = (2.0, 2.5, "red", False)
         self.assertTrue(wait_until(lambda: self.navigation.goals))

@@ -20,7 +20,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from stimulus import Body, Stimulus, assert_bad_parameter_is_named, room, wait_until  # noqa: E402
 
 from vb_core import names  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, pose_from_2d  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, message_from_pose2d  # noqa: E402
 from vb_msgs.msg import DriverState, NoticeArray, VirtualBorder, VirtualBorderArray  # noqa: E402
 from vb_robot import robot_driver_node  # noqa: E402
 
@@ -44,7 +44,7 @@ class DriverTest(unittest.TestCase):
         cls.drivers, cls.notices = {}, {}
         for body in (cls.stimulus, cls.ada):
             rospy.Subscriber(f"{body.prefix}cmd_vel", Twist, cls.on_command, body)
-        rospy.Subscriber(names.DRIVERS, DriverState, lambda m: cls.drivers.update({m.robot: (m.driver, m.code)}))
+        rospy.Subscriber(names.DRIVERS, DriverState, lambda m: cls.drivers.update({m.robot: (m.source, m.code)}))
         rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices)
         cls.navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
         cls.stop = rospy.Publisher(names.STOP, Bool, queue_size=1)
@@ -199,12 +199,12 @@ class DriverTest(unittest.TestCase):
         # before it saw where the robot had been put, which is a robot that somebody took into a border
         self.publish_border()
         self.stimulus.set_state(DEFAULT)
-        self.assertTrue(wait_until(lambda: self.has_notice("robot_leaves_border", "ada")))
+        self.assertTrue(wait_until(lambda: self.has_notice("robot_exits_border", "ada")))
         self.assertTrue(wait_until(lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0)))
         self.assertTrue(wait_until(lambda: not self.has_notice("robot_inside_border", "ada")))
 
     def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):
-        cells, localisation = [], PoseWithCovarianceStamped()
+        cells, localization = [], PoseWithCovarianceStamped()
         listener = rospy.Subscriber(
             names.KEEP_OUT, OccupancyGridArray, lambda message: cells.append(int((message.data == 100).sum()))
         )
@@ -214,8 +214,8 @@ class DriverTest(unittest.TestCase):
         usual = cells[-1]
 
         def becomes(variance, condition):
-            localisation.pose.covariance[0] = localisation.pose.covariance[7] = variance
-            poses.publish(localisation)
+            localization.pose.covariance[0] = localization.pose.covariance[7] = variance
+            poses.publish(localization)
             return condition(cells[-1])
 
         self.assertTrue(wait_until(lambda: becomes(0.25, lambda count: count > usual)))
@@ -226,7 +226,7 @@ class DriverTest(unittest.TestCase):
         self.publish_border()
         goal = MoveBaseActionGoal()
         goal.goal.target_pose.header.frame_id = "map"
-        goal.goal.target_pose.pose = pose_from_2d(4.4, 2.6, 0.0)
+        goal.goal.target_pose.pose = message_from_pose2d(4.4, 2.6, 0.0)
 
         def answered():
             self.goals.publish(goal)
@@ -257,7 +257,7 @@ class DriverTest(unittest.TestCase):
             rospy.delete_param("robot_profile")
 
     def test_bad_parameter_is_named(self):
-        assert_bad_parameter_is_named(self, robot_driver_node.build, "leave_borders", "sometimes")
+        assert_bad_parameter_is_named(self, robot_driver_node.build, "exit_borders", "sometimes")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from faulty_move_base import FaultyMoveBase  # noqa: E402
 from stimulus import Body, Stimulus, room, wait_until  # noqa: E402
 
 from vb_core import names  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid, pose_from_2d  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d  # noqa: E402
 from move_base_msgs.msg import MoveBaseActionGoal  # noqa: E402
 from vb_msgs.msg import NoticeArray  # noqa: E402
 
@@ -112,8 +112,8 @@ class FaultsTest(unittest.TestCase):
         goal = MoveBaseActionGoal()
         goal.goal_id.id = "somebody"
         goal.goal.target_pose.header.frame_id = "map"
-        goal.goal.target_pose.pose = pose_from_2d(*best)
-        self.bases["bob"].behaviour = "hold"
+        goal.goal.target_pose.pose = message_from_pose2d(*best)
+        self.bases["bob"].behavior = "hold"
         somebody = rospy.Publisher("/bob/move_base/goal", MoveBaseActionGoal, queue_size=1)
         self.assertTrue(wait_until(lambda: somebody.get_num_connections() >= 2))
         somebody.publish(goal)
@@ -135,7 +135,7 @@ class FaultsTest(unittest.TestCase):
 
     # ------------------------------------------------------------- faults
     def test_abort_another_takes_over(self):
-        self.bases["ada"].behaviour = "abort"
+        self.bases["ada"].behavior = "abort"
         self.draw()
         self.is_sent("bob")
         self.assertTrue(wait_until(lambda: math.dist(self.bob.pose[:2], SPOT) < 1.6 and not self.bases["bob"].active))
@@ -163,7 +163,7 @@ class FaultsTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: len(seen) >= 25))
         count.unregister()
         self.stimulus.spot = None
-        self.assertTrue(wait_until(lambda: "spot_unseen_no_robot" in self.words), str(self.words))
+        self.assertTrue(wait_until(lambda: "spot_not_seen_no_robot" in self.words), str(self.words))
         self.stimulus.spot = (*SPOT, "red", False)
         self.bases["bob"].revive()
         self.is_sent("bob")

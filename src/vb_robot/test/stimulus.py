@@ -13,7 +13,7 @@ from vb_core import geometry, names
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import info_from_camera
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid, transform_message
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_robot.floor_view import FloorView
 
@@ -53,13 +53,13 @@ class Body:
                 x, y, yaw = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), yaw + w * dt
                 self.pose = (x, y, yaw)
             self._time = now
-        error = geometry.pose2d_transform(*self.offset, 0.0)
+        error = geometry.transform_from_pose2d(*self.offset, 0.0)
         return [
-            transform_message(error, "map", self.prefix + "odom", now),
-            transform_message(
-                geometry.pose2d_transform(x, y, yaw), self.prefix + "odom", self.prefix + "base_link", now
+            message_from_transform(error, "map", self.prefix + "odom", now),
+            message_from_transform(
+                geometry.transform_from_pose2d(x, y, yaw), self.prefix + "odom", self.prefix + "base_link", now
             ),
-            transform_message(self.view.T_base_camera, self.prefix + "base_link", self.prefix + "optical", now),
+            message_from_transform(self.view.T_base_camera, self.prefix + "base_link", self.prefix + "optical", now),
         ]
 
 
@@ -126,7 +126,7 @@ class Stimulus(Body):
                 hit = (np.abs(angles) < math.pi / 2) & (np.abs(np.tan(angles)) * self.scan_range < 0.2)
                 scan.ranges = np.where(hit, self.scan_range / np.cos(angles), np.inf).tolist()
             self._scans.publish(scan)
-        transforms.append(transform_message(np.eye(4), "base_link", "base_laser_link", now))
+        transforms.append(message_from_transform(np.eye(4), "base_link", "base_laser_link", now))
         self._broadcaster.sendTransform(transforms)
         if spot is not None:
             message = LaserSpot(camera=spot[2], mobile=spot[3], confidence=self.confidence)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.border_exit import MARGIN, ExitPlanner
-from vb_robot.driving.driver import Driver
+from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.gate import RATE
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import Workspace
@@ -41,19 +41,19 @@ def square(grid, x0, y0, x1, y1):
 
 
 class Rig:
-    """A driver on a unicycle that a border has swallowed; its scanner sees `ranges`."""
+    """An arbiter on a unicycle that a border has enclosed; its scanner sees `ranges`."""
 
-    def __init__(self, posterior, physical, pose, ranges=OPEN, leaves=True):
-        self.driver, self.maps = Driver(RobotProfile(), leaves=leaves), (posterior, physical)
-        self.driver.set_maps(Workspace(posterior, physical, RADIUS))
+    def __init__(self, posterior, physical, pose, ranges=OPEN, exit_borders=True):
+        self.arbiter, self.maps = Arbiter(RobotProfile(), exit_borders=exit_borders), (posterior, physical)
+        self.arbiter.set_maps(Workspace(posterior, physical, RADIUS))
         self.pose, self.ranges, self.now, self.poses, self.state, self.said = pose, ranges, 100.0, [pose], 0, set()
 
     def step(self):
         self.now += DT
-        self.driver.set_state(self.state, "a" if self.state else "", 0.0, self.now)
-        self.driver.gate.set_pose(self.pose, self.now)
-        self.driver.gate.set_scan(Scan(self.ranges, -math.pi, math.pi / 180, 0.1, 8.0, np.eye(4), RADIUS), self.now)
-        command = self.driver.step(self.now)
+        self.arbiter.set_state(self.state, "a" if self.state else "", 0.0, self.now)
+        self.arbiter.gate.set_pose(self.pose, self.now)
+        self.arbiter.gate.set_scan(Scan(self.ranges, -math.pi, math.pi / 180, 0.1, 8.0, np.eye(4), RADIUS), self.now)
+        command = self.arbiter.step(self.now)
         assert abs(command.v) <= 0.2 + 1e-9 and abs(command.w) <= 0.8 + 1e-9
         middle = self.pose[2] + 0.5 * command.w * DT
         self.pose = (
@@ -74,8 +74,8 @@ def drive(posterior, physical, pose, ranges=OPEN, seconds=90.0):
         rig.step()
         if watch.distance_to_keep_out(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6:
             return True, np.array(rig.poses), ""
-        if rig.driver.exit.failed:
-            return False, np.array(rig.poses), rig.driver.exit.failed
+        if rig.arbiter.exit.failed:
+            return False, np.array(rig.poses), rig.arbiter.exit.failed
     return False, np.array(rig.poses), f"too late {rig.said}"
 
 
@@ -119,17 +119,17 @@ def test_no_allowed_floor_and_no_path():
     assert ExitPlanner(Workspace(posterior, shut, RADIUS), RADIUS, (4.0, 2.0)).plan_path((4.0, 2.0)) is None
 
 
-def swallowed(ranges=OPEN, pose=(4.5, 1.5, 0.0), leaves=True):
+def enclosed(ranges=OPEN, pose=(4.5, 1.5, 0.0), exit_borders=True):
     physical = room()
-    return Rig(restricted(physical, square(physical, 4.0, 1.0, 5.0, 2.0)), physical, pose, ranges, leaves)
+    return Rig(restricted(physical, square(physical, 4.0, 1.0, 5.0, 2.0)), physical, pose, ranges, exit_borders)
 
 
 def test_gives_up_where_something_is_in_the_way_and_tries_again():
-    rig = swallowed(np.full(360, 0.25))
-    while not rig.driver.exit.failed:
+    rig = enclosed(np.full(360, 0.25))
+    while not rig.arbiter.exit.failed:
         rig.step()
         assert rig.now < 130.0
-    assert rig.driver.exit.failed == "obstacle"
+    assert rig.arbiter.exit.failed == "obstacle"
     assert np.allclose(np.array(rig.poses)[:, :2], (4.5, 1.5)), "it only turns"
     rig.ranges = OPEN
     while math.dist(rig.pose[:2], (4.5, 1.5)) < 0.5:
@@ -138,78 +138,78 @@ def test_gives_up_where_something_is_in_the_way_and_tries_again():
 
 
 def test_waits_while_somebody_draws_and_keeps_navigations_goal_for_afterwards():
-    rig = swallowed()
+    rig = enclosed()
     rig.state = 1
-    assert all(rig.step().driver == "none" for _ in range(40))
+    assert all(rig.step().source == "none" for _ in range(40))
     rig.state = 0
-    rig.driver.goal_active = True
+    rig.arbiter.goal_active = True
     driven = []
-    while not driven or driven[-1].driver == "exit_border":
-        rig.driver.request("navigation", 0.0, 0.5, rig.now + DT)  # its recovery turns the robot, in vain
+    while not driven or driven[-1].source == "exit_border":
+        rig.arbiter.request("navigation", 0.0, 0.5, rig.now + DT)  # its recovery turns the robot, in vain
         driven.append(rig.step())
         assert rig.now < 130.0
-    assert driven[-1].driver == "navigation" and not any(command.cancel for command in driven)
+    assert driven[-1].source == "navigation" and not any(command.cancel for command in driven)
     assert Workspace(*rig.maps, RADIUS).distance_to_keep_out(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6
 
 
 def test_a_robot_that_is_not_to_leave_borders_stays_in_one_also_with_a_goal():
-    rig = swallowed(leaves=False)
-    rig.driver.goal_active = True
-    assert all(rig.step().driver == "none" for _ in range(60))
+    rig = enclosed(exit_borders=False)
+    rig.arbiter.goal_active = True
+    assert all(rig.step().source == "none" for _ in range(60))
 
 
 def test_without_a_new_map_nobody_is_driven_out_of_free_floor():
-    rig = swallowed(pose=(2.0, 4.0, 0.0))
-    assert all(rig.step().driver == "none" for _ in range(40))
+    rig = enclosed(pose=(2.0, 4.0, 0.0))
+    assert all(rig.step().source == "none" for _ in range(40))
 
 
 def test_a_robot_that_was_brought_near_a_border_is_left_to_the_one_that_brought_it():
-    rig = swallowed(pose=(2.0, 4.0, 0.0))
+    rig = enclosed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS + 0.01, 1.5, 0.0)
-    rig.driver.goal_active = True
+    rig.arbiter.goal_active = True
     for _ in range(40):
-        rig.driver.request("navigation", -0.1, 0.0, rig.now + DT)
-        assert rig.step().driver == "navigation"
+        rig.arbiter.request("navigation", -0.1, 0.0, rig.now + DT)
+        assert rig.step().source == "navigation"
 
 
 @pytest.mark.parametrize("gap", [0.06, -0.02])
 def test_a_robot_too_near_for_navigation_to_plan_is_helped_away_and_keeps_its_goal(gap):
-    rig = swallowed(pose=(2.0, 4.0, 0.0))
+    rig = enclosed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS - gap, 1.5, 0.3)
-    rig.driver.goal_active = True
+    rig.arbiter.goal_active = True
     commands = [rig.step() for _ in range(160)]
-    assert {command.driver for command in commands} == {"none", "exit_border"} and not any(c.cancel for c in commands)
+    assert {command.source for command in commands} == {"none", "exit_border"} and not any(c.cancel for c in commands)
     assert rig.pose[0] < 4.0 - RADIUS - MARGIN + 0.05, "to a cell"
-    rig.driver.request("navigation", 0.1, 0.0, rig.now + DT)
-    assert rig.step().driver == "navigation"
+    rig.arbiter.request("navigation", 0.1, 0.0, rig.now + DT)
+    assert rig.step().source == "navigation"
 
 
 def test_navigation_that_wants_to_go_on_into_a_border_is_helped_away_too():
-    rig = swallowed(pose=(2.0, 4.0, 0.0))
+    rig = enclosed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS - 0.01, 1.5, 0.0)
-    rig.driver.goal_active = True
+    rig.arbiter.goal_active = True
     drivers = set()
     for _ in range(100):
-        rig.driver.request("navigation", 0.2, 0.1, rig.now + DT)
-        drivers.add(rig.step().driver)
+        rig.arbiter.request("navigation", 0.2, 0.1, rig.now + DT)
+        drivers.add(rig.step().source)
     assert "exit_border" in drivers and max(pose[0] for pose in rig.poses) < 4.0 - RADIUS + 0.03
 
 
 def test_navigation_that_wants_to_go_on_past_a_wall_that_it_would_touch_is_helped_away_too():
-    rig = swallowed(pose=(2.0, 4.0, 0.0))
+    rig = enclosed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS - 0.01, 1.5, math.pi / 2)
-    rig.driver.goal_active = True
+    rig.arbiter.goal_active = True
     ahead = np.abs(np.linspace(-math.pi, math.pi, 360, endpoint=False)) < math.radians(20)
     drivers = set()
     for _ in range(100):
         facing = abs(math.remainder(rig.pose[2] - math.pi / 2, 2.0 * math.pi)) < math.radians(30)
         rig.ranges = np.where(ahead & facing, RADIUS + 0.02, OPEN)
-        rig.driver.request("navigation", 0.2, 0.0, rig.now + DT)
+        rig.arbiter.request("navigation", 0.2, 0.0, rig.now + DT)
         command = rig.step()
-        drivers.add(command.driver)
-        assert command.driver != "navigation" or command.v == 0.0 or not facing
+        drivers.add(command.source)
+        assert command.source != "navigation" or command.v == 0.0 or not facing
     assert "exit_border" in drivers

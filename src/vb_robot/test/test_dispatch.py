@@ -11,7 +11,7 @@ from vb_robot.dispatching.dispatch import (
     PROGRESS_TIMEOUTS,
     DispatchInputs,
     Fleet,
-    GoalStatus,
+    SentGoalState,
     RobotStatus,
 )
 from vb_robot.dispatching.drawing import DrawingState
@@ -32,8 +32,8 @@ class Robot:
     def __init__(self, *costs, x0=0.0, candidates=None, seen=lambda pose: False):
         self.candidates = [Viewpoint((x0 + i, 0.0, 0.0), cost, (0.0, 0.0)) for i, cost in enumerate(costs)]
         self.candidates = self.candidates if candidates is None else candidates
-        self.goal, self.pose, self.sees, self.sent = GoalStatus.NONE, (x0 + 50.0, 50.0, 0.0), seen, []
-        self.busy, self.server, self.localised, self.safe, self.knows = False, True, True, True, True
+        self.goal, self.pose, self.sees, self.sent = SentGoalState.NONE, (x0 + 50.0, 50.0, 0.0), seen, []
+        self.busy, self.server, self.localized, self.safe, self.knows = False, True, True, True, True
         self.asked, self.drawing, self.given = 0, DrawingState(np.zeros(2)), None
         self.room = lambda pose: True
 
@@ -72,23 +72,25 @@ class Fleets:
         seeing = {}
         for name, robot in self.robots.items():
             robot.drawing = DrawingState(np.array(self.spot))
-            status = RobotStatus(robot.pose if robot.localised else None, robot.server, robot.goal, robot.busy)
+            status = RobotStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
             seeing[name] = (status, robot if robot.knows else None)
         goals = self.fleet.step(DispatchInputs(self.now, self.wanted, self.key, self.silent), seeing)
         assert set(goals) == set(self.robots)
         decisions = {}
-        running = [name for name, robot in self.robots.items() if robot.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)]
+        running = [
+            name for name, robot in self.robots.items() if robot.goal in (SentGoalState.SENT, SentGoalState.ACTIVE)
+        ]
         for name, goal in goals.items():
             robot = self.robots[name]
             kind = "keep" if goal is robot.given else "cancel" if goal is None else "send"
             robot.given = goal
             if kind == "send":
                 robot.sent.append(goal)
-                robot.goal = GoalStatus.ACTIVE
+                robot.goal = SentGoalState.ACTIVE
                 assert all(goals[other] is None for other in running if other != name), "one goes at a time"
             elif kind == "cancel":
                 kind = "cancel" if name in running else "keep"
-                robot.goal = GoalStatus.NONE if name in running else robot.goal
+                robot.goal = SentGoalState.NONE if name in running else robot.goal
             decisions[name] = Decision(kind, goal)
         return decisions
 
@@ -137,7 +139,7 @@ def test_sends_nothing_when_the_robot_sees_the_spot_already():
     assert not sent(Bench([place(1)], seen=lambda pose: True).run(10))
 
 
-@pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(knows=False), dict(localised=False)])
+@pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(knows=False), dict(localized=False)])
 def test_sends_nothing_without(missing):
     assert not sent(Bench([place(1)]).run(10, **missing))
 
@@ -156,7 +158,7 @@ def test_next_candidate_after_failure_and_longer_pauses_after_many():
         decision = bench.step()
         if decision.kind == "send":
             tried.append((bench.now, decision.viewpoint.pose[0]))
-            bench.robot.goal = GoalStatus.FAILED
+            bench.robot.goal = SentGoalState.FAILED
     assert [x for _, x in tried[:5]] == [1, 2, 3, 4, 5]
     assert tried[1][0] - tried[0][0] < 1.5, "the person does not wait for a retry"
     pauses = np.diff([when for when, _ in tried])
@@ -176,7 +178,7 @@ def test_goal_is_replaced_only_after_patience_and_for_another_place():
 def test_a_robot_that_has_arrived_is_not_sent_to_about_the_same_place_again_until_the_spot_moves():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
-    bench.robot.goal, bench.robot.pose = GoalStatus.REACHED, (1.0, 0.0, 0.0)
+    bench.robot.goal, bench.robot.pose = SentGoalState.REACHED, (1.0, 0.0, 0.0)
     bench.robot.candidates, bench.robot.sees = [place(1.1)], lambda pose: False
     assert not sent(bench.run(20))
     assert sent(bench.run(20, spot=(1.0, 0.0)))
@@ -215,7 +217,7 @@ def test_stuck_or_unacknowledged_goal_is_given_up():
     assert [d.kind for d in decisions].count("cancel") == 1 and sent(decisions)[0] == place(2)
     bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
     bench.step()
-    bench.robot.goal = GoalStatus.SENT
+    bench.robot.goal = SentGoalState.SENT
     assert any(d.kind == "cancel" for d in bench.run(20))
 
 
@@ -229,7 +231,7 @@ def test_progress_keeps_the_goal():
 def test_leaves_the_robot_to_the_node_that_preempted_the_goal():
     bench = Bench([place(1)])
     bench.step()
-    bench.robot.goal = GoalStatus.PREEMPTED
+    bench.robot.goal = SentGoalState.PREEMPTED
     assert not sent(bench.run(int(4 * 14)))
     assert sent(bench.run(20))
 
@@ -238,16 +240,16 @@ def test_server_that_dies_and_comes_back():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
     bench.run(5, server=False)
-    bench.robot.goal = GoalStatus.FAILED
+    bench.robot.goal = SentGoalState.FAILED
     assert sent(bench.run(10, server=True)) == [place(1)]
 
 
 def test_time_that_jumps_back_does_not_silence_it():
     bench = Bench([place(1)])
     bench.step()
-    bench.robot.goal = GoalStatus.PREEMPTED
+    bench.robot.goal = SentGoalState.PREEMPTED
     bench.step()
-    bench.now, bench.robot.goal = 5.0, GoalStatus.NONE
+    bench.now, bench.robot.goal = 5.0, SentGoalState.NONE
     assert sent(bench.run(10))
 
 
@@ -259,7 +261,7 @@ def test_goal_whose_path_has_become_a_crossing_is_replaced_or_cancelled():
     assert place(3) in sent(bench.run(4))
     bench.robot.candidates = []
     kinds = [decision.kind for decision in bench.run(4)]
-    assert "cancel" in kinds and bench.goal is GoalStatus.NONE
+    assert "cancel" in kinds and bench.goal is SentGoalState.NONE
     assert not sent(bench.run(20)), "it stays where it is"
 
 
@@ -375,7 +377,7 @@ def blind_bench():
     """A robot that has come to where it should see the spot, and whose camera reports nothing."""
     bench = Bench([place(1), place(1.2), place(2), place(3)], seen=lambda pose: pose[0] in (1, 2, 3))
     bench.step(silent=0.0)
-    bench.robot.goal = GoalStatus.REACHED
+    bench.robot.goal = SentGoalState.REACHED
     bench.robot.pose = (1.0, 0.0, 0.0)
     return bench
 
@@ -387,7 +389,7 @@ def stand(bench, steps):
         decision = bench.step(silent=bench.now + 0.25 - began)
         if decision.kind == "send":
             goals.append((bench.now - began, decision.viewpoint))
-            bench.robot.goal = GoalStatus.REACHED
+            bench.robot.goal = SentGoalState.REACHED
             bench.robot.pose = decision.viewpoint.pose
     return goals
 
@@ -411,7 +413,7 @@ def test_robot_that_sees_the_spot_stays_and_may_try_again_when_it_is_lost_again(
 
 def test_robot_that_still_drives_is_not_blind():
     bench = blind_bench()
-    bench.robot.goal = GoalStatus.ACTIVE
+    bench.robot.goal = SentGoalState.ACTIVE
     began = bench.now
     for i in range(40):
         assert bench.step(silent=bench.now + 0.25 - began, pose=(5.0 - 0.1 * i, 0.0, 0.0)).kind == "keep"
@@ -428,14 +430,14 @@ def test_lost_spot_is_not_a_matter_of_patience():
 def test_next_interaction_begins_from_scratch_even_if_no_decision_fell_between():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
-    bench.robot.goal = GoalStatus.NONE  # cancelled with the state
+    bench.robot.goal = SentGoalState.NONE  # cancelled with the state
     assert bench.step(key=("b", 1)).kind == "send"
 
 
 def test_robot_that_was_carried_away_comes_back():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
-    bench.robot.goal = GoalStatus.REACHED
+    bench.robot.goal = SentGoalState.REACHED
     assert not sent(bench.run(10, pose=(1.0, 0.0, 0.0)))
     assert sent(bench.run(10, pose=(5.0, 0.0, 0.0))) == [place(1)]
 
@@ -475,15 +477,15 @@ def test_another_takes_over_when_one_fails(fault):
     ada, bob = bench.robots["ada"], bench.robots["bob"]
     assert len(ada.sent) == 1 and not bob.sent
     if fault == "aborts":
-        ada.goal = GoalStatus.FAILED
+        ada.goal = SentGoalState.FAILED
     elif fault == "navigation dies":
         ada.server = False
     elif fault == "lost":
-        ada.localised = False
+        ada.localized = False
     elif fault == "never accepts":
-        ada.goal = GoalStatus.SENT
+        ada.goal = SentGoalState.SENT
     elif fault == "preempted":
-        ada.goal = GoalStatus.PREEMPTED
+        ada.goal = SentGoalState.PREEMPTED
     limit = {"never accepts": PROGRESS_TIMEOUTS["sent"], "stuck": PROGRESS_TIMEOUTS["active"]}.get(fault, 0.0)
     steps = 0
     while not bob.sent and steps < 400:
@@ -501,7 +503,7 @@ def test_goes_back_to_the_first_when_the_second_fails_too():
         for name, decision in bench.step().items():
             if decision.kind == "send":
                 order.append((name, decision.viewpoint.pose[0]))
-                bench.robots[name].goal = GoalStatus.FAILED
+                bench.robots[name].goal = SentGoalState.FAILED
     assert order[:3] == [("ada", 0.0), ("bob", 20.0), ("ada", 1.0)], "each place is tried once"
 
 
@@ -528,7 +530,7 @@ def test_one_that_is_notably_nearer_takes_over_and_the_other_is_cancelled():
     bench.robots["bob"].candidates = [Viewpoint((11.0, 0.0, 0.0), 1.0, bench.spot)]
     bench.serve("bob")
     bench.run(20)
-    assert len(bench.robots["bob"].sent) == 1 and bench.robots["ada"].goal is GoalStatus.NONE
+    assert len(bench.robots["bob"].sent) == 1 and bench.robots["ada"].goal is SentGoalState.NONE
 
 
 def test_a_robot_on_its_way_off_the_seeds_side_goes_on_although_another_would_see_the_spot():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatching.dispatch import GoalStatus
+from vb_robot.dispatching.dispatch import SentGoalState
 from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, RobotStatus
 from vb_robot.dispatching.drawing import UnseenFloor, DrawingState
 from vb_robot.spots import BORDER, Sighting
@@ -34,7 +34,7 @@ class Lab:
         self.dispatcher.set_physical_map(grid)
         self.dispatcher.unseen = UnseenFloor(grid.with_data(coverage))
         self.dispatcher.sightings.set_state(BORDER, "a", 100.0)
-        self.now, self.robot, self.goal, self.sent = 100.0, robot, GoalStatus.NONE, []
+        self.now, self.robot, self.goal, self.sent = 100.0, robot, SentGoalState.NONE, []
         self.spot, self.given = np.array([3.0, 2.5]), None
 
     def see(self, camera, position, mobile=False, confidence=0.9):
@@ -52,7 +52,7 @@ class Lab:
         status = RobotStatus(self.robot, True, self.goal)
         goal = self.dispatcher.decide(self.now, {"": status})[""]
         if goal is not None and goal is not self.given:
-            self.robot, self.goal = goal.pose, GoalStatus.REACHED
+            self.robot, self.goal = goal.pose, SentGoalState.REACHED
             self.sent.append((self.now, self.robot))
         self.given = goal
 
@@ -144,16 +144,16 @@ def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes
 def test_what_people_are_told():
     lab = Lab()
     lab.draw_until(EDGE - 0.4)
-    assert lab.dispatcher.notice.code == "spot_ahead_unseen"
+    assert lab.dispatcher.notice.code == "floor_ahead_not_seen"
     lab.draw_until(EDGE + 0.2, robot_sees=False)
     for _ in range(4):
         lab.step(robot_sees=False)
-    assert lab.dispatcher.notice.code == "spot_unseen_robot_comes"
-    lab.goal = GoalStatus.NONE
+    assert lab.dispatcher.notice.code == "spot_not_seen_robot_looks"
+    lab.goal = SentGoalState.NONE
     for _ in range(40):
         lab.see("red", lab.spot)
         lab.step()
-    assert lab.dispatcher.notice is None or lab.dispatcher.notice.code == "spot_ahead_unseen", "seen again"
+    assert lab.dispatcher.notice is None or lab.dispatcher.notice.code == "floor_ahead_not_seen", "seen again"
     lab.dispatcher.sightings.set_state(0, "", lab.now)
     lab.step()
     assert lab.dispatcher.notice is None

@@ -19,7 +19,7 @@ def shim_with(path=PATH):
 
 
 def turned_round(seed, shim, sweep_s):
-    """Tells whether a robot that faces away gets round, with a controller that turns to and fro behind itself.
+    """Returns whether a robot that faces away gets round, with a controller that turns to and fro behind itself.
 
     Args:
         sweep_s: [s] how long the controller goes on in one direction: DWA was seen to do so for 1 to 10 s.

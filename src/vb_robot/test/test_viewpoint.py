@@ -51,7 +51,7 @@ def test_floor_is_visible_from_where_the_geometry_says():
 def test_base_and_map_are_inverse(x, y, yaw, px, py):
     point = np.array([[px, py]])
     assert np.allclose(to_map(to_base(point, (x, y, yaw)), (x, y, yaw)), point, atol=1e-9)
-    oracle = geometry.apply(geometry.invert(geometry.pose2d_transform(x, y, yaw)), np.array([px, py, 0.0]))[:2]
+    oracle = geometry.apply(geometry.invert(geometry.transform_from_pose2d(x, y, yaw)), np.array([px, py, 0.0]))[:2]
     assert np.allclose(to_base(point, (x, y, yaw))[0], oracle, atol=1e-9)
 
 

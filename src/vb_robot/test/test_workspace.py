@@ -81,7 +81,7 @@ def test_a_map_lets_a_robot_out_but_not_further_in():
     assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.0, 0.05, False) == pytest.approx(1.0 - 0.18 - 0.05, abs=0.04)
     assert ground.free_distance((3.9, 2.5, 0.0), 0.2, 0.0, 0.05, False) <= 0.04
     assert ground.free_distance((3.9, 2.5, 0.0), -0.2, 0.0, 0.05, False) == math.inf
-    assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.1, 0.05, leaving=True) == math.inf
+    assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.1, 0.05, exiting=True) == math.inf
 
 
 def test_what_the_localisation_may_be_off_is_kept_off_borders_and_not_off_walls():
@@ -114,12 +114,12 @@ def test_the_map_for_navigation_has_what_the_driver_keeps_out_of():
 
 def test_the_uncertainty_follows_the_localisations_own_spread_at_once_up_and_slowly_down():
     uncertainty = PoseUncertainty()
-    assert uncertainty.metres == MIN_UNCERTAINTY, "without a covariance"
-    assert not uncertainty.add(np.diag([0.01, 0.005]) ** 2) and uncertainty.metres == MIN_UNCERTAINTY
+    assert uncertainty.meters == MIN_UNCERTAINTY, "without a covariance"
+    assert not uncertainty.add(np.diag([0.01, 0.005]) ** 2) and uncertainty.meters == MIN_UNCERTAINTY
     turned = np.array([[0.5, 0.5], [-0.5, 0.5]]) * math.sqrt(2.0)
     assert uncertainty.add(turned @ np.diag([0.12, 0.005]) ** 2 @ turned.T), "the worst direction, in steps"
-    assert uncertainty.metres == pytest.approx(0.075)
+    assert uncertainty.meters == pytest.approx(0.075)
     changed = [uncertainty.add(np.diag([0.01, 0.01]) ** 2) for _ in range(UNCERTAINTY_UPDATES)]
-    assert changed == [False] * (UNCERTAINTY_UPDATES - 1) + [True] and uncertainty.metres == MIN_UNCERTAINTY
+    assert changed == [False] * (UNCERTAINTY_UPDATES - 1) + [True] and uncertainty.meters == MIN_UNCERTAINTY
     uncertainty.add(np.full((2, 2), math.nan))
-    assert uncertainty.metres == MAX_UNCERTAINTY, "what makes no sense is no reason to come nearer"
+    assert uncertainty.meters == MAX_UNCERTAINTY, "what makes no sense is no reason to come nearer"

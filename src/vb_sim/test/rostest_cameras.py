@@ -15,7 +15,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from vb_core import geometry
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import image_array, image_message
+from vb_core.ros.images import array_from_image, message_from_image
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LabState
 
@@ -101,7 +101,7 @@ class CamerasTest(unittest.TestCase):
             image, info = self.pair(key)
             frame = "north_optical_frame" if key == "north" else "tb/camera_optical_frame"
             self.assertEqual((image.encoding, image.header.frame_id, info.header.frame_id), (encoding, frame, frame))
-            self.assertEqual(image_array(image).shape, shape)
+            self.assertEqual(array_from_image(image).shape, shape)
             self.assertEqual((info.height, info.width), shape[:2])
             self.assertEqual(image.step * image.height, len(image.data))
             camera_from_info(info)
@@ -109,21 +109,21 @@ class CamerasTest(unittest.TestCase):
     def test_spot_lies_where_tf_and_camera_info_say(self):
         def lit(key):
             for image in self.images.get(key, {}).values():
-                if image_array(image).max() > 250:
+                if array_from_image(image).max() > 250:
                     return image
             return None
 
         # the calibrated pose is a little off, by some millimetres
         for key, parent, inverse, limit in (
             ("north", "map", np.eye(4), 8.0),
-            ("color", "tb/base_link", geometry.pose2d_transform(0.4, 1.0, 0.0), 1.5),
+            ("color", "tb/base_link", geometry.transform_from_pose2d(0.4, 1.0, 0.0), 1.5),
         ):
             image = self.wait(f"spot in '{key}'", lambda: lit(key))
             _, info = self.pair(key)
             mount = self.transforms.lookup(parent, image.header.frame_id, rospy.Time(0), 10.0)
             camera = camera_from_info(info)
             u, v = camera.project(geometry.apply(geometry.invert(inverse @ mount), np.array([[*SPOT, 0.0]])))[0]
-            bright = image_array(image).astype(float)
+            bright = array_from_image(image).astype(float)
             bright = bright if bright.ndim == 2 else bright.max(axis=2)
             rows, columns = np.nonzero(bright > 240)
             self.assertLess(np.hypot(columns.mean() - u, rows.mean() - v), limit)
@@ -131,7 +131,7 @@ class CamerasTest(unittest.TestCase):
     def test_depth_has_a_colour_image_of_the_same_time(self):
         self.wait("common stamp", lambda: set(self.images.get("depth", {})) & set(self.images.get("color", {})))
         depth, _ = self.pair("depth")
-        self.assertGreater((image_array(depth)[60:] > 400).mean(), 0.9)
+        self.assertGreater((array_from_image(depth)[60:] > 400).mean(), 0.9)
 
     def test_counts(self):
         for name in ("north", "robot"):
@@ -146,7 +146,7 @@ class CamerasTest(unittest.TestCase):
     def test_survives_a_silent_lab(self):
         def newest_is(lit):
             images = self.images.get("north")
-            return images and (image_array(images[max(images)]).max() > 250) == lit
+            return images and (array_from_image(images[max(images)]).max() > 250) == lit
 
         self.wait("picture with the spot", lambda: newest_is(True))
         self.lab.running.clear()
@@ -161,12 +161,12 @@ class CamerasTest(unittest.TestCase):
 
         def brightness(key):
             images = self.images.get(key)
-            return float(np.median(image_array(images[max(images)])[200:280, 280:360])) if images else None
+            return float(np.median(array_from_image(images[max(images)])[200:280, 280:360])) if images else None
 
         dark = {key: self.wait(f"picture of '{key}'", lambda: brightness(key)) for key in ("north", "color")}
         for level, brighter in ((255, True), (0, False)):
             picture = np.full((120, 160, 3), level, np.uint8)
-            publisher.publish(image_message(picture, "rgb8", rospy.Time.now(), "projector"))
+            publisher.publish(message_from_image(picture, "rgb8", rospy.Time.now(), "projector"))
             for key in dark:
                 self.wait(f"light in '{key}'", lambda: (brightness(key) > dark[key] * 1.2) == brighter)
 

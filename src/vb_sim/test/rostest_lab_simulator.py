@@ -22,7 +22,7 @@ from waiting import Latest, wait_until  # noqa: E402
 
 from vb_core import geometry, names  # noqa: E402
 from vb_core.errors import CodedError  # noqa: E402
-from vb_core.ros.messages import pose_from_2d  # noqa: E402
+from vb_core.ros.messages import message_from_pose2d  # noqa: E402
 from vb_core.ros.transforms import TransformLookup  # noqa: E402
 from vb_msgs.msg import LabState, ParticipantState  # noqa: E402
 
@@ -87,7 +87,9 @@ class LabSimulatorTest(unittest.TestCase):
         self.drive_until(lambda state: state.robot_poses[0].x < 7.3, 0.3, 0.1)
         state = self.state.next()
         try:
-            estimate = geometry.transform_pose2d(self.transforms.lookup("map", "base_link", state.header.stamp, 2.0))
+            estimate = geometry.pose2d_from_transform(
+                self.transforms.lookup("map", "base_link", state.header.stamp, 2.0)
+            )
         except CodedError as error:
             self.fail(str(error))
         true = state.robot_poses[0]
@@ -108,7 +110,7 @@ class LabSimulatorTest(unittest.TestCase):
         before = self.pose()
         wanted = PoseWithCovarianceStamped()
         wanted.header.frame_id = "map"
-        wanted.pose.pose = pose_from_2d(5.0, 2.0, 0.0)
+        wanted.pose.pose = message_from_pose2d(5.0, 2.0, 0.0)
         self.assertTrue(wait_until(lambda: self.initialpose.get_num_connections() > 0))
         self.initialpose.publish(wanted)
         self.amcl.until(lambda message: abs(message.pose.pose.position.x - 5.0) < 1e-3)

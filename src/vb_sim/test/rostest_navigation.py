@@ -23,14 +23,14 @@ from waiting import Latest, wait_until  # noqa: E402
 
 from vb_core import geometry, names  # noqa: E402
 from vb_core.ros import node  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid, pose_from_2d  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid, message_from_pose2d  # noqa: E402
 from vb_msgs.msg import LabState  # noqa: E402
 
 
 def pose(x, y, yaw=0.0):
     stamped = PoseStamped()
     stamped.header.frame_id = "map"
-    stamped.pose = pose_from_2d(x, y, yaw)
+    stamped.pose = message_from_pose2d(x, y, yaw)
     return stamped
 
 

@@ -269,7 +269,9 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
     for order in (boxes, boxes[::-1]):
         world = world_from_mapping({**WORLD, "furniture": order})
         buffer = DepthBuffer(RayGrid(world.robots[0].color_model()))
-        buffer.draw_mesh(world_mesh(world), geometry.pose2d_transform(0.8, 1.0, 0.0) @ world.robots[0].camera_mount())
+        buffer.draw_mesh(
+            world_mesh(world), geometry.transform_from_pose2d(0.8, 1.0, 0.0) @ world.robots[0].camera_mount()
+        )
         image = np.zeros((480, 640, 3), np.uint8)
         buffer.paint(image)
         pictures.append(image)
@@ -279,7 +281,7 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
         .color_model()
         .project(
             geometry.apply(
-                geometry.invert(geometry.pose2d_transform(0.8, 1.0, 0.0) @ world.robots[0].camera_mount()),
+                geometry.invert(geometry.transform_from_pose2d(0.8, 1.0, 0.0) @ world.robots[0].camera_mount()),
                 np.array([[1.85, 1.0, 0.25]]),
             )
         )[0]

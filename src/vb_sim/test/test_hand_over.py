@@ -20,7 +20,7 @@ from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.models import load_models, read_section
 from vb_sim.room.camera_models import load_camera_models
-from vb_sim.robot.motion_models import LocalisationModel
+from vb_sim.robot.motion_models import LocalizationModel
 from vb_sim.room.world import load_world
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -53,13 +53,13 @@ def drawn(seed, overlap=True):
     if not overlap:
         by_robot &= ~by_blue
     models = load_camera_models(MODELS)
-    localisation = read_section(load_models(MODELS), "localisation", LocalisationModel)
+    localization = read_section(load_models(MODELS), "localisation", LocalizationModel)
     believed = calibrated_pose(BLUE, models.optics, seed)
     blue = on_floor(BLUE.model(), BLUE.pose(), believed, line[by_blue]) + rng.normal(0.0, 0.002, (by_blue.sum(), 2))
-    sigmas = (localisation.position_sigma, localisation.position_sigma, localisation.yaw_sigma)
+    sigmas = (localization.position_sigma, localization.position_sigma, localization.yaw_sigma)
     off = np.array(sigmas) * rng.normal(size=3)
-    true = geometry.pose2d_transform(*ROBOT) @ view.T_base_camera
-    guess = geometry.pose2d_transform(*(np.array(ROBOT) + off)) @ view.T_base_camera
+    true = geometry.transform_from_pose2d(*ROBOT) @ view.T_base_camera
+    guess = geometry.transform_from_pose2d(*(np.array(ROBOT) + off)) @ view.T_base_camera
     robot = on_floor(view.camera, true, guess, line[by_robot]) + rng.normal(0.0, 0.003, (by_robot.sum(), 2))
     assert (by_blue | by_robot).mean() > 0.95, "the scene must let somebody see nearly all of it"
     times = np.concatenate([np.flatnonzero(by_blue), np.flatnonzero(by_robot) + 0.5])

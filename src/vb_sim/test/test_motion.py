@@ -15,7 +15,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import FREE, OCCUPIED, GridMap
 from vb_sim.lab import PARTICIPANT_SILENCE, Lab, Participant
 from vb_sim.room.models import load_models, read_section
-from vb_sim.robot.motion_models import LocalisationModel, RobotModel, ScanModel
+from vb_sim.robot.motion_models import LocalizationModel, RobotModel, ScanModel
 from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
 from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody, advance
@@ -25,7 +25,7 @@ from vb_sim.room.world import load_world, world_from_mapping
 WORLDS = Path(__file__).resolve().parents[1] / "worlds"
 
 DT = 0.02
-SURE = LocalisationModel(position_sigma=0.0, yaw_sigma=0.0)
+SURE = LocalizationModel(position_sigma=0.0, yaw_sigma=0.0)
 EXACT = RobotModel(
     odometry_scale_sigma=0.0, odometry_distance_noise=0.0, odometry_turn_noise=0.0, odometry_drift_noise=0.0
 )
@@ -43,9 +43,9 @@ def small_world(**more):
 
 
 def body(
-    model=RobotModel(), localisation=LocalisationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0.0, 0.0, 0.0)
+    model=RobotModel(), localization=LocalizationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0.0, 0.0, 0.0)
 ):
-    return RobotBody(start, 0.18, model, localisation, clearance, np.random.default_rng(seed))
+    return RobotBody(start, 0.18, model, localization, clearance, np.random.default_rng(seed))
 
 
 def drive(robot, speed, turn_rate, seconds, now=0.0):
@@ -123,24 +123,26 @@ def test_exact_wheels_measure_the_true_path():
     robot = body(EXACT, start=(2.0, 1.0, 0.7))
     _, now = drive(robot, 0.4, 0.5, 2.0)
     drive(robot, -0.2, -0.9, 2.0, now)
-    travelled = geometry.invert(geometry.pose2d_transform(2.0, 1.0, 0.7)) @ geometry.pose2d_transform(*robot.pose)
-    assert np.allclose(geometry.pose2d_transform(*robot.odometry), travelled, atol=1e-9)
+    traveled = geometry.invert(geometry.transform_from_pose2d(2.0, 1.0, 0.7)) @ geometry.transform_from_pose2d(
+        *robot.pose
+    )
+    assert np.allclose(geometry.transform_from_pose2d(*robot.odometry), traveled, atol=1e-9)
 
 
 def test_odometry_drifts_but_the_map_correction_makes_up_for_it():
     robot = body(seed=3)
     drive(robot, 0.4, 0.5, 20.0)
-    composed = robot.map_to_odom() @ geometry.pose2d_transform(*robot.odometry)
-    assert np.allclose(composed, geometry.pose2d_transform(*robot.estimate()), atol=1e-9)
-    travelled = geometry.transform_pose2d(geometry.pose2d_transform(*robot.pose))
-    assert np.hypot(robot.odometry[0] - travelled[0], robot.odometry[1] - travelled[1]) > 0.002
+    composed = robot.map_to_odom() @ geometry.transform_from_pose2d(*robot.odometry)
+    assert np.allclose(composed, geometry.transform_from_pose2d(*robot.estimate()), atol=1e-9)
+    traveled = geometry.pose2d_from_transform(geometry.transform_from_pose2d(*robot.pose))
+    assert np.hypot(robot.odometry[0] - traveled[0], robot.odometry[1] - traveled[1]) > 0.002
 
 
 def test_localisation_error_has_its_sigma_and_varies_slowly():
-    model = LocalisationModel(position_sigma=0.02, yaw_sigma=0.01, correlation_time=5.0)
+    model = LocalizationModel(position_sigma=0.02, yaw_sigma=0.01, correlation_time=5.0)
     errors, steps = [], []
     for seed in range(60):
-        robot = body(localisation=model, seed=seed)
+        robot = body(localization=model, seed=seed)
         now, before = 0.0, None
         for _ in range(60):
             _, now = drive(robot, 0.2, 0.3, 0.1, now)
@@ -166,7 +168,7 @@ def test_a_standing_robot_is_not_relocalised_by_itself():
 
 def test_initial_pose_moves_the_estimate_only():
     robot = body(start=(1.0, 2.0, 0.3))
-    robot.relocalise((1.5, 2.0, 0.1))
+    robot.relocalize((1.5, 2.0, 0.1))
     assert robot.pose == (1.0, 2.0, 0.3)
     assert robot.estimate() == pytest.approx((1.5, 2.0, 0.1))
 
@@ -211,7 +213,7 @@ def test_same_seed_same_world():
 # ------------------------------------------------------------ scanner
 def test_beams_meet_the_walls_where_they_are():
     world = small_world(furniture=[])
-    lab = Lab(world, localisation=SURE, scan=ScanModel(range_sigma=0.0))
+    lab = Lab(world, localization=SURE, scan=ScanModel(range_sigma=0.0))
     angles, ranges = lab.scan(0)
     # distances from (1.0, 1.5) to the walls of a 4 m x 3 m room
     with np.errstate(divide="ignore"):
@@ -320,7 +322,7 @@ def test_models_file_names_what_is_wrong(tmp_path):
         read_section(models, "robot", RobotModel)
     with pytest.raises(ParameterError, match="scan/beems"):
         read_section(models, "scan", ScanModel)
-    assert read_section(models, "localisation", LocalisationModel) == LocalisationModel()
+    assert read_section(models, "localisation", LocalizationModel) == LocalizationModel()
     path.write_text("[1, 2")
     with pytest.raises(CodedError, match="line"):
         load_models(str(path))
@@ -345,7 +347,7 @@ def test_scanners_that_do_not_look_all_round(robot, fov, nearest):
 
 
 def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
-    lockstep, passed = Lockstep(("navigation", "driver"), patience=3600.0), threading.Event()
+    lockstep, passed = Lockstep(("navigation", "driver"), timeout=3600.0), threading.Event()
     lockstep.wait()  # nobody drives: an hour is not waited
     lockstep.arrive("driver")
     lockstep.wait()
@@ -362,9 +364,9 @@ def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
 
 
 def test_lockstep_gives_up_on_one_that_is_silent():
-    lockstep = Lockstep(("navigation", "driver"), patience=0.01)
+    lockstep = Lockstep(("navigation", "driver"), timeout=0.01)
     for who in ("navigation", "driver"):
         lockstep.arrive(who)
     lockstep.wait()
-    lockstep.wait()  # over after its patience, or this test would never end
+    lockstep.wait()  # over after its timeout, or this test would never end
     lockstep.wait()

@@ -342,7 +342,7 @@ def test_who_is_told_that_the_robot_comes_does_not_step_aside():
     percept = Perception(now=5.0)
     percept.read(["robot_touches_border"])
     assert percept.hold_requested == float("-inf")
-    percept.read(["spot_unseen_robot_comes"])
+    percept.read(["spot_not_seen_robot_looks"])
     assert percept.hold_requested == 5.0
 
 
@@ -354,7 +354,7 @@ def test_who_is_asked_to_confirm_looks_at_the_preview_and_says_save_once_more():
 
 def test_the_display_is_read_by_its_codes():
     percept = Perception(now=7.0)
-    percept.read(["spot_ahead_unseen", "hold still"])
+    percept.read(["floor_ahead_not_seen", "hold still"])
     assert percept.hold_requested < 0.0
-    percept.read(["robot_inside_border", "spot_unseen_robot_comes"])
+    percept.read(["robot_inside_border", "spot_not_seen_robot_looks"])
     assert percept.hold_requested == 7.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vb_core.robot_profile import RobotProfile
-from vb_laser_detect.detection.bodies import Body
+from vb_laser_detect.detection.robot_cylinders import RobotCylinder
 from vb_laser_detect.detection.image_geometry import ImageGeometry, locate_confirmed, search
 from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.detector import DetectorParams, SpotDetector
@@ -58,9 +58,9 @@ def found(camera, hides):
         if view.spot_share(snapshot) > 0.5:
             seen[step] = laser
         # localisation is a little off, as it always is
-        body = Body(x + 0.02, y - 0.02, 0.23, 0.45)
+        body = RobotCylinder(x + 0.02, y - 0.02, 0.23, 0.45)
         frame = ImageGeometry(
-            view.model, lambda: view.pose, projector, stamp=step, bodies=lambda: [body] if hides else []
+            view.model, lambda: view.pose, projector, stamp=step, cylinders=lambda: [body] if hides else []
         )
         spots += locate_confirmed(
             detector, search(detector, view.frame(snapshot), step / RATE, frame, view.encoding), frame

@@ -22,15 +22,15 @@ from vb_msgs.srv import (
 )
 
 
-def wait_until(condition, what: str, limit_s: float = 120.0):
+def wait_until(condition, what: str, timeout: float = 120.0):
     """Waits for a condition; gives its first true value, or fails with what was waited for."""
-    deadline = time.monotonic() + limit_s
+    deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:
         value = condition()
         if value:
             return value
         time.sleep(0.02)
-    raise AssertionError(f"waited {limit_s:g} s in vain for: {what}")
+    raise AssertionError(f"waited {timeout:g} s in vain for: {what}")
 
 
 class Newest:
@@ -44,9 +44,9 @@ class Newest:
     def message(self):
         return self.all[-1] if self.all else None
 
-    def wait(self, condition, what: str, limit_s: float = 120.0):
+    def wait(self, condition, what: str, timeout: float = 120.0):
         """Waits until the newest message fulfils a condition."""
-        return wait_until(lambda: self.all and condition(self.all[-1]) and self.all[-1], what, limit_s)
+        return wait_until(lambda: self.all and condition(self.all[-1]) and self.all[-1], what, timeout)
 
 
 class Process:
@@ -75,7 +75,7 @@ class Process:
             self.kill()
 
 
-class StubNeighbours:
+class StubNeighbors:
     """border_fusion and map_integrator, as far as this package needs them."""
 
     def __init__(self) -> None:

@@ -20,7 +20,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import message_from_notice
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import Newest, Process, StubNeighbours, rospy_point, wait_until  # noqa: E402
+from ros_helpers import Newest, Process, StubNeighbors, rospy_point, wait_until  # noqa: E402
 
 from vb_msgs.msg import (  # noqa: E402
     BorderPreview,
@@ -38,8 +38,8 @@ ARGUMENTS = [
     f"_log_file:={LOG}",
     f"_state_file:={FOLDER}/state.json",
     "_method:=a_method",
-    "_service_wait:=5.0",
-    "_service_answer:=10.0",
+    "_service_timeout:=5.0",
+    "_response_timeout:=10.0",
 ]
 
 
@@ -47,7 +47,7 @@ class InteractionManagerTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("rostest_interaction_manager")
-        cls.stub = StubNeighbours()
+        cls.stub = StubNeighbors()
         cls.stub.offer()
         cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, queue_size=1, latch=True)
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, queue_size=1, latch=True)
@@ -269,7 +269,7 @@ class InteractionManagerTest(unittest.TestCase):
             first = self.command("undo", id="one")
             again = self.command("undo", id="one")
             self.assertEqual((first.success, first.code, first.values), (again.success, again.code, again.values))
-            self.assertEqual((first.code, first.values[0].value), ("border_gone", "Nursery"))
+            self.assertEqual((first.code, first.values[0].value), ("border_removed", "Nursery"))
             self.assertEqual(self.stub.undone, 1)
             refused = self.command("undo", id="two")
             self.assertEqual((refused.success, refused.code), (False, "nothing_to_undo"))
@@ -450,7 +450,7 @@ class InteractionManagerTest(unittest.TestCase):
         del self.state.all[:]
         notices = Newest("/virtual_borders/notices", NoticeArray)
         impatient = Process(
-            "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, "_idle_limit:=3", "_idle_warning:=2.5"
+            "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, "_idle_timeout:=3", "_idle_warning:=2.5"
         )
         try:
             self.state.wait(lambda message: message.stopped, "a stop in doubt")
@@ -475,7 +475,7 @@ class InteractionManagerTest(unittest.TestCase):
         finally:
             impatient.stop()
             # what a node was given stays on the parameter server, for the next one of this name too
-            for name in ("idle_limit", "idle_warning"):
+            for name in ("idle_timeout", "idle_warning"):
                 rospy.delete_param(f"/interaction_manager/{name}")
             self.node.start()
 

@@ -40,11 +40,11 @@ class VoiceCommandsTest(unittest.TestCase):
             "voice_commands",
             "_source:=topic",
             "_sounds/success:=0.2",
-            "_mute_after:=0.0",
+            "_mute_margin:=0.0",
             # what the test says follows at once: it must not fall into the answer to what it said before
             "_sounds/recognized:=0.0",
             "_sounds/error:=0.0",
-            "_service_answer:=60.0",
+            "_response_timeout:=60.0",
         )
         cls.heard = Newest(HEARD, SpeechCommand)
         cls.sounds = Newest("/virtual_borders/sound", Sound)

@@ -16,7 +16,7 @@ import rostest
 from vb_core import sentences
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import Newest, Process, StubNeighbours, wait_until  # noqa: E402
+from ros_helpers import Newest, Process, StubNeighbors, wait_until  # noqa: E402
 from terminal import Terminal  # noqa: E402
 
 from vb_msgs.msg import (  # noqa: E402
@@ -40,7 +40,7 @@ class WizardConsoleTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("rostest_wizard_console")
-        cls.stub = StubNeighbours()
+        cls.stub = StubNeighbors()
         cls.stub.offer()
         cls.undo = cls.stub.offer_undo()
         cls.state = Newest("/virtual_borders/state", InteractionState)
@@ -70,7 +70,11 @@ class WizardConsoleTest(unittest.TestCase):
         drawing = self.state.wait(lambda message: message.name == "border", "the border state")
         self.assertEqual(drawing.last_source, "wizard")
         self.progress.publish(
-            interaction_id=drawing.interaction_id, border_spots=321, seeing=["red"], cameras=["red", "robot"], code="ok"
+            interaction_id=drawing.interaction_id,
+            border_spots=321,
+            cameras_seeing_spot=["red"],
+            cameras=["red", "robot"],
+            code="ok",
         )
         terminal.shows("321 border")
         terminal.shows("red (before: robot)")

@@ -51,10 +51,10 @@ class Terminal:
         """All that was ever written."""
         return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.raw.decode("utf-8", "replace"))
 
-    def shows(self, what, since=0, limit_s=120.0):
+    def shows(self, what, since=0, timeout=120.0):
         """Waits until some text was written."""
         try:
-            wait_until(lambda: what in self.text[since:], what, limit_s)
+            wait_until(lambda: what in self.text[since:], what, timeout)
         except AssertionError:
             raise AssertionError(f"'{what}' is not on the screen, which ends\n{self.text[-3000:]}") from None
 

@@ -16,7 +16,7 @@ class Counter:
 
     def __call__(self):
         self.count += 1
-        return Answer(True, "border_gone", {"borders": str(self.count)})
+        return Answer(True, "border_removed", {"borders": str(self.count)})
 
 
 def test_the_same_id_is_carried_out_once_and_gets_the_same_answer_also_after_a_restart():

@@ -44,7 +44,7 @@ def drawing():
         ignored_spots=7,
         chain=[Point()] * 9,
         closed=True,
-        seeing=["red"],
+        cameras_seeing_spot=["red"],
         cameras=["red", "robot"],
     )
     view.robot = "x 2.10 m, y 0.43 m, drives"

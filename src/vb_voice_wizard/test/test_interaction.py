@@ -30,7 +30,7 @@ from vb_voice_wizard.interaction import (
     Interaction,
     InteractionParams,
     State,
-    normalise,
+    normalize,
     spoken_form,
 )
 
@@ -69,7 +69,7 @@ def test_every_state_and_command_pair_is_answered(way, command):
     answer = interaction.command(command, "test", 10.0)
 
     assert answer.message.endswith(".") and answer.message == sentences.translate(answer.code, answer.values)
-    assert answer.code in sentences.catalogue()
+    assert answer.code in sentences.catalog()
     if not interaction.saving:
         assert interaction.last_answer == answer and interaction.last_command == command
     if command in ENTERING:
@@ -137,8 +137,8 @@ def test_unknown_commands_are_answered(way, command):
 
 def test_commands_as_people_write_them():
     for command in COMMANDS:
-        assert normalise(spoken_form(command).upper() + " ") == command
-        assert normalise(command.replace("_", "-")) == command
+        assert normalize(spoken_form(command).upper() + " ") == command
+        assert normalize(command.replace("_", "-")) == command
 
 
 def test_while_saving_everything_else_waits_and_a_refusal_keeps_everything():
@@ -387,7 +387,7 @@ def test_cancel_after_an_unanswered_save_does_not_promise_an_unchanged_map():
 
 
 def test_an_abandoned_interaction_ends_after_a_warning():
-    interaction = machine(idle_limit=100.0, idle_warning=20.0)
+    interaction = machine(idle_timeout=100.0, idle_warning=20.0)
     assert not interaction.end_if_idle(1e6) and interaction.ends_at == 0.0
     interaction.command(DEFINE_BORDER, "a", 1000.0)
     assert not interaction.end_if_idle(1079.0) and interaction.ends_at == 0.0
@@ -396,7 +396,7 @@ def test_an_abandoned_interaction_ends_after_a_warning():
     assert not interaction.end_if_idle(1100.0) and interaction.ends_at == 0.0
     # over a restart of the node too: tomorrow's spots must not join today's border
     interaction = Interaction.from_mapping(
-        interaction.to_mapping(), InteractionParams(idle_limit=100.0, idle_warning=20.0)
+        interaction.to_mapping(), InteractionParams(idle_timeout=100.0, idle_warning=20.0)
     )
     assert interaction.end_if_idle(90000.0)
     assert (interaction.state, interaction.last_outcome, interaction.last_answer.code) == (
@@ -408,14 +408,14 @@ def test_an_abandoned_interaction_ends_after_a_warning():
 
 
 def test_an_interaction_that_is_being_saved_does_not_end_by_itself():
-    interaction = drawn(idle_limit=100.0, idle_warning=20.0)
+    interaction = drawn(idle_timeout=100.0, idle_warning=20.0)
     interaction.command(SAVE, "a", 3.0)
     assert not interaction.end_if_idle(1000.0) and interaction.saving
 
 
 def test_a_warning_must_come_before_the_end():
     with pytest.raises(ParameterError):
-        InteractionParams(idle_limit=30.0, idle_warning=60.0)
+        InteractionParams(idle_timeout=30.0, idle_warning=60.0)
 
 
 def test_a_late_command_is_refused_in_a_sentence():

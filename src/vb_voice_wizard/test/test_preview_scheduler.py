@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vb_core.notices import Notice
-from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD_S, PreviewInputs, PreviewScheduler
+from vb_voice_wizard.dialogue.preview_scheduler import MAX_TIME_SHARE, PERIOD, PreviewInputs, PreviewScheduler
 
 DRAWN = PreviewInputs("i1", np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]]), (7.0, 3))
 
@@ -23,20 +23,20 @@ def shown(
     situation: PreviewInputs = DRAWN, started: float = 100.0, took: float = 0.0, answered: bool = True
 ) -> PreviewScheduler:
     pace = PreviewScheduler()
-    pace.done(situation, started, started + took, answered)
+    pace.record_preview(situation, started, started + took, answered)
     return pace
 
 
 def test_the_first_one_is_due_at_once():
-    assert PreviewScheduler().wait_s(PreviewInputs(), 0.0) == 0.0
-    assert PreviewScheduler().wait_s(DRAWN, 0.0) == 0.0
+    assert PreviewScheduler().delay(PreviewInputs(), 0.0) == 0.0
+    assert PreviewScheduler().delay(DRAWN, 0.0) == 0.0
 
 
 def test_nothing_is_done_while_nothing_changes():
-    assert shown().wait_s(DRAWN, 1e9) is None
-    assert shown().wait_s(changed(chain=DRAWN.chain + 0.01, seed=DRAWN.seed - 0.01), 1e9) is None
+    assert shown().delay(DRAWN, 1e9) is None
+    assert shown().delay(changed(chain=DRAWN.chain + 0.01, seed=DRAWN.seed - 0.01), 1e9) is None
     # without border and seed the borders in the map are no matter
-    assert shown(PreviewInputs("i1")).wait_s(PreviewInputs("i1", borders=(8.0, 4)), 1e9) is None
+    assert shown(PreviewInputs("i1")).delay(PreviewInputs("i1", borders=(8.0, 4)), 1e9) is None
 
 
 @pytest.mark.parametrize(
@@ -52,28 +52,28 @@ def test_nothing_is_done_while_nothing_changes():
     ],
 )
 def test_what_matters_is_looked_at_after_the_period(now):
-    assert shown().wait_s(now, 100.2) == pytest.approx(0.3)
-    assert shown().wait_s(now, 100.5) == 0.0
+    assert shown().delay(now, 100.2) == pytest.approx(0.3)
+    assert shown().delay(now, 100.5) == 0.0
 
 
 def test_slow_changes_add_up():
     pace, drifting = shown(), [changed(seed=DRAWN.seed + step * 0.015) for step in (1, 2)]
-    assert [pace.wait_s(situation, 200.0) for situation in drifting] == [None, 0.0]
+    assert [pace.delay(situation, 200.0) for situation in drifting] == [None, 0.0]
 
 
 def test_another_interaction_is_shown_at_once():
-    assert shown().wait_s(PreviewInputs(), 100.0) == 0.0
-    assert shown().wait_s(changed(interaction_id="i2"), 100.0) == 0.0
+    assert shown().delay(PreviewInputs(), 100.0) == 0.0
+    assert shown().delay(changed(interaction_id="i2"), 100.0) == 0.0
 
 
 def test_a_neighbour_that_is_away_is_asked_again():
-    assert shown(answered=False).wait_s(DRAWN, 101.5) == pytest.approx(0.5)
-    assert shown(answered=False).wait_s(DRAWN, 103.0) == 0.0
+    assert shown(answered=False).delay(DRAWN, 101.5) == pytest.approx(0.5)
+    assert shown(answered=False).delay(DRAWN, 103.0) == 0.0
 
 
 @given(st.floats(0.0, 100.0))
 def test_previews_take_no_more_than_their_share(took):
     moved = changed(seed=DRAWN.seed + 1.0)
-    pause = shown(took=took).wait_s(moved, 100.0 + took)
+    pause = shown(took=took).delay(moved, 100.0 + took)
     assert took <= MAX_TIME_SHARE * (took + pause) + 1e-6
-    assert took + pause >= PERIOD_S - 1e-6
+    assert took + pause >= PERIOD - 1e-6

@@ -13,7 +13,7 @@ import soxr
 
 from vb_core.ros.node import start_thread
 from vb_voice_wizard.voice.audio_sources import Microphone, Resampler, level_db
-from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE_S, Endpointer
+from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer
 
 sys.path.insert(0, str(Path(__file__).parent))
 from speech import RATE, room_noise, say, utterances  # noqa: E402
@@ -60,7 +60,7 @@ def test_long_speech_is_told_once_and_a_pause_ends_it():
     found = cut([(1.0, 5.0), (6.0, 6.5)], 7.5)
     assert [one.too_long for one in found] == [True, False]
     # so much speech, its padding, and no more is kept
-    assert len(found[0].pcm) <= (MAX_UTTERANCE_S + 0.5) * RATE
+    assert len(found[0].pcm) <= (MAX_UTTERANCE + 0.5) * RATE
 
 
 def test_a_click_is_no_utterance_and_reset_drops_one():
@@ -88,7 +88,7 @@ def test_a_long_stream_needs_no_memory():
     for _ in range(60):
         endpointer.push(numbered(1.0))
     kept = sum(chunk.size for chunk in [*endpointer._kept, *endpointer._before])
-    assert endpointer.speaking and kept < (MAX_UTTERANCE_S + 2.0) * RATE
+    assert endpointer.speaking and kept < (MAX_UTTERANCE + 2.0) * RATE
 
 
 # ------------------------------------------------------------------ sound

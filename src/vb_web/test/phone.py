@@ -22,7 +22,7 @@ _SWITCHES = (
     "--disable-extensions",
     "--no-first-run",
 )
-PATIENCE_S = 120.0  # a busy machine takes ten times as long; only a fault waits to the end
+TIMEOUT = 120.0  # a busy machine takes ten times as long; only a fault waits to the end
 
 
 class Browser:
@@ -36,7 +36,7 @@ class Browser:
         options.add_experimental_option("prefs", {"intl.accept_languages": language})
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
         self.driver = webdriver.Chrome(service=Service("/usr/bin/chromedriver"), options=options)
-        self.driver.set_script_timeout(PATIENCE_S)
+        self.driver.set_script_timeout(TIMEOUT)
         self.url = url
         self.mobile = mobile  # two fingers enlarge the page
         self.resize(size, dark)
@@ -58,7 +58,7 @@ class Browser:
 
     def wait(self, script, *arguments, what=None):
         """Waits until a script gives something true, and gives that."""
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + TIMEOUT
         while True:
             found = self.run(f"return ({script})", *arguments)
             if found:

@@ -24,7 +24,7 @@ from std_msgs.msg import Bool
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from accessibility import faults_of  # noqa: E402
-from phone import PATIENCE_S, PHONE, WALL, Browser  # noqa: E402
+from phone import TIMEOUT, PHONE, WALL, Browser  # noqa: E402
 from vb_core import names, sentences  # noqa: E402
 from vb_core.notices import Notice, Severity  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, mapping_from_values  # noqa: E402
@@ -44,7 +44,7 @@ def round_the(corners, per_side=6):
     return path
 
 
-def until(condition, what, seconds=PATIENCE_S):
+def until(condition, what, seconds=TIMEOUT):
     for _ in range(int(seconds / 0.05)):
         found = condition()
         if found:
@@ -699,7 +699,7 @@ class PageTest(unittest.TestCase):
             notices.set(
                 [
                     Notice("interaction_ends_soon", Severity.WARNING),
-                    Notice("robot_leaves_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
+                    Notice("robot_exits_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
                 ]
             )
             self.browser.wait_text("#notices", "discarded soon")
@@ -787,7 +787,7 @@ class PageTest(unittest.TestCase):
         image = Image(height=4, width=4, encoding="mono8", step=4, data=bytes(16))
 
         def publish(_event):
-            driver.publish(DriverState(robot="one", driver="navigation", code="obstacle"))
+            driver.publish(DriverState(robot="one", source="navigation", code="obstacle"))
             for camera in ("north", "south"):
                 detector.publish(DetectorStatus(camera=camera))
             images.publish(image)

@@ -73,10 +73,10 @@ def test_the_floor_is_where_the_cameras_see_it():
     views = [CeilingImage(image, camera, looking_down(2.0, 4.0, 2.5))]
     image = images.draw_floor(grid, views)
     pixels = decode(image)[::-1]
-    metre = 1.0 / (grid.resolution * image.cells)
+    meter = 1.0 / (grid.resolution * image.cells)
 
     def at(x, y):
-        return pixels[int((y - 2.0) * metre), int((x + 1.0) * metre)]
+        return pixels[int((y - 2.0) * meter), int((x + 1.0) * meter)]
 
     assert at(2.5, 4.25)[2] > 200 and at(2.5, 4.25)[0] < 80
     assert abs(int(at(1.5, 4.25)[2]) - 90) < 12

@@ -342,7 +342,7 @@ def test_stop_does_not_wait_for_what_takes_long(local):
 
 
 def test_a_resume_does_not_overtake_the_stop_before_it(local, monkeypatch):
-    monkeypatch.setattr(server, "_TIMEOUT_S", None)
+    monkeypatch.setattr(server, "_TIMEOUT", None)
     local.backend.gate.clear()
     local.backend.slow = "stop"
 

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from vb_core import sentences
-from vb_web.view import View, border_changes, coarse_age, number
+from vb_msgs.msg import DriverState
+from vb_web import ros_view
+from vb_web.view import View, border_changes, coarse_age, rounded
 
 STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
 
@@ -36,7 +38,7 @@ def test_one_that_is_slow_skips_what_was_replaced():
 
 
 def test_numbers_that_are_none_never_reach_json():
-    assert number(float("nan")) is None and number(float("inf")) is None and number(1.23456) == 1.235
+    assert rounded(float("nan")) is None and rounded(float("inf")) is None and rounded(1.23456) == 1.235
     with pytest.raises(ValueError):
         View().put("robots", float("nan"))
 
@@ -82,7 +84,7 @@ def used_words():
 
 @pytest.mark.parametrize("language", sentences.languages())
 def test_every_word_of_the_page_is_there_in_every_language(language):
-    words = sentences.catalogue(language)
+    words = sentences.catalog(language)
     missing = [
         code
         for code in used_words()
@@ -98,14 +100,14 @@ def test_no_word_of_the_page_is_left_over():
     stems = [code for code in used if code.endswith("_")] + ["page_title_", "page_zone_"]
     left = [
         word
-        for word in sentences.catalogue()
+        for word in sentences.catalog()
         if word.startswith("page_") and word not in used and not word.startswith(tuple(stems))
     ]
     assert not left
 
 
 def test_languages_name_the_same_values():
-    english, german = sentences.catalogue("en"), sentences.catalogue("de")
+    english, german = sentences.catalog("en"), sentences.catalog("de")
     page = [code for code in english if code.startswith("page_")]
     assert page and all(sentences.placeholders(english[code]) == sentences.placeholders(german[code]) for code in page)
     assert {code for code in german if code.startswith("page_")} == set(page)
@@ -116,3 +118,8 @@ def test_the_page_loads_nothing_from_elsewhere():
         text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
         assert not re.search(r"https?://|//cdn|@import|url\(", text), path.name
         assert "innerHTML" not in text and "eval(" not in text and "style=" not in text, path.name
+
+
+def test_where_a_driver_stopped_in_a_border_it_has_a_sentence_of_its_own():
+    entry = ros_view.driver_entry(DriverState(robot="one", source="navigation", code="inside_border"))
+    assert entry["source"] == "navigation" and entry["code"] in sentences.catalog()

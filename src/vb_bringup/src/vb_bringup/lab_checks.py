@@ -17,10 +17,10 @@ from vb_core import names, sentences
 from vb_core.notices import Notice, Severity
 from vb_laser_detect.detection.exposure import TOO_BRIGHT
 
-# a stroke at 0.5 m/s leaves one spot per 10 cm then; slower cameras work, but lines get coarse
-SLOW_CAMERA_HZ = 5.0
-# clocks: a pointer moved at 0.5 m/s is 5 cm further on after 0.1 s
-MAX_CLOCK_OFFSET_S = 0.1
+# [Hz] a stroke at 0.5 m/s leaves one spot per 10 cm then; slower cameras work, but lines get coarse
+SLOW_CAMERA_RATE = 5.0
+# [s] clocks: a pointer moved at 0.5 m/s is 5 cm further on after 0.1 s
+MAX_CLOCK_OFFSET = 0.1
 # lenses of one model differ by more, two calibrations of one lens by less
 MAX_FOCAL_CHANGE = 0.01
 # room for a day of logs and recordings
@@ -146,9 +146,9 @@ def _camera_faults(camera: CameraObservation, by_frame: Mapping[str, Sequence[st
         return
     if len(camera.publishers) > 1:
         yield fault(CheckState.ERROR, "lab_camera_many_publishers", nodes=", ".join(camera.publishers))
-    if camera.rate < SLOW_CAMERA_HZ:
+    if camera.rate < SLOW_CAMERA_RATE:
         yield fault(CheckState.WARNING, "lab_camera_slow", rate=f"{camera.rate:.1f}")
-    if abs(camera.age) > MAX_CLOCK_OFFSET_S + 2.0 / camera.rate:
+    if abs(camera.age) > MAX_CLOCK_OFFSET + 2.0 / camera.rate:
         yield fault(CheckState.ERROR, "lab_camera_clock", age=f"{camera.age:.2f}")
     if camera.bright > TOO_BRIGHT:
         yield fault(CheckState.WARNING, "lab_camera_too_bright", percent=f"{100 * camera.bright:.0f}")

@@ -14,16 +14,16 @@ from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_laser_detect.calibration.consistency import Sighting, compare_cameras
 
-# a detector reports each second; two reports may be late on a busy computer
-SILENT_S = 3.0
-# on a slow computer detectors start one after the other
-STARTING_S = 15.0
-# the extraction takes cameras to agree within a hand's tremble; calibrated ones differ by one or two centimetres
-MAX_DISAGREEMENT_M = 0.05
+# [s] a detector reports each second; two reports may be late on a busy computer
+SILENCE_TIMEOUT = 3.0
+# [s] on a slow computer detectors start one after the other
+START_TIMEOUT = 15.0
+# [m] the extraction takes cameras to agree within a hand's tremble; calibrated ones differ by one or two centimetres
+MAX_DISAGREEMENT = 0.05
 # sightings of one camera that are compared, and [s] for how long: enough for a mean, soon replaced after a calibration
-_SIGHTINGS, _REMEMBERED_S = 200, 300.0
+_SIGHTINGS, _SIGHTING_LIFETIME = 200, 300.0
 # [s] a detector looks a fixed camera's pose up every two seconds: what it sees until then may still have the former one
-_TAKEN_S = 5.0
+_POSE_LATENCY = 5.0
 # a detector's count of dropped spots, to the code of the notice; the first that holds hides those behind it. Of a
 # shared frame `check_lab` tells, which knows the cameras that have it.
 _REASONS = {"shared_frame": "", "no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}
@@ -51,7 +51,7 @@ class LabMonitor:
 
     def begin(self, now: float) -> None:
         """Starts the clock [s]: until something is overdue nothing is said."""
-        started = now + STARTING_S - SILENT_S
+        started = now + START_TIMEOUT - SILENCE_TIMEOUT
         self._cameras = {name: _WatchedCamera(started, image_at=started) for name in self._expected}
 
     def update(self, camera: str, images: int, dropped: Mapping[str, int], now: float) -> None:
@@ -81,12 +81,16 @@ class LabMonitor:
 
     @staticmethod
     def _fault(camera: _WatchedCamera, now: float) -> str:
-        if now - camera.heard > SILENT_S:
+        if now - camera.heard > SILENCE_TIMEOUT:
             return "detector_missing"
-        if now - camera.image_at > SILENT_S:
+        if now - camera.image_at > SILENCE_TIMEOUT:
             return "camera_silent"
         return next(
-            (code for reason, code in _REASONS.items() if now - camera.dropped_at.get(reason, -math.inf) <= SILENT_S),
+            (
+                code
+                for reason, code in _REASONS.items()
+                if now - camera.dropped_at.get(reason, -math.inf) <= SILENCE_TIMEOUT
+            ),
             "",
         )
 
@@ -103,7 +107,7 @@ class CameraComparison:
 
     def add_spot(self, camera: str, stamp: float, x: float, y: float) -> None:
         """Adds a spot [m] of a stationary camera, in the map, at the time of its image [s]."""
-        if abs(stamp - self._moved.get(camera, -math.inf)) > _TAKEN_S:
+        if abs(stamp - self._moved.get(camera, -math.inf)) > _POSE_LATENCY:
             self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((camera, stamp, x, y))
 
     def clear(self, camera: str, now: float) -> None:
@@ -113,7 +117,7 @@ class CameraComparison:
 
     def notices(self, now: float) -> List[Notice]:
         """Returns one notice for each two cameras that disagree."""
-        fresh = [one for seen in self._sightings.values() for one in seen if 0.0 <= now - one[1] <= _REMEMBERED_S]
+        fresh = [one for seen in self._sightings.values() for one in seen if 0.0 <= now - one[1] <= _SIGHTING_LIFETIME]
         try:
             pairs = compare_cameras(fresh)
         except CodedError:
@@ -126,5 +130,5 @@ class CameraComparison:
                 values={"first": pair.first, "second": pair.second, "cm": f"{100 * pair.median:.0f}"},
             )
             for pair in pairs
-            if pair.median > MAX_DISAGREEMENT_M
+            if pair.median > MAX_DISAGREEMENT
         ]

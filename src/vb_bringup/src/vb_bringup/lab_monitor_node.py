@@ -27,11 +27,11 @@ from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 # all in seconds of wall time
-COMPARISON_PERIOD_S = 5.0  # between two comparisons of the cameras' spots
-POLL_PERIOD_S = 1.0  # between two looks at which nodes run
-SETTLING_S = 6.0  # without a node that comes or goes: before, a lab is starting or ending
-CHECK_PERIOD_S = {CheckState.ERROR: 60.0, CheckState.OK: 600.0}  # a check takes two seconds of processor time
-LOG_PERIOD_S = 60.0  # before what comes and goes is logged again
+COMPARISON_PERIOD = 5.0  # [s] between two comparisons of the cameras' spots
+POLL_PERIOD = 1.0  # [s] between two looks at which nodes run
+SETTLING_TIME = 6.0  # [s] without a node that comes or goes: before, a lab is starting or ending
+CHECK_PERIOD = {CheckState.ERROR: 60.0, CheckState.OK: 600.0}  # [s] a check takes two seconds of processor time
+LOG_PERIOD = 60.0  # [s] before what comes and goes is logged again
 # what rospy appends to the names of tools, whose coming and going does not change the lab
 _ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
 _LEVELS = {
@@ -123,7 +123,7 @@ class LabMonitorNode:
 
     def _on_timer(self, _event: Any) -> None:
         with self._lock:
-            if time.monotonic() - self._compared > COMPARISON_PERIOD_S:
+            if time.monotonic() - self._compared > COMPARISON_PERIOD:
                 self._disagreeing, self._compared = self._comparison.notices(rospy.get_time()), time.monotonic()
             self._own_notices = self._monitor.notices(rospy.get_time())
             lines = drop_recovered(self._lines, self._running)
@@ -139,9 +139,7 @@ class LabMonitorNode:
     def _new_lines(self, others: List[CheckLine]) -> List[CheckLine]:
         """Returns the lines that did not hold a moment ago: what flickers is logged once."""
         now = time.monotonic()
-        new = [
-            line for line in others if now - self._logged.get((line.subject, line.code), float("-inf")) > LOG_PERIOD_S
-        ]
+        new = [line for line in others if now - self._logged.get((line.subject, line.code), float("-inf")) > LOG_PERIOD]
         self._logged.update({(line.subject, line.code): now for line in others})
         return new
 
@@ -155,20 +153,20 @@ class LabMonitorNode:
         """Checks once all nodes have started, whenever one came or went or a camera's notices changed, and now and then."""
         situation: Tuple[FrozenSet[str], List[Notice]] = (frozenset(), [])
         checked, due = time.monotonic(), float("inf")
-        while not self._closed.wait(POLL_PERIOD_S):
+        while not self._closed.wait(POLL_PERIOD):
             before, situation = situation, self._situation()
             with self._lock:
                 self._running = situation[0]
             if situation != before:
                 # a node that dies again and again must not keep it from the others
-                due = min(time.monotonic() + SETTLING_S, checked + CHECK_PERIOD_S[CheckState.ERROR])
+                due = min(time.monotonic() + SETTLING_TIME, checked + CHECK_PERIOD[CheckState.ERROR])
             if situation[0] and time.monotonic() > due:
                 lines = self._check()
-                if self._situation() != situation and time.monotonic() < checked + CHECK_PERIOD_S[CheckState.ERROR]:
+                if self._situation() != situation and time.monotonic() < checked + CHECK_PERIOD[CheckState.ERROR]:
                     continue  # on a slow computer a check may end when what it found is over: look again
                 checked = time.monotonic()
                 if lines is not None:
-                    due = checked + CHECK_PERIOD_S[CheckState.ERROR if notices_from_lines(lines) else CheckState.OK]
+                    due = checked + CHECK_PERIOD[CheckState.ERROR if notices_from_lines(lines) else CheckState.OK]
                     self._adopt(lines)
 
     def _situation(self) -> Tuple[FrozenSet[str], List[Notice]]:

@@ -35,7 +35,7 @@ from vb_bringup.lab_checks import (
 )
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.ros.images import compressed_image_array, image_array
+from vb_core.ros.images import array_from_compressed_image, array_from_image
 from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.transforms import TransformLookup
@@ -44,7 +44,7 @@ from vb_msgs.msg import VirtualBorderArray
 
 NEEDED_NODES = ("/interaction_manager", "/border_fusion", "/map_integrator")
 _DETECTOR = "spot_detector"
-_CONNECTION_TIMEOUT_S = 5.0  # a publisher that cannot be reached by then is one of the faults to report
+_CONNECTION_TIMEOUT = 5.0  # [s] a publisher that cannot be reached by then is one of the faults to report
 _IMAGE_TYPES = {"sensor_msgs/Image": Image, "sensor_msgs/CompressedImage": CompressedImage}
 
 
@@ -134,9 +134,7 @@ def observe_lab(seconds: float) -> List[CheckLine]:
     }
     images = {node: _image_topic(graph, node, found) for node, found in detectors.items()}
     streams = {topic: ObservedTopic(topic, kind) for topic, kind in _wanted_topics(images.values(), robots).items()}
-    wait_for_publishers(
-        [listener.subscriber, *(stream.subscriber for stream in streams.values())], _CONNECTION_TIMEOUT_S
-    )
+    wait_for_publishers([listener.subscriber, *(stream.subscriber for stream in streams.values())], _CONNECTION_TIMEOUT)
     rospy.rostime.wallsleep(seconds)
 
     poses = _CalibrationFiles(graph)
@@ -187,7 +185,7 @@ def _check_output(graph: NodeGraph) -> List[CheckLine]:
     if display and rospy.get_param(f"{display}/waits_for_screen", False):
         state, code = CheckState.WARNING, "lab_display_waits"
     lines.append(CheckLine("display", state, code, {"node": display}))
-    place = Path(str(rospy.get_param("/map_integrator/store_dir", "~"))).expanduser()
+    place = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
     while not place.exists():
         place = place.parent
     lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20, os.access(str(place), os.W_OK)))
@@ -240,7 +238,7 @@ class _CalibrationFiles:
         self._files = calibration_file
         node = next((node for node in graph.nodes if node.split("/")[-1] == "camera_poses"), "")
         found = _parameters(node) if node else {}
-        self._folder = str(found.get("folder", ""))
+        self._folder = str(found.get("calibration_dir", ""))
         self._cameras = str(found.get("cameras", "")).split()
 
     def describe(self, camera: str) -> Mapping[str, Any]:
@@ -308,7 +306,7 @@ def _pixels(image: Optional[Any]) -> np.ndarray:
     if image is None:
         return np.zeros((0, 0), np.uint8)
     try:
-        return compressed_image_array(image) if hasattr(image, "format") else image_array(image)
+        return array_from_compressed_image(image) if hasattr(image, "format") else array_from_image(image)
     except CodedError:
         return np.zeros((0, 0), np.uint8)
 

@@ -31,7 +31,7 @@ from vb_core import sentences
 from vb_core.errors import CodedError
 
 STARTED, REFUSED = 0, 1
-ANSWER_TIMEOUT_S = 3.0  # a node that runs tells its process within it
+ANSWER_TIMEOUT = 3.0  # [s] a node that runs tells its process within it
 UNIQUE_NODE = "/map_integrator"  # every lab has one, and two of them would publish each other's map
 _CALLER = "/launch_check"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -174,7 +174,7 @@ KINDS: Dict[str, Kind] = {
         name: _TRUTH
         for name in (
             "robot",
-            "leave_borders",
+            "exit_borders",
             "record_maps",
             "rviz",
             "sound",
@@ -263,7 +263,7 @@ def check_alone(master_uri: str) -> None:
             node.
     """
     before = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(ANSWER_TIMEOUT_S)
+    socket.setdefaulttimeout(ANSWER_TIMEOUT)
     try:
         master = rosgraph.Master(_CALLER, master_uri)
         found = next(filter(None, map(_lab_of, _roslaunches(master))), None)

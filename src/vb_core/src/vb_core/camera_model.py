@@ -87,8 +87,8 @@ class CameraModel:
             return self._fisheye_rays(pixels)
         # more steps than OpenCV's default of 5, which leaves 0.1 px at the corners of wide lenses
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-        normalised = cv2.undistortPointsIter(pixels[:, None], self.matrix, self.distortion, None, None, criteria)
-        result[:, :2] = normalised[:, 0]
+        normalized = cv2.undistortPointsIter(pixels[:, None], self.matrix, self.distortion, None, None, criteria)
+        result[:, :2] = normalized[:, 0]
         return result
 
     def project(self, points: np.ndarray) -> np.ndarray:
@@ -111,9 +111,9 @@ class CameraModel:
         if not depths.min() > 0:
             depths = np.where(depths > 0, depths, np.nan)
         # the same operations as in OpenCV, bit for bit
-        normalised = points[:, :2] * (1.0 / depths)
+        normalized = points[:, :2] * (1.0 / depths)
         focal, middle = self._pinhole
-        return (self._distort(normalised) if self.distorted else normalised) * focal + middle
+        return (self._distort(normalized) if self.distorted else normalized) * focal + middle
 
     @cached_property
     def distorted(self) -> bool:
@@ -129,25 +129,25 @@ class CameraModel:
         """Returns the rays (N, 3), z = 1, of pixels (N, 2); NaN at 90 degrees from the axis or more."""
         if len(pixels) == 0:
             return np.ones((0, 3))
-        normalised = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
-        result = np.column_stack([normalised, np.ones(len(pixels))])
+        normalized = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
+        result = np.column_stack([normalized, np.ones(len(pixels))])
         # OpenCV marks what it cannot undo with a huge number, and folds what is beyond 90 degrees back to the front
         with np.errstate(invalid="ignore"):
-            again = cv2.fisheye.distortPoints(normalised[:, None], self.matrix, self.distortion)[:, 0]
+            again = cv2.fisheye.distortPoints(normalized[:, None], self.matrix, self.distortion)[:, 0]
             result[~(np.abs(again - pixels).max(axis=1) < 0.5)] = np.nan
         return result
 
-    def _distort(self, normalised: np.ndarray) -> np.ndarray:
+    def _distort(self, normalized: np.ndarray) -> np.ndarray:
         """Distorts normalised image coordinates (N, 2)."""
         k1, k2, p1, p2, k3, k4, k5, k6 = np.concatenate([self.distortion, np.zeros(4)])[:8]
-        x, y = normalised.T
+        x, y = normalized.T
         r2 = x * x + y * y
         r4 = r2 * r2
         r6 = r4 * r2
         radial = 1.0 + k1 * r2 + k2 * r4 + k3 * r6
         rational = 1.0 / (1.0 + k4 * r2 + k5 * r4 + k6 * r6)
         xy = 2.0 * x * y
-        bent = np.empty_like(normalised)
+        bent = np.empty_like(normalized)
         bent[:, 0] = x * radial * rational + p1 * xy + p2 * (r2 + 2.0 * x * x)
         bent[:, 1] = y * radial * rational + p1 * (r2 + 2.0 * y * y) + p2 * xy
         return bent

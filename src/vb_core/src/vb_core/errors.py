@@ -26,7 +26,7 @@ class CodedError(Exception):
     def __str__(self) -> str:
         return f"{self.message} [{self.code}]"
 
-    def without_stack(self) -> CodedError:
+    def without_traceback(self) -> CodedError:
         """Returns the same error, for a variable that outlives the handler.
 
         One that was raised holds all frames of its stack, and one of these holds the variable: that circle, with every

@@ -105,14 +105,14 @@ def apply(T: np.ndarray, points: np.ndarray) -> np.ndarray:
     return points @ T[:3, :3].T + T[:3, 3]
 
 
-def pose2d_transform(x: float, y: float, yaw: float) -> np.ndarray:
-    """Makes a 4x4 transform from a planar pose [m, m, rad]; inverse of `transform_pose2d`."""
+def transform_from_pose2d(x: float, y: float, yaw: float) -> np.ndarray:
+    """Makes a 4x4 transform from a planar pose [m, m, rad]; inverse of `pose2d_from_transform`."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=float)
 
 
-def transform_pose2d(T: np.ndarray) -> Tuple[float, float, float]:
-    """Returns the pose (x, y, yaw) [m, m, rad] of a planar transform; inverse of `pose2d_transform`."""
+def pose2d_from_transform(T: np.ndarray) -> Tuple[float, float, float]:
+    """Returns the pose (x, y, yaw) [m, m, rad] of a planar transform; inverse of `transform_from_pose2d`."""
     return float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 0], T[0, 0])
 
 
@@ -151,9 +151,9 @@ def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndar
     x, y = points[:, 0], points[:, 1]
     if abs(curvature) < 1e-3:
         return x, y
-    centre, side = 1.0 / curvature, math.copysign(1.0, curvature)
-    across = (abs(centre) - np.hypot(x, y - centre)) * side
-    return np.arctan2(x, (centre - y) * side) * abs(centre), across
+    center, side = 1.0 / curvature, math.copysign(1.0, curvature)
+    across = (abs(center) - np.hypot(x, y - center)) * side
+    return np.arctan2(x, (center - y) * side) * abs(center), across
 
 
 def chain_length(points: np.ndarray, closed: bool = False) -> float:

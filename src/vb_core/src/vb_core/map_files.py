@@ -120,14 +120,14 @@ def read_map(path: Path) -> GridMap:
         raise _wrong(path, "negate", "0 | 1", negate)
     resolution = number("resolution")
     if mode == "raw":
-        grey = _grey(image, colours_only=False)
-        cells = np.where(grey <= 100, grey, UNKNOWN)
+        gray = _gray(image, colors_only=False)
+        cells = np.where(gray <= 100, gray, UNKNOWN)
     else:
         # map_server counts alpha as a fourth colour, except in scale mode
-        grey = _grey(image, colours_only=mode == "scale")
-        darkness = grey / 255.0 if negate else (255.0 - grey) / 255.0
+        gray = _gray(image, colors_only=mode == "scale")
+        darkness = gray / 255.0 if negate else (255.0 - gray) / 255.0
         high, low = number("occupied_thresh", OCCUPIED_THRESH), number("free_thresh", FREE_THRESH)
-        between = np.full(grey.shape, float(UNKNOWN))
+        between = np.full(gray.shape, float(UNKNOWN))
         if mode == "scale":
             between = 1 + 98 * (darkness - low) / max(high - low, 1e-9)
             if image.ndim == 3 and image.shape[2] == 4:
@@ -148,11 +148,11 @@ def _wrong(path: Path, key: str, expected: str, found: Any) -> CodedError:
     return _bad(path, "$file_value", key=key, expected=expected, found=repr(found))
 
 
-def _grey(image: np.ndarray, colours_only: bool) -> np.ndarray:
+def _gray(image: np.ndarray, colors_only: bool) -> np.ndarray:
     """Returns the mean (H, W), 0 .. 255, of an image's channels."""
     if image.ndim == 2:
         return image.astype(float)
-    return image[..., : 3 if colours_only else None].mean(axis=2)
+    return image[..., : 3 if colors_only else None].mean(axis=2)
 
 
 def _read_image(path: Path) -> np.ndarray:

@@ -8,8 +8,8 @@ from typing import Dict, Iterable, List, Mapping, Tuple
 
 from vb_core import sentences
 
-REPEAT_PERIOD_S = 1.0  # [s] a node repeats its notices
-EXPIRY_S = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
+REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
+EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
 # what is said of all robots is not said again of each one
 _SAID_OF_ALL = {"robot_stopped": {"stopped", "stop_memory_lost"}}
 
@@ -51,7 +51,7 @@ class ActiveNotices:
 
     def current(self, now: float) -> List[Notice]:
         """Returns the notices that hold at a time [s], most severe first; a jump back in time drops none."""
-        held = [notice for heard, notices in self._said.values() if now - heard <= EXPIRY_S for notice in notices]
+        held = [notice for heard, notices in self._said.values() if now - heard <= EXPIRY_TIME for notice in notices]
         codes = {notice.code for notice in held}
         held = [notice for notice in held if codes.isdisjoint(_SAID_OF_ALL.get(notice.code, ()))]
         return sorted(held, key=lambda notice: (-notice.severity, notice.code, notice.robot, notice.border_id))

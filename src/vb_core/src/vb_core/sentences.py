@@ -6,7 +6,7 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
     seed_missing: "{border} has no seed: point at the side that the robot should keep out of."
 
 A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", reason =
-"$robot_no_way_out". It gets the same values as the sentence in which it stands. At the beginning of a sentence it gets
+"$robot_no_exit_path". It gets the same values as the sentence in which it stands. At the beginning of a sentence it gets
 a capital letter. The values border and borders are names of borders, see `border_name`.
 
 No program reads a sentence.
@@ -33,7 +33,7 @@ def languages() -> List[str]:
 
 
 @functools.lru_cache(maxsize=None)
-def catalogue(language: str = ENGLISH) -> Dict[str, str]:
+def catalog(language: str = ENGLISH) -> Dict[str, str]:
     """Reads every code's sentence in one language, from all of its files.
 
     Raises:
@@ -80,7 +80,7 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
         default: returned if no language knows the code, for instance a message's own English sentence; if that is
             empty too, the code's words are returned.
     """
-    sentence = catalogue(language).get(code) or catalogue(ENGLISH).get(code)
+    sentence = catalog(language).get(code) or catalog(ENGLISH).get(code)
     if sentence is None:
         return default or code.replace("_", " ")
     words = {}

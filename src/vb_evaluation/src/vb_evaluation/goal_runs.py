@@ -14,7 +14,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 from vb_core import names
 from vb_core.geometry import chain_length
-from vb_core.ros.messages import pose_from_2d
+from vb_core.ros.messages import message_from_pose2d
 from vb_evaluation.observer import wait_until
 from vb_msgs.msg import LabState
 
@@ -68,25 +68,27 @@ class GoalRunner:
         if place and (not path or np.hypot(*np.subtract(path[-1], place[0])) > 1e-3):
             path.append(place[0])
 
-    def drive(self, goal: Tuple[float, float, float], limit_s: float, wall_s: float = 600.0) -> GoalOutcome:
+    def drive(self, goal: Tuple[float, float, float], timeout: float, wall_timeout: float = 600.0) -> GoalOutcome:
         """Sends the robot to a goal (x, y, yaw) [m, m, rad] and waits for the outcome.
 
         Args:
-            limit_s: [s] of simulated time, then the goal is cancelled; wall_s: the same of wall time.
+            timeout: [s] of simulated time, then the goal is cancelled; wall_timeout: the same of wall time.
         """
         if not wait_until(lambda: self._client.wait_for_server(rospy.Duration(0.2)), 30.0):
             return GoalOutcome("no_navigation")
         message = MoveBaseGoal()
         message.target_pose.header.frame_id = names.MAP_FRAME
         message.target_pose.header.stamp = rospy.Time.now()
-        message.target_pose.pose = pose_from_2d(*goal)
+        message.target_pose.pose = message_from_pose2d(*goal)
         self._path = []
         began, false_reports = rospy.get_time(), -1
         falsely = True
         while falsely and false_reports < FALSE_REPORTS:
             false_reports += 1
             self._client.send_goal(message)
-            wait_until(lambda: self._client.get_state() in OUTCOMES or rospy.get_time() - began > limit_s, wall_s, 0.05)
+            wait_until(
+                lambda: self._client.get_state() in OUTCOMES or rospy.get_time() - began > timeout, wall_timeout, 0.05
+            )
             state = self._client.get_state()
             falsely = state == GoalStatus.SUCCEEDED and not wait_until(lambda: self._is_at(goal[:2]), 1.0)
         outcome, text = OUTCOMES.get(state, "time_is_up"), self._client.get_goal_status_text()

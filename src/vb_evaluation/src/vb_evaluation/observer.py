@@ -71,7 +71,7 @@ class Observer:
             stamped = PoseStamped()
             stamped.header.frame_id = names.MAP_FRAME
             stamped.header.stamp = rospy.Time.now()
-            stamped.pose = messages.pose_from_2d(*pose)
+            stamped.pose = messages.message_from_pose2d(*pose)
             poses.append(stamped)
         try:
             rospy.wait_for_service(service, timeout=20.0)
@@ -81,11 +81,11 @@ class Observer:
         return messages.array_from_points([pose.pose.position for pose in reply.plan.poses])
 
 
-def wait_until(condition: Callable[[], bool], timeout_s: float, period_s: float = 0.05) -> bool:
-    """Looks at a condition until it holds; False after `timeout_s` of wall time or at shutdown."""
-    deadline = time.monotonic() + timeout_s
+def wait_until(condition: Callable[[], bool], timeout: float, period: float = 0.05) -> bool:
+    """Looks at a condition until it holds; False after `timeout` of wall time or at shutdown."""
+    deadline = time.monotonic() + timeout
     while time.monotonic() < deadline and not rospy.is_shutdown():
         if condition():
             return True
-        time.sleep(period_s)
+        time.sleep(period)
     return condition()

@@ -66,9 +66,9 @@ class Child:
         """Returns the last lines that the process wrote."""
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
 
-    def stop(self, patience_s: float = 12.0) -> None:
+    def stop(self, timeout: float = 12.0) -> None:
         """Asks it to end, then insists."""
-        for sign, wait_s in ((signal.SIGINT, patience_s), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
+        for sign, seconds in ((signal.SIGINT, timeout), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
             if not self.running:
                 return
             try:
@@ -78,7 +78,7 @@ class Child:
             except ProcessLookupError:
                 return
             try:
-                self._process.wait(wait_s)
+                self._process.wait(seconds)
             except subprocess.TimeoutExpired:
                 continue
 

@@ -87,7 +87,7 @@ class PairedComparison:
     shift: Interval
 
 
-def compare(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> PairedComparison:
+def compare_paired(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> PairedComparison:
     """Compares two paired samples (N,) as the paper does, and more.
 
     Raises:
@@ -166,7 +166,7 @@ def mean(values: np.ndarray) -> Interval:
     return bootstrap(np.mean, values)
 
 
-def unpaired(first: np.ndarray, second: np.ndarray) -> Tuple[float, Interval]:
+def compare_unpaired(first: np.ndarray, second: np.ndarray) -> Tuple[float, Interval]:
     """Compares two independent samples (N,), (M,): Mann-Whitney p, exact without ties, and the shift, first minus second.
 
     The interval is Moses' (Hollander, Wolfe & Chicken 2014, Sect. 4.3).

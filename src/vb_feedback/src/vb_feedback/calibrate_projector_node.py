@@ -16,7 +16,7 @@ from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.files import write_atomically
 from vb_core.parameters import Parameters, param
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import node, parameters
 
 from vb_feedback.projector import floor_image
@@ -37,7 +37,7 @@ class CalibrationParams(Parameters):
     window: bool = param(True)
     window_x: int = param(0, "px", low=-32768, high=32767)
     window_y: int = param(0, "px", low=-32768, high=32767)
-    check: float = param(20.0, "s", low=0.0, high=600.0)
+    check_duration: float = param(20.0, "s", low=0.0, high=600.0)
 
 
 class CalibrateProjectorNode:
@@ -79,7 +79,7 @@ class CalibrateProjectorNode:
         )
 
     def _show(self, image: np.ndarray) -> None:
-        self._publisher.publish(image_message(image, "rgb8", rospy.Time.now(), FRAME))
+        self._publisher.publish(message_from_image(image, "rgb8", rospy.Time.now(), FRAME))
         if self._window is not None:
             self._window.show(image)
 
@@ -113,13 +113,13 @@ class CalibrateProjectorNode:
             "calibrate_projector: wrote %s; the grid now shown has lines every 0.5 m, bright ones every 1 m, "
             "for %g s",
             path,
-            params.check,
+            params.check_duration,
         )
         self._show(floor_image.draw_grid_image(calibration))
         node.start_thread(self._end)
 
     def _end(self) -> None:
-        rospy.rostime.wallsleep(self._params.check)
+        rospy.rostime.wallsleep(self._params.check_duration)
         rospy.signal_shutdown("calibrated")
 
 

@@ -27,13 +27,13 @@ from vb_feedback.display.display_messages import marker_from_shape
 from vb_feedback.display.layout import Box, Layout, fit_view
 from vb_feedback.display.text_panel import PanelNotice, words
 
-_REFRESH_S = 2.0
-_PERIOD_S = 0.1  # between two drawings of everything but live spots: RViz draws 8 frames/s, more would only cost
-_SPOT_PERIOD_S = 0.04  # between two drawings of live spots: none waits longer than one frame of a camera
+_REFRESH_PERIOD = 2.0  # [s]
+_PERIOD = 0.1  # [s] between two drawings of everything but live spots: RViz draws 8 frames/s, more would only cost
+_SPOT_PERIOD = 0.04  # [s] between two drawings of live spots: none waits longer than one frame of a camera
 _TRAIL = 60  # spots kept, all cameras together: 1.5 s at 25 frames/s from one to two cameras
-_STRIPE_M = 0.10  # width of the stripes over restricted areas: visible from 3 m, finer than a doorway
+_STRIPE_WIDTH = 0.10  # [m] width of the stripes over restricted areas: visible from 3 m, finer than a doorway
 # [s] a spot that no camera has seen for this long is lost; a hand that hides it briefly does not count
-_LOST_S = 1.0
+_LOST_TIMEOUT = 1.0
 
 RESTRICTED = "/virtual_borders/display/restricted"
 
@@ -93,7 +93,7 @@ class DisplayMarkersNode:
             for frame in params.robots
         }
         self._lock = threading.Lock()
-        self._wake = node.WakeTimer(_REFRESH_S)
+        self._wake = node.WakeTimer(_REFRESH_PERIOD)
         self._dirty = True  # something but a spot has changed
         self._urgent = False  # something that a person waits for: an answer, the new map
         self._newcomers: List[Any] = []
@@ -127,7 +127,7 @@ class DisplayMarkersNode:
         owner = self
 
         class Listener(rospy.SubscribeListener):
-            """Notes new subscribers, so that the worker sends them everything."""
+            """Records new subscribers, so that the worker sends them everything."""
 
             def peer_subscribe(self, _topic: str, _publish: Any, peer_publish: Any) -> None:
                 with owner._lock:
@@ -180,17 +180,17 @@ class DisplayMarkersNode:
     def _work(self) -> None:
         """Draws on change. Pauses are wall time: what a screen can show does not depend on simulated time."""
         started = time.monotonic()
-        if started - self._refreshed >= _REFRESH_S:
+        if started - self._refreshed >= _REFRESH_PERIOD:
             # RViz drops markers in a frame that tf does not know yet: robots are sent again and again
             self._refreshed, self._dirty = started, True
             self._shown = {key: shape for key, shape in self._shown.items() if not shape.frame}
         if started >= self._full_due or self._urgent:
-            self._full_due, self._dirty, self._urgent = started + _PERIOD_S, False, False
+            self._full_due, self._dirty, self._urgent = started + _PERIOD, False, False
             if self._draw():
                 self._dirty = True
         else:
             self._draw_spots()
-        rospy.rostime.wallsleep(max(0.0, started + _SPOT_PERIOD_S - time.monotonic()))
+        rospy.rostime.wallsleep(max(0.0, started + _SPOT_PERIOD - time.monotonic()))
         if self._dirty:
             self._wake.set()
 
@@ -253,8 +253,8 @@ class DisplayMarkersNode:
                 wanted = region.data if region.same_geometry(posterior) else None
             except CodedError as error:
                 rospy.logwarn_throttle(5.0, f"display_markers: the preview: {error}")
-        stripe = max(1, int(round(_STRIPE_M / posterior.resolution)))
-        cells = restriction_overlay.overlay(physical.data, posterior.data, stripe, wanted)
+        stripe = max(1, int(round(_STRIPE_WIDTH / posterior.resolution)))
+        cells = restriction_overlay.draw_restrictions(physical.data, posterior.data, stripe, wanted)
         self._restricted.publish(message_from_grid(posterior.with_data(cells), rospy.Time.now()))
 
     @staticmethod
@@ -275,9 +275,9 @@ class DisplayMarkersNode:
             or progress.interaction_id != state.interaction_id
         ):
             progress = None
-        seeing = list(progress.seeing) if progress is not None else []
-        shown = self._notices(known, seeing, now)
-        content = display_messages.panel_from_state(state, seeing, shown, has_map, params.language)
+        cameras_seeing_spot = list(progress.cameras_seeing_spot) if progress is not None else []
+        shown = self._notices(known, cameras_seeing_spot, now)
+        content = display_messages.panel_from_state(state, cameras_seeing_spot, shown, has_map, params.language)
         shapes = list(self._part("words", (layout, content), lambda: words(layout, content)))
         off = sentences.translate("display_off", {}, params.language)
         shapes += self._part(
@@ -299,17 +299,23 @@ class DisplayMarkersNode:
             shapes += scene.robot(str(frame), number, self._radii[frame])
         return shapes
 
-    def _notices(self, known: _Inputs, seeing: Sequence[str], now: float) -> List[PanelNotice]:
+    def _notices(self, known: _Inputs, cameras_seeing_spot: Sequence[str], now: float) -> List[PanelNotice]:
         preview, lost = self._current_preview(known), None
         if known.spots and known.state is not None and known.spots[-1].stamp >= known.state.started.to_sec():
             last = known.spots[-1]
-            lost = (last.x, last.y) if now - last.stamp > _LOST_S else None
+            lost = (last.x, last.y) if now - last.stamp > _LOST_TIMEOUT else None
         language = self._params.language
         shown = notices.select_others(known.held, language)
         shown += display_messages.preview_notices(preview, language)
         if lost is not None and preview is None and known.state is not None:
             shown += notices.coverage_notices(
-                known.state.name, seeing, lost, known.coverage, bool(self._params.robots), known.held, language
+                known.state.name,
+                cameras_seeing_spot,
+                lost,
+                known.coverage,
+                bool(self._params.robots),
+                known.held,
+                language,
             )
         return shown
 

@@ -10,7 +10,7 @@ from vb_core import names
 from vb_core.ros import node
 from vb_msgs.msg import InteractionState, LaserSpot, Sound
 
-from vb_feedback.display import colours
+from vb_feedback.display import colors
 from vb_feedback.sound.sound_events import SoundEvents
 
 
@@ -52,7 +52,7 @@ class FeedbackNode:
             self._play(sounds)
             if light != self._lit:
                 self._lit = light
-                self._led.publish(ColorRGBA(*colours.light_colour(light), 1.0))
+                self._led.publish(ColorRGBA(*colors.light_color(light), 1.0))
 
     def _on_spot(self, _message: LaserSpot) -> None:
         with self._lock:

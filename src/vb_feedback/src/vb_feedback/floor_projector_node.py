@@ -14,7 +14,7 @@ from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import BorderPreviewArray, grid_from_message
 from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
@@ -27,7 +27,7 @@ from vb_feedback.display.scene import Border, Drawing
 
 FRAME = "projector"
 # [s] a spot that no camera has seen for this long is gone
-_SPOT_S = 0.5
+_SPOT_LIFETIME = 0.5
 # [m] how far the spot must move for the image to be drawn again; less than what stays dark around it
 _SPOT_STEP = 0.1
 
@@ -128,7 +128,7 @@ class FloorProjectorNode:
 
     def _steady_spot(self, spot: Optional[Tuple[float, float, float]], now: float) -> Optional[Tuple[float, float]]:
         """Where the spot is, in steps: an image for each of its moves would never rest."""
-        if spot is None or not abs(now - spot[2]) <= _SPOT_S:
+        if spot is None or not abs(now - spot[2]) <= _SPOT_LIFETIME:
             self._spot_shown = None
         elif (
             self._spot_shown is None
@@ -152,7 +152,7 @@ class FloorProjectorNode:
         if preview is not None:
             content = replace(content, region=self._region(preview))
         image = self._floor_image.render(content)
-        self._publisher.publish(image_message(image, "rgb8", rospy.Time.now(), FRAME))
+        self._publisher.publish(message_from_image(image, "rgb8", rospy.Time.now(), FRAME))
         if self._window is not None:
             self._window.show(image)
 

@@ -85,7 +85,7 @@ def _give_letters(name: str) -> None:
     """Lets RViz draw more letters than its package asks for; without them it shows fewer, which is not a reason to fail."""
     try:
         rviz = Path(rospkg.RosPack().get_path("rviz"))
-        folder = rviz_fonts.overlay(rviz, Path(rospkg.get_ros_home()) / "virtual_borders" / f"{name}_letters")
+        folder = rviz_fonts.overlay_fonts(rviz, Path(rospkg.get_ros_home()) / "virtual_borders" / f"{name}_letters")
     except (OSError, ValueError, rospkg.ResourceNotFound) as error:
         print(f"smart_display: RViz draws Latin letters without accents only: {error}", file=sys.stderr)
         return

@@ -17,7 +17,7 @@ from vb_feedback.sound.audio_sink import AudioSink
 from vb_feedback.sound.tone_synthesis import SOUNDS, TICK, synthesize
 
 
-_RETRY_S = 5.0  # after a failure: a device may be plugged in later
+_RETRY_DELAY = 5.0  # [s] after a failure: a device may be plugged in later
 _MAX_WAITING = 16  # sounds that may wait; long before that they are too old
 
 
@@ -74,7 +74,7 @@ class SoundPlayerNode:
             self._sink.play(synthesize(name, self._params.volume))
         except CodedError as error:
             # a device may be plugged in later: tried again now and then, without a second word
-            self._silent_until = time.monotonic() + _RETRY_S
+            self._silent_until = time.monotonic() + _RETRY_DELAY
             if not self._said:
                 self._said = True
                 rospy.logwarn("sound_player: there is no sound: %s", error)

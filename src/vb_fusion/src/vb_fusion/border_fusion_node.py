@@ -42,8 +42,8 @@ class FusionParams(Parameters):
     rate: float = param(8.0, "Hz", low=1.0, high=50.0, doc="progress while spots come")
     idle_rate: float = param(1.0, "Hz", above=0.0, high=50.0, doc="progress in Border and Seed while none come")
     max_points: int = param(300, low=0, high=5000, doc="points in a progress message")
-    live_share: float = param(0.12, above=0.0, high=1.0, doc="share of one core that the live chain may take")
-    journal: str = param("~/.ros/virtual_borders/border_fusion.jsonl", doc="file to restore from; empty: none")
+    live_cpu_share: float = param(0.12, above=0.0, high=1.0, doc="share of one core that the live chain may take")
+    spot_log_file: str = param("~/.ros/virtual_borders/border_fusion.jsonl", doc="file to restore from; empty: none")
 
 
 class BorderFusionNode:
@@ -67,8 +67,8 @@ class BorderFusionNode:
         self._params = params
         self._extraction = extraction
         self._collector = Collector(collecting)
-        self._live = LiveExtractor(extraction, params.live_share)
-        path = Path(params.journal).expanduser() if params.journal else None
+        self._live = LiveExtractor(extraction, params.live_cpu_share)
+        path = Path(params.spot_log_file).expanduser() if params.spot_log_file else None
         self._spot_log = SpotLog(path, collecting.max_spots)
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
@@ -240,7 +240,7 @@ class BorderFusionNode:
         message.points = points_from_array(shown[:, 1:3])
         message.point_cameras = bytes(np.minimum(shown[:, 4], 255).astype(np.uint8))
         message.cameras = collection.cameras
-        message.seeing = self._collector.cameras_seeing(now.to_sec())
+        message.cameras_seeing_spot = self._collector.cameras_seeing(now.to_sec())
         chain, seed = candidate.chain, candidate.seed
         if chain is not None:
             message.chain = points_from_array(chain.points)

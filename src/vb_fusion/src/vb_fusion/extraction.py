@@ -67,8 +67,10 @@ class ExtractionParams(Parameters):
     min_size: int = param(10, low=2, high=100000, doc="fewest points of a border")
     thinning_dist: float = param(0.1, "m", above=0.0, high=1.0, doc="thinning: maxNeighborDist; paper mode only")
     polygon_dist: float = param(0.5, "m", above=0.0, high=5.0, doc="polygon generation: maxNeighborDist; paper only")
-    tolerance: float = param(0.005, "m", low=0.0, high=0.1, doc="vertices that change less are left out; robust only")
-    kind: str = param("decide", choices=("decide", "polygon", "curve"), doc="overrides the rule of line/closure.py")
+    simplification_tolerance: float = param(
+        0.005, "m", low=0.0, high=0.1, doc="vertices that change less are left out; robust only"
+    )
+    kind: str = param("auto", choices=("auto", "polygon", "curve"), doc="overrides the rule of line/closure.py")
 
     @classmethod
     def paper(cls, **changes) -> "ExtractionParams":
@@ -101,7 +103,7 @@ def extract_border(
         mobile: (N,) true for a camera on a robot, whose pose is less certain.
 
     Raises:
-        ExtractionError: "no_spots", "too_few_spots", "no_line", "bad_points", "crosses_itself" or "too_many_spots".
+        ExtractionError: "no_spots", "too_few_spots", "no_line", "bad_points", "line_self_intersects" or "too_many_spots".
     """
     params = params or ExtractionParams.robust()
     if params.mode == "robust" and stamps is not None:
@@ -126,7 +128,7 @@ class GrowingBorder:
         self._params = params
         self._observations = make_observations(np.zeros((0, 2)))
         self._places = find_places(self._observations)
-        self._steps, self._stations, self._sides = ResumableLoop(), ResumableLoop(), ResumableLoop()
+        self._steps, self._samples, self._sides = ResumableLoop(), ResumableLoop(), ResumableLoop()
 
     def add(self, spots: Observations) -> None:
         """Adds spots.
@@ -154,7 +156,7 @@ class GrowingBorder:
         # a quick stroke across a doorway is seen seldom, but unlike something bright that stays it is long
         tracks = find_tracks(seen, self._places, params.eps, 0.25 * params.min_exp, self._steps)
         drawn, left_out = _join_tracks(seen, tracks, params)
-        return _make_line(drawn, remove_offsets(drawn), left_out, params, self._stations, self._sides)
+        return _make_line(drawn, remove_offsets(drawn), left_out, params, self._samples, self._sides)
 
 
 def _require(seen: Observations, params: ExtractionParams) -> None:
@@ -219,13 +221,13 @@ def _make_line(
     placed: Observations,
     left_out: Observations,
     params: ExtractionParams,
-    stations: ResumableLoop,
+    samples: ResumableLoop,
     sides: ResumableLoop,
 ) -> BorderChain:
     """Runs stages 3 to 6: makes the line through the stroke as it was placed."""
     if len(placed.points) < 3 or not 0.8 * params.min_exp < bounding_diagonal(placed.points) < params.max_exp:
         raise _no_line(drawn, params)
-    stroke = make_stroke(placed.points, placed.weights, stations)
+    stroke = make_stroke(placed.points, placed.weights, samples)
     if len(stroke.points) < 2:
         raise _no_line(drawn, params)
     decision = closure.classify_closure(stroke.points, params.kind)
@@ -237,7 +239,7 @@ def _make_line(
             decision = closure.classify_closure(line)  # a straight line, though a polygon was asked for
     else:
         line = fit_line(stroke, False, sides)
-    chain = _simplify(line, decision.closed, params.tolerance)
+    chain = _simplify(line, decision.closed, params.simplification_tolerance)
     stages = {"cluster": drawn.points, "placed": placed.points, "thinned": stroke.points}
     return _result(chain, decision, left_out.points, int(left_out.spots.sum()), stages)
 
@@ -246,7 +248,7 @@ def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
     """Runs stage 6: leaves vertices out, and makes a polygon that does not cross itself.
 
     Raises:
-        ExtractionError: "crosses_itself" if what it encloses is not connected.
+        ExtractionError: "line_self_intersects" if what it encloses is not connected.
     """
     if not closed or len(chain) < 3:
         return np.asarray(LineString(chain).simplify(tolerance).coords) if len(chain) > 2 else chain
@@ -260,7 +262,7 @@ def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
         large = unary_union([lobe.buffer(neck, join_style=2) for lobe in lobes if lobe.area >= MAX_SLIP_RATIO * whole])
         polygon = large.buffer(-0.5 * neck, join_style=2)
         if polygon.geom_type != "Polygon" or polygon.is_empty:
-            raise ExtractionError("crosses_itself")
+            raise ExtractionError("line_self_intersects")
     return np.asarray(Polygon(polygon.exterior).simplify(tolerance).exterior.coords)[:-1]
 
 

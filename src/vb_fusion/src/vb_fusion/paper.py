@@ -55,7 +55,7 @@ def dbscan(points: np.ndarray, eps: float, min_pts: int) -> List[np.ndarray]:
     return [np.flatnonzero(label == number) for number in range(int(label.max()) + 1)]
 
 
-def find_neighbours(points: np.ndarray, radius: float) -> np.ndarray:
+def find_neighbors(points: np.ndarray, radius: float) -> np.ndarray:
     """Returns the indices (E, 2) of each pair of points at most radius [m] apart, once.
 
     Raises:
@@ -89,7 +89,7 @@ def thin_points(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray
         pointset_out: (M, 2) float64 [m], the means in the order they were made, then the points without neighbours.
     """
     count = len(pointset_in)
-    pairs = find_neighbours(pointset_in, max_neighbor_dist)
+    pairs = find_neighbors(pointset_in, max_neighbor_dist)
     both = np.vstack([pairs, pairs[:, ::-1]])
     near = coo_matrix((np.ones(len(both), dtype=bool), (both[:, 0], both[:, 1])), shape=(count, count)).tocsr()
     left = np.ones(count, dtype=bool)

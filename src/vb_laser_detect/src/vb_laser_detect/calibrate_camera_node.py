@@ -44,17 +44,17 @@ from vb_laser_detect.calibration.board import (
 from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, parse_numbers
 from vb_laser_detect.calibration.consistency import Sighting, compare_cameras, find_suspect
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.detection.image_format import PixelReader, to_grey
+from vb_laser_detect.detection.image_format import PixelReader, to_gray
 from vb_laser_detect.ros.camera_geometry import decode, is_rectified, sibling_topic
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 FOLDER = "~/.ros/virtual_borders/cameras"
 _BOARD_IMAGES = 10
-_BOARD_TIMEOUT_S = 10.0  # for the next image
-_REPORTS_S = 2.5  # within which each detector has told its camera's frame twice
-_CONNECTION_TIMEOUT_S = 15.0  # [s] for all detectors that the master knows
+_BOARD_TIMEOUT = 10.0  # [s] for the next image
+_REPORTS_TIMEOUT = 2.5  # [s] within which each detector has told its camera's frame twice
+_CONNECTION_TIMEOUT = 15.0  # [s] for all detectors that the master knows
 _FIRST_SPOT_TIMEOUT = rospy.Duration(60.0)
-_SPOT_TIMEOUT_S = 4.0  # [s] for the spot to be seen and still
+_SPOT_TIMEOUT = 4.0  # [s] for the spot to be seen and still
 
 
 def say(text: str) -> None:
@@ -94,19 +94,19 @@ class CameraInput:
         except CodedError as error:
             rospy.logwarn_throttle(5.0, str(error))
 
-    def wait(self, patience_s: float) -> CameraModel:
+    def wait(self, timeout: float) -> CameraModel:
         """Waits for images and camera_info; returns the camera's model.
 
         Raises:
-            CodedError: "no_camera" if they do not come; "bad_camera_info" if they do not match, or the lens
+            CodedError: "no_images" if they do not come; "bad_camera_info" if they do not match, or the lens
                 is not calibrated.
         """
         try:
-            camera = camera_from_info(rospy.wait_for_message(self._info, CameraInfo, patience_s), self._rectified)
+            camera = camera_from_info(rospy.wait_for_message(self._info, CameraInfo, timeout), self._rectified)
         except rospy.ROSException:
-            raise CodedError("no_camera", topics=self._info) from None
-        if not self._first.wait(patience_s):
-            raise CodedError("no_camera", topics=self._topic)
+            raise CodedError("no_images", topics=self._info) from None
+        if not self._first.wait(timeout):
+            raise CodedError("no_images", topics=self._topic)
         height, width = self._shape[:2]
         if (camera.width, camera.height) != (width, height):
             info = f"camera_info is for {camera.width} x {camera.height} px"
@@ -127,9 +127,9 @@ def collect_detector_frames() -> Dict[str, str]:
             frames[message.camera] = message.frame_id
 
     subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, hear, queue_size=20)
-    if not node.wait_for_publishers([subscriber], _CONNECTION_TIMEOUT_S):
+    if not node.wait_for_publishers([subscriber], _CONNECTION_TIMEOUT):
         say("! not all running detectors answer: the frames of their cameras are not compared")
-    rospy.rostime.wallsleep(_REPORTS_S)
+    rospy.rostime.wallsleep(_REPORTS_TIMEOUT)
     subscriber.unregister()
     return frames
 
@@ -182,7 +182,7 @@ class CalibrationDialog:
         info = arguments.camera_info or sibling_topic(image, "camera_info")
         compressed = arguments.compressed or running.get("image_transport") == "compressed"
         self._input = CameraInput(image, info, compressed, self.on_image)
-        self.camera = self._input.wait(arguments.patience)
+        self.camera = self._input.wait(arguments.timeout)
         self._frame = (
             arguments.frame or running.get("frame") or self._input.frame_id or f"{arguments.camera}_optical_frame"
         )
@@ -244,7 +244,7 @@ class CalibrationDialog:
         path = calibration_file.calibration_path(a.folder, a.camera)
         date = datetime.datetime.now().isoformat(" ", "minutes")
         calibration_file.save(path, calibration_file.make_document(pose, estimate, observed, a.command, date))
-        looked_for = str(rospy.get_param("/camera_poses/folder", ""))
+        looked_for = str(rospy.get_param("/camera_poses/calibration_dir", ""))
         if looked_for and Path(looked_for).expanduser().resolve() != path.parent.resolve():
             say(f"wrote {path}; the running lab.launch looks in {looked_for}: start it with calibration:={a.folder}")
         else:
@@ -264,7 +264,7 @@ Four places are needed, six to eight are good: near the corners of what the came
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._held, self._lock = HeldSpot(), threading.Lock()
         # a held spot must not become background while the person finds the place in RViz
-        self._detector = SpotDetector(detector_params_of(arguments.camera).replace(hold_s=3600.0))
+        self._detector = SpotDetector(detector_params_of(arguments.camera).replace(max_dwell_time=3600.0))
         self._reader = PixelReader()
         super().__init__(arguments, PoseEstimationParams(point_sigma=arguments.point_sigma))
 
@@ -283,7 +283,7 @@ Four places are needed, six to eight are good: near the corners of what the came
 
     def _rest(self) -> Tuple[float, float]:
         """Waits until the spot has been still for long enough; returns its place (u, v) [px]."""
-        end = time.monotonic() + _SPOT_TIMEOUT_S
+        end = time.monotonic() + _SPOT_TIMEOUT
         while True:
             try:
                 with self._lock:
@@ -325,7 +325,7 @@ Lay it on three or four places that are far from each other in the image.
         with contextlib.suppress(queue.Empty):
             for _ in range(_BOARD_IMAGES):
                 try:
-                    views.append(find_board(self._board, to_grey(*self._images.get(timeout=_BOARD_TIMEOUT_S))))
+                    views.append(find_board(self._board, to_gray(*self._images.get(timeout=_BOARD_TIMEOUT))))
                 except CodedError as error:
                     reason = error
         if not views and reason is not None:
@@ -400,7 +400,7 @@ def _parser() -> argparse.ArgumentParser:
     guided.add_argument("--camera_info", default="", help="camera_info topic, if it is not beside the image topic")
     guided.add_argument("--compressed", action="store_true", help="take the compressed images")
     guided.add_argument("--frame", default="", help="optical frame; default: what the images say")
-    guided.add_argument("--patience", type=float, default=15.0, help="[s] for the first image; default: %(default)s")
+    guided.add_argument("--timeout", type=float, default=15.0, help="[s] for the first image; default: %(default)s")
     guided.add_argument(
         "--folder",
         default="",
@@ -444,7 +444,7 @@ def main() -> int:
         if arguments.command == "check":
             return check(arguments)
         rospy.init_node("calibrate_camera", anonymous=True)
-        arguments.folder = arguments.folder or str(rospy.get_param("/camera_poses/folder", FOLDER))
+        arguments.folder = arguments.folder or str(rospy.get_param("/camera_poses/calibration_dir", FOLDER))
         return (BoardCalibrationDialog if arguments.command == "board" else SpotCalibrationDialog)(arguments).run()
     except CodedError as error:
         print(f"calibrate_camera: {error}", file=sys.stderr)

@@ -20,9 +20,9 @@ from vb_laser_detect.calibration.calibration_file import CameraPose
 class CameraPosesParams(Parameters):
     """The node's parameters."""
 
-    folder: str = param("", doc="of the calibration files, <camera>.yaml")
+    calibration_dir: str = param("", doc="of the calibration files, <camera>.yaml")
     cameras: str = param("", doc="names of the cameras, separated by spaces")
-    look_s: float = param(2.0, "s", above=0.0, high=3600.0, doc="the files are looked at so often")
+    check_period: float = param(2.0, "s", above=0.0, high=3600.0, doc="the files are looked at so often")
 
 
 class CameraPosesNode:
@@ -38,18 +38,20 @@ class CameraPosesNode:
 
     def __init__(self, params: CameraPosesParams) -> None:
         self._cameras = params.cameras.split()
-        if not params.folder or not self._cameras:
-            raise ParameterError(rospy.resolve_name("~folder"), "a folder and the names of cameras must be set")
-        self._folder = params.folder
+        if not params.calibration_dir or not self._cameras:
+            raise ParameterError(
+                rospy.resolve_name("~calibration_dir"), "a folder and the names of cameras must be set"
+            )
+        self._calibration_dir = params.calibration_dir
         self._versions: Dict[str, Tuple[int, int]] = {}
         self._poses: Dict[str, CameraPose] = {}
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._look()
-        self._timer = rospy.Timer(rospy.Duration(params.look_s), self._look, reset=True)
+        self._timer = rospy.Timer(rospy.Duration(params.check_period), self._look, reset=True)
 
     def _look(self, _event: Any = None) -> None:
         """Reads the files that changed, then checks all of them together, so that their order does not matter."""
-        paths = {camera: calibration_file.calibration_path(self._folder, camera) for camera in self._cameras}
+        paths = {camera: calibration_file.calibration_path(self._calibration_dir, camera) for camera in self._cameras}
         before = self._versions
         self._versions = {camera: _version(path) for camera, path in paths.items()}
         changed = [camera for camera, version in self._versions.items() if before.get(camera) != version]
@@ -70,7 +72,7 @@ class CameraPosesNode:
                 if changed:
                     rospy.logwarn("%s: %s", rospy.get_name(), error)
                 continue
-            valid.append(messages.transform_message(pose.T, pose.parent, pose.frame, rospy.Time.now()))
+            valid.append(messages.message_from_transform(pose.T, pose.parent, pose.frame, rospy.Time.now()))
             if camera in changed:
                 place = " ".join(f"{value:.3f}" for value in pose.T[:3, 3])
                 rospy.loginfo(

@@ -19,7 +19,7 @@ from vb_laser_detect.calibration.clock_offset import ClockOffset, Exchange, esti
 from vb_msgs.srv import GetTime
 
 
-_TIMEOUT_S = 5.0  # beyond the next measurement; then a clock counts as not answering
+_TIMEOUT = 5.0  # [s] beyond the next measurement; then a clock counts as not answering
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class ClockCheckParams(Parameters):
     """See config/clock_check.yaml."""
 
     nodes: str = param("", doc="names of the detectors, separated by spaces")
-    limit_ms: float = param(10.0, "ms", above=0.0, high=10000.0, doc="clocks farther apart are warned of")
-    period_s: float = param(10.0, "s", above=0.0, high=3600.0, doc="between two measurements")
-    exchanges: int = param(8, "", low=1, high=1000, doc="per measurement; the quickest one counts")
+    max_offset_ms: float = param(10.0, "ms", above=0.0, high=10000.0, doc="clocks farther apart are warned of")
+    measurement_period: float = param(10.0, "s", above=0.0, high=3600.0, doc="between two measurements")
+    samples: int = param(8, "", low=1, high=1000, doc="per measurement; the quickest one counts")
 
 
 class ClockCheckNode:
@@ -80,27 +80,29 @@ class ClockCheckNode:
                 offset = None  # a detector restarts or is down: the diagnostics show it
             with self._lock:
                 self._offsets[name], self._measured[name] = offset, time.monotonic()
-            if self._closed.wait(self._params.period_s if offset is not None else min(2.0, self._params.period_s)):
+            if self._closed.wait(
+                self._params.measurement_period if offset is not None else min(2.0, self._params.measurement_period)
+            ):
                 return
 
     def _measure(self, name: str) -> ClockOffset:
         service = f"{rospy.resolve_name(name)}/get_time"
         rospy.wait_for_service(service, timeout=2.0)
-        # one connection for all exchanges: connecting takes longer than asking
+        # one connection for all samples: connecting takes longer than asking
         proxy = rospy.ServiceProxy(service, GetTime, persistent=True)
         try:
             proxy()
-            exchanges: List[Exchange] = []
-            for _ in range(self._params.exchanges):
+            samples: List[Exchange] = []
+            for _ in range(self._params.samples):
                 sent = time.time()
                 answer: Any = proxy()
-                exchanges.append((sent, answer.received.to_sec(), answer.sent.to_sec(), time.time()))
-            return estimate_clock_offset(exchanges)
+                samples.append((sent, answer.received.to_sec(), answer.sent.to_sec(), time.time()))
+            return estimate_clock_offset(samples)
         finally:
             proxy.close()
 
     def _judge(self, name: str, offset: ClockOffset) -> None:
-        limit = self._params.limit_ms / 1e3
+        limit = self._params.max_offset_ms / 1e3
         wrong = offset.exceeds(limit)
         if not wrong and offset.uncertainty > limit:
             return  # on a busy network an exchange may say nothing: neither that it is right nor that it became so
@@ -114,10 +116,10 @@ class ClockCheckNode:
         with self._lock:
             offset = self._offsets[name]
             age = time.monotonic() - self._measured.get(name, -math.inf)
-        if age > 2.0 * self._params.period_s + _TIMEOUT_S:
+        if age > 2.0 * self._params.measurement_period + _TIMEOUT:
             # a request to a computer whose cable was pulled waits for ever, and its last answer says nothing any more
             offset = None
-        limit = self._params.limit_ms / 1e3
+        limit = self._params.max_offset_ms / 1e3
         if offset is None:
             status.summary(DiagnosticStatus.WARN, f"{name} does not answer")
             return status

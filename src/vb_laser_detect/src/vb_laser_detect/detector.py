@@ -35,8 +35,8 @@ import numpy as np
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection import classifier, features
 from vb_laser_detect.detection.blocks import BLOCK, Region
-from vb_laser_detect.detection.features import Blob, Camera
-from vb_laser_detect.detection.projection import ToFloor, metres_per_pixel
+from vb_laser_detect.detection.features import Blob, ImageTraits
+from vb_laser_detect.detection.projection import ToFloor, meters_per_pixel
 from vb_laser_detect.detection.image_format import BAYER
 from vb_laser_detect.detection.proposals import Proposal, Proposer, SearchedImage
 from vb_laser_detect.detection.tracking import BackfilledSpot, Expected, Spot, SpotTracker
@@ -44,7 +44,7 @@ from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
 
-_SMEAR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
+_BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _MIN_PX = 2.5  # smaller blobs are noise
 _MIN_CERTAIN_PROBABILITY = (
@@ -108,7 +108,7 @@ class SpotDetector:
     @property
     def confirmation_s(self) -> float:
         """[s] from a spot's first image to the one that confirms it, at the current rate."""
-        return (self.params.confirm_frames - 1) * self._tracker.period_s
+        return (self.params.confirm_frames - 1) * self._tracker.period
 
     def detect(self, image: np.ndarray, stamp: float) -> List[Spot]:
         """Searches one frame.
@@ -133,7 +133,7 @@ class SpotDetector:
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp, self._shape = stamp, image.shape
-        camera = Camera(math.hypot(*image.shape[:2]), mosaic)
+        camera = ImageTraits(math.hypot(*image.shape[:2]), mosaic)
         expected = self._tracker.begin(stamp, camera, self._proposer.estimate_motion(image))
         searched = self._proposer.propose(image, expected)
         seen = self._examine_all(searched, camera._replace(white=searched.white))
@@ -142,7 +142,7 @@ class SpotDetector:
         self._proposer.update_background(searched, kept, min(elapsed, 1.0))
         return spots
 
-    def _examine_all(self, searched: SearchedImage, camera: Camera) -> List[Spot]:
+    def _examine_all(self, searched: SearchedImage, camera: ImageTraits) -> List[Spot]:
         """Measures and classifies an image's proposals."""
         seen: List[Spot] = []
         followed = False
@@ -158,7 +158,7 @@ class SpotDetector:
             followed = followed or _is_followed_spot(spot, proposal.expected)
         return seen
 
-    def _examine(self, proposal: Proposal, searched: SearchedImage, camera: Camera) -> Spot:
+    def _examine(self, proposal: Proposal, searched: SearchedImage, camera: ImageTraits) -> Spot:
         """Measures and classifies one proposal."""
         region, expected = proposal.region, proposal.expected
         spot = self._classify(region, expected, searched, camera)
@@ -172,7 +172,7 @@ class SpotDetector:
         region: Region,
         expected: Optional[Expected],
         searched: SearchedImage,
-        camera: Camera,
+        camera: ImageTraits,
         widest: float = math.inf,
     ) -> Spot:
         """Measures and classifies the brightest blob of a region; see `features.measure`."""
@@ -215,24 +215,24 @@ class SpotDetector:
                 self.backfilled += track.unpublished
                 track.unpublished = []
             certain = spot.confidence >= max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
-            if certain and self._stamp - track.resting_since < self.params.hold_s:
+            if certain and self._stamp - track.dwelling_since < self.params.max_dwell_time:
                 kept.append(spot)
         return confirmed, kept
 
     def _pixel_size(self, u: float, v: float) -> float:
         """Returns a pixel's length on the floor [m]; NaN where that is not known."""
-        return metres_per_pixel(self._to_floor, u, v) if self._to_floor is not None else math.nan
+        return meters_per_pixel(self._to_floor, u, v) if self._to_floor is not None else math.nan
 
-    def _size_range(self, pixel_size: float, camera: Camera) -> Tuple[float, float]:
+    def _size_range(self, pixel_size: float, camera: ImageTraits) -> Tuple[float, float]:
         """Returns a spot's smallest and largest diameter [px] where a pixel is this long on the floor [m]."""
         if math.isnan(pixel_size):
             return _MIN_PX, _MAX_DIAGONAL_SHARE * camera.diagonal
         smallest, largest = (
             0.001 / pixel_size * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm)
         )
-        return max(_MIN_PX, smallest), largest + _SMEAR_PX
+        return max(_MIN_PX, smallest), largest + _BLUR_PX
 
-    def _wrong_size(self, blob: Blob, camera: Camera) -> str:
+    def _wrong_size(self, blob: Blob, camera: ImageTraits) -> str:
         pixel_size = self._pixel_size(blob.u, blob.v)
         if self._to_floor is not None and math.isnan(pixel_size):
             return "off_floor"
@@ -243,7 +243,7 @@ class SpotDetector:
 
 
 def _same_blob(spot: Spot, other: Spot) -> bool:
-    """Tells whether two regions have led to the same blob."""
+    """Returns whether two regions have led to the same blob."""
     near = math.hypot(spot.u - other.u, spot.v - other.v) < 2.0
     return near and bool(other.rejection) == bool(spot.rejection)
 

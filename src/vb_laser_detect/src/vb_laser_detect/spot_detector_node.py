@@ -15,11 +15,11 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.ros.images import image_message
+from vb_core.ros.images import message_from_image
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
-from vb_laser_detect.detection.debug_image import draw
+from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
 from vb_laser_detect.detection.image_geometry import ImageGeometry, locate_confirmed, search
@@ -37,7 +37,7 @@ from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
 from vb_msgs.srv import GetTime, GetTimeRequest, GetTimeResponse
 
-_DEBUG_S = 0.2  # between two debug images: drawing them takes longer than the search
+_DEBUG_PERIOD = 0.2  # [s] between two debug images: drawing them takes longer than the search
 
 
 class SpotDetectorNode:
@@ -87,7 +87,7 @@ class SpotDetectorNode:
         self._camera_geometry = self._make_camera_geometry(image)
         self._time_service = rospy.Service("~get_time", GetTime, _tell_time)
         self._worker = Worker(self._mailbox, self._search)
-        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.note_detector, queue_size=20)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
         self._reconfigure_servers = [
             ReconfigureServer(detector, "~detector", self._set_detector_params, fixed=("moving_camera",)),
@@ -145,7 +145,7 @@ class SpotDetectorNode:
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
         raw, encoding = decode(message)
         image = self._reader.read(raw, encoding)
-        self._report.colour = image.ndim == 3 or encoding.startswith("bayer")
+        self._report.color = image.ndim == 3 or encoding.startswith("bayer")
         frame_id = self._params.frame or message.header.frame_id
         frame, unplaced = self._place(frame_id, stamp, image)
         began = time.perf_counter()
@@ -178,7 +178,7 @@ class SpotDetectorNode:
             self._report.require_own_frame(frame_id)
             return self._camera_geometry.geometry_of(frame_id, stamp, image.shape), None
         except CodedError as error:
-            return None, error.without_stack()
+            return None, error.without_traceback()
 
     def _message(self, spot: Spot, point: FloorPoint, stamp: rospy.Time) -> LaserSpot:
         result = LaserSpot()
@@ -188,7 +188,7 @@ class SpotDetectorNode:
         result.mobile = self._mobile
         result.position = Point(*(float(value) for value in point.position))
         result.u, result.v, result.diameter = spot.u, spot.v, spot.diameter
-        result.diameter_m = spot.diameter * point.metres_per_pixel
+        result.diameter_m = spot.diameter * point.meters_per_pixel
         result.confidence = spot.confidence
         result.track = spot.track
         result.projection = getattr(LaserSpot, point.source.upper())
@@ -196,12 +196,12 @@ class SpotDetectorNode:
 
     def _publish_debug(self, image: np.ndarray, encoding: str, header: Any) -> None:
         now = rospy.Time.now()
-        if self._last_debug is not None and 0 <= (now - self._last_debug).to_sec() < _DEBUG_S:
+        if self._last_debug is not None and 0 <= (now - self._last_debug).to_sec() < _DEBUG_PERIOD:
             return
         self._last_debug = now
         self._report.debug_images += 1
-        picture = draw(image, encoding, self._detector.candidates)
-        self._debug.publish(image_message(picture, "bgr8", header.stamp, header.frame_id))
+        picture = draw_candidates(image, encoding, self._detector.candidates)
+        self._debug.publish(message_from_image(picture, "bgr8", header.stamp, header.frame_id))
 
 
 def _tell_time(_request: GetTimeRequest) -> GetTimeResponse:

@@ -25,8 +25,8 @@ from vb_map_integration.borders.schedule import parse_schedule
 MAX_POINTS = 5000
 # a chain whose ends are nearer to each other than this share of its length is meant to be closed
 CLOSING_SHARE = 0.15
-# no floor is farther from the origin: such numbers come from a fault
-MAX_COORDINATE_M = 1e6
+# [m] no floor is farther from the origin: such numbers come from a fault
+MAX_COORDINATE = 1e6
 
 # what a zone means for robots
 KEEP_OUT, AVOID, SLOW = "keep_out", "avoid", "slow"
@@ -172,7 +172,7 @@ def _coordinates(values: object, code: str) -> np.ndarray:
     elif points.ndim == 1:
         points = points.reshape(1, -1)
     # nan compares as false
-    if points.ndim != 2 or points.shape[1] != 2 or not (np.abs(points) <= MAX_COORDINATE_M).all():
+    if points.ndim != 2 or points.shape[1] != 2 or not (np.abs(points) <= MAX_COORDINATE).all():
         raise IntegrationError(code)
     return points
 

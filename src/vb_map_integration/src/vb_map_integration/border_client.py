@@ -27,7 +27,7 @@ from vb_map_integration.borders.border_messages import issues_from_messages, mes
 from vb_map_integration.borders.issues import Issue
 
 # [s] a preview of 16 million cells takes half a second on a busy computer
-_TIMEOUT_S = 20.0
+_TIMEOUT = 20.0
 
 
 class ServiceResult(NamedTuple):
@@ -112,7 +112,7 @@ class BorderClient:
 
     def _call(self, name: str, service: Type, request: Any) -> ServiceResult:
         try:
-            response = services.call(name, service, request, "the map integrator", answer_s=_TIMEOUT_S)
+            response = services.call(name, service, request, "the map integrator", response_timeout=_TIMEOUT)
         except CodedError as error:
             return ServiceResult(False, error.code, error.message)
         return ServiceResult(

@@ -52,8 +52,8 @@ class EditorParams(Parameters):
     """The editor's parameters."""
 
     frame_id: str = param(names.MAP_FRAME)
-    tolerance_m: float = param(0.02, "m", low=0.0)
-    new_size_m: float = param(1.0, "m", above=0.0)
+    simplification_tolerance: float = param(0.02, "m", low=0.0)
+    new_border_size: float = param(1.0, "m", above=0.0)
 
 
 class BorderEditorNode:
@@ -188,7 +188,7 @@ class BorderEditorNode:
                 self._replace(key, change(draft, int(part)))
         elif stored is not None:
             if entry == EDIT:
-                self._replace(key, editing.simplify(stored, self._params.tolerance_m))
+                self._replace(key, editing.simplify(stored, self._params.simplification_tolerance))
             elif entry == TOGGLE:
                 revision = self._revision
                 self._work.put(lambda: self._report(self._client.enable(key, not stored.enabled, revision)))
@@ -198,7 +198,7 @@ class BorderEditorNode:
 
     def _on_tool(self, entry: int) -> None:
         if entry in (NEW_POLYGON, NEW_CURVE):
-            self._replace(NEW, editing.new_border(self._tool, self._params.new_size_m, entry == NEW_POLYGON))
+            self._replace(NEW, editing.new_border(self._tool, self._params.new_border_size, entry == NEW_POLYGON))
         elif entry in (UNDO, REDO):
             self._work.put(lambda: self._report(self._client.trigger(names.UNDO if entry == UNDO else names.REDO)))
 
@@ -261,10 +261,10 @@ class BorderEditorNode:
             self._handle(f"{key}/seed", draft.seed, draft_markers.ball_marker(draft_markers.SEED, 0.15), _DRAFT_MENU)
             self._put_line(key)
         elif stored is not None:
-            colour = draft_markers.STORED if stored.enabled else draft_markers.SLEEPING
-            ball = draft_markers.ball_marker(colour, 0.15)
+            color = draft_markers.STORED if stored.enabled else draft_markers.SLEEPING
+            ball = draft_markers.ball_marker(color, 0.15)
             self._handle(key, stored.seed, ball, _STORED_MENU, drag=False, description=stored.name)
-            line = draft_markers.chain_marker(stored.points, stored.closed, colour)
+            line = draft_markers.chain_marker(stored.points, stored.closed, color)
             self._insert(f"{key}/line", (0.0, 0.0), [_control(InteractiveMarkerControl.NONE, [line])])
 
     def _put_line(self, key: str) -> None:
@@ -274,8 +274,8 @@ class BorderEditorNode:
         markers = [draft_markers.chain_marker(draft.points, draft.closed, draft_markers.DRAFT)]
         if answer is not None:
             text = "; ".join([answer.message] + [found.message for found in answer.issues if answer.success])
-            colour = draft_markers.DRAFT if answer.success else draft_markers.REFUSED
-            markers.append(draft_markers.text_marker(text, draft.seed, colour))
+            color = draft_markers.DRAFT if answer.success else draft_markers.REFUSED
+            markers.append(draft_markers.text_marker(text, draft.seed, color))
         self._insert(f"{key}/line", (0.0, 0.0), [_control(InteractiveMarkerControl.NONE, markers)])
 
     def _put_tool(self) -> None:

@@ -52,16 +52,18 @@ class IntegrationParams(Parameters):
     occupied_threshold: int = param(
         OCCUPIED_THRESHOLD, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's"
     )
-    fit_length_m: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
-    end_tolerance_m: float = param(
+    extension_fit_length: float = param(
+        0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction"
+    )
+    wall_snap_distance: float = param(
         0.2, "m", low=0.0, doc="how far a drawn end may be from its wall: less than a robot's width"
     )
-    seed_radius_m: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")
+    max_seed_shift: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")
     max_area_share: float = param(0.98, low=0.0, high=1.0, doc="share of the free space that is worth a warning")
 
 
 # [m] a virtual wall's band; in coarse maps it is the cells that the chain runs through
-WALL_WIDTH_M = 0.1
+WALL_WIDTH = 0.1
 _DEFAULT = IntegrationParams()
 # marks what a fill reached, in a mask of blocked cells
 _FILLED = 128
@@ -234,7 +236,7 @@ class _Task:
             raise IntegrationError("seed_outside_map")
         chain = np.concatenate([border.points, border.points[:1]]) if border.closed else border.points
         if not border.wall and not shapely.linestrings(chain).is_simple:
-            self.warn("self_crossing")
+            self.warn("border_self_intersects")
 
     def polygon(self) -> Tuple[raster.Window, np.ndarray]:
         """The area on the seed's side of a polygon: a window, and a (h, w) uint8 mask of it."""
@@ -280,7 +282,7 @@ class _Task:
         rows, columns = trace.rows[inside], trace.columns[inside]
         if len(rows) == 0:
             raise IntegrationError("outside_map")
-        reach = int(WALL_WIDTH_M / 2.0 / self.prior.resolution + 1e-6)
+        reach = int(WALL_WIDTH / 2.0 / self.prior.resolution + 1e-6)
         top, left = max(0, int(rows.min()) - reach), max(0, int(columns.min()) - reach)
         window = slice(top, int(rows.max()) + reach + 1), slice(left, int(columns.max()) + reach + 1)
         mask = raster.filled(cells[window].shape, 0)
@@ -293,7 +295,7 @@ class _Task:
     def curve(self) -> Tuple[raster.Window, np.ndarray, np.ndarray]:
         """The area on the seed's side of a separating curve: a window, a (h, w) uint8 mask of it, and the line [m]."""
         prior, params = self.prior, self.params
-        fit, tolerance = params.fit_length_m / prior.resolution, params.end_tolerance_m / prior.resolution
+        fit, tolerance = params.extension_fit_length / prior.resolution, params.wall_snap_distance / prior.resolution
         framed = _framed(self.cells, params.occupied_threshold)
         cut = curve.separate(framed, self.points, fit, tolerance, self.seed, self.free_cell)
         if cut is None:
@@ -317,7 +319,7 @@ class _Task:
         column, row = (int(value) for value in np.floor(self.seed + 0.5))
         if not barred[row, column]:
             return row, column
-        radius = self.params.seed_radius_m / self.prior.resolution
+        radius = self.params.max_seed_shift / self.prior.resolution
         reach = int(radius) + 1
         top, left = max(0, row - reach), max(0, column - reach)
         rows, columns = np.nonzero(barred[top : row + reach + 1, left : column + reach + 1] == 0)
@@ -326,7 +328,7 @@ class _Task:
         if away is not None:
             distance[offset @ away <= 0.0] = np.inf
         if len(distance) == 0 or distance.min() > radius:
-            raise IntegrationError("seed_on_obstacle", radius=self.params.seed_radius_m)
+            raise IntegrationError("seed_on_obstacle", radius=self.params.max_seed_shift)
         best = int(np.argmin(distance))
         self.warn("seed_moved", distance=f"{distance[best] * self.prior.resolution:.2f}")
         return int(rows[best] + top), int(columns[best] + left)

@@ -29,7 +29,7 @@ from vb_map_integration.integration import Area, IntegrationParams, restricted_a
 from vb_map_integration.storage.legacy_folders import read_folders
 from vb_map_integration.places.map_overlay import draw_map_overlay
 from vb_map_integration.grid.reachability import Reachability, check_reachability
-from vb_map_integration.places.recognition import Recognition, Recognizer
+from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.registration import Registration, Transform, register
 from vb_map_integration.borders.schedule import is_scheduled
 
@@ -40,8 +40,8 @@ _NAMED = 3  # borders by which a place is described
 class IntegratorParams(IntegrationParams):
     """The map integrator's parameters."""
 
-    robot_radius_m: float = param(0.18, "m", low=0.0, doc="robot's radius, for what it can reach; TurtleBot 2")
-    min_component_m2: float = param(0.1, "m^2", low=0.0, doc="smaller parts of the free space are not counted")
+    robot_radius: float = param(0.18, "m", low=0.0, doc="robot's radius, for what it can reach; TurtleBot 2")
+    min_component_area: float = param(0.1, "m^2", low=0.0, doc="smaller parts of the free space are not counted")
     check_reachability: bool = param(True, doc="whether saving looks for free space that falls into parts")
     dock: list = param([], "m", doc="x and y of the robot's dock; empty: none")
     robot_name: str = param("", doc="whose map this is: borders for other robots are left out; empty: all act")
@@ -119,15 +119,15 @@ class MapIntegrator:
     def __init__(self, params: IntegratorParams, root: Optional[Path]) -> None:
         self.params = params
         self._database = Database(root)
-        self._taken_over: List[Notice] = []
+        self._imported: List[Notice] = []
         if root is not None:
             try:
-                self._take_over(root)
+                self._import_legacy(root)
             except CodedError as error:  # the database says so itself; the next start tries again
-                self._taken_over.append(Notice(error.code, Severity.ERROR, values=error.values))
-        self._recognizer = Recognizer(self._database, params.map_name)
+                self._imported.append(Notice(error.code, Severity.ERROR, values=error.values))
+        self._recognizer = PlaceRecognizer(self._database, params.map_name)
         self._layered_map: Optional[LayeredMap] = None
-        self._recognition = Recognition()
+        self._recognition = PlaceRecognition()
         self._map_id = ""
         self._parts: Optional[int] = None
         # by border: as it is in the current map, whether it is due, why it does not act, what a slow zone covers
@@ -156,19 +156,19 @@ class MapIntegrator:
         """Releases the database."""
         self._database.close()
 
-    def _take_over(self, root: Path) -> None:
+    def _import_legacy(self, root: Path) -> None:
         """Imports borders of older versions, once; their folders stay as they are."""
         for folder in read_folders(root):
-            note = f"taken over: {folder.name}"
+            note = f"taken over: {folder.name}"  # as databases have it
             if self._database.get_value(note):
                 continue
             place = self._database.add_map(folder.grid, folder.map_id or folder.name)
-            renamed = self._database.take_over(place, folder.borders, note)
+            renamed = self._database.import_legacy(place, folder.borders, note)
             self._database.remember_place(place)
             values = {"count": str(len(folder.borders)), "folder": folder.name, "renamed": str(len(renamed))}
-            code = "borders_taken_over" if folder.whole else "borders_taken_over_damaged"
+            code = "borders_imported" if folder.whole else "borders_imported_damaged"
             severity = Severity.INFO if folder.whole else Severity.WARNING
-            self._taken_over.append(Notice(code, severity, values=values))
+            self._imported.append(Notice(code, severity, values=values))
 
     # ------------------------------------------------------------- state
     @property
@@ -237,7 +237,7 @@ class MapIntegrator:
     @property
     def notices(self) -> List[Notice]:
         """What people should know: about the files, the map, and borders that do not fit it."""
-        found = [*self._database.notices, *self._taken_over]
+        found = [*self._database.notices, *self._imported]
         if self.needs_confirmation:
             values = {"count": str(len(self.borders)), **self._place_in_words()}
             found.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
@@ -302,7 +302,7 @@ class MapIntegrator:
         if map_id == self._map_id:
             return False, ()
         before = self._layered_map.physical if self._layered_map else None
-        recognition = self._recognizer.recognise(grid, map_id, before, self._recognition)
+        recognition = self._recognizer.recognize(grid, map_id, before, self._recognition)
         self._map_id = map_id
         self._use(grid, recognition, now)
         if recognition.place:
@@ -315,7 +315,7 @@ class MapIntegrator:
                 return True, (error.message, *(notice.sentence() for notice in self.notices))
         return True, tuple(notice.sentence() for notice in self.notices)
 
-    def _use(self, grid: GridMap, recognition: Recognition, now: float) -> None:
+    def _use(self, grid: GridMap, recognition: PlaceRecognition, now: float) -> None:
         self._recognition, self._parts = recognition, None
         self._moved, self._due, self._reasons, self._slow = {}, {}, {}, {}
         self._layered_map = self._recompute(LayeredMap(grid), self._database.borders(recognition.place), now)
@@ -391,7 +391,7 @@ class MapIntegrator:
             place, transform = self._database.add_map(grid, self._map_id), Transform()
         if name:
             self._database.rename_place(place, name)
-        self._use(grid, Recognition(place, transform), now)
+        self._use(grid, PlaceRecognition(place, transform), now)
         self._database.remember_place(place)
         return ChangeResult((), (), sentences.translate("map_confirmed", {"count": len(self.borders)}))
 
@@ -426,7 +426,7 @@ class MapIntegrator:
             if proposal.place == known.place or self._database.count(known.place):
                 raise CodedError("place_has_borders")
         self._database.add_map(self.physical, self._map_id, proposal.place, proposal.transform)
-        self._use(self.physical, Recognition(proposal.place, proposal.transform), now)
+        self._use(self.physical, PlaceRecognition(proposal.place, proposal.transform), now)
         self._database.remember_place(proposal.place)
         return ChangeResult((), (), sentences.translate("borders_adopted", {"count": len(self.borders)}))
 
@@ -468,8 +468,8 @@ class MapIntegrator:
         if goals is not None or self.params.check_reachability:
             options = {
                 "robot": places.get("robot"),
-                "radius_m": self.params.robot_radius_m,
-                "min_component_m2": self.params.min_component_m2,
+                "radius": self.params.robot_radius,
+                "min_component_area": self.params.min_component_area,
                 "occupied_threshold": self.params.occupied_threshold,
             }
             if self._parts is None:
@@ -651,7 +651,7 @@ class MapIntegrator:
                 "" if self._recognition.place else self._free_name(),
             )
             self._database.remember_place(place)
-            self._recognition = Recognition(place, self._recognition.transform)
+            self._recognition = PlaceRecognition(place, self._recognition.transform)
 
     def _free_name(self) -> str:
         return "" if self._database.find_place(self.params.map_name) else self.params.map_name

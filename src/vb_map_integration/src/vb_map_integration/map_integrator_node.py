@@ -42,13 +42,13 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_messages import border_from_message, issue_messages, message_from_border
+from vb_map_integration.borders.border_messages import border_from_message, messages_from_issues, message_from_border
 from vb_map_integration.grid.costmap_settings import check_soft_value
 from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError, make_issue
 from vb_map_integration.integrator import ChangeResult, IntegratorParams, MapIntegrator
 from vb_map_integration.places.registration import Transform
 
-_MAP_TIMEOUT_S = 5.0  # warns after this long without a map
+_MAP_WARNING_PERIOD = 5.0  # [s] warns after this long without a map
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,13 @@ class MapIntegratorNodeParams(Parameters):
     """The node's own parameters, beside `IntegratorParams`."""
 
     frame_id: str = param(names.MAP_FRAME)
-    store_dir: str = param("~/.ros/virtual_borders")
+    database_dir: str = param("~/.ros/virtual_borders")
     map_dir: str = param("~/.ros/virtual_borders/maps")
     robot_frame: str = param("")
     move_base: str = param("/move_base")
-    expiry_period_s: float = param(1.0, "s", above=0.0)
-    move_base_period_s: float = param(60.0, "s", above=0.0)
-    map_timeout_s: float = param(60.0, "s", low=0.0)
+    expiry_check_period: float = param(1.0, "s", above=0.0)
+    move_base_check_period: float = param(60.0, "s", above=0.0)
+    map_timeout: float = param(60.0, "s", low=0.0)
 
 
 class MapIntegratorNode:
@@ -100,7 +100,7 @@ class MapIntegratorNode:
         self._map_dir = Path(params.map_dir).expanduser()
         if rospy.resolve_name(names.PHYSICAL_MAP) == rospy.resolve_name(names.MAP_WITH_BORDERS):
             raise ParameterError(names.MAP_WITH_BORDERS, "the physical and the virtual map need different topics")
-        root = Path(params.store_dir).expanduser() if params.store_dir else None
+        root = Path(params.database_dir).expanduser() if params.database_dir else None
         self._integrator = MapIntegrator(integrator_params, root)
         self._lock = threading.RLock()
         self._notices = NoticePublisher()
@@ -140,8 +140,8 @@ class MapIntegratorNode:
         node.Worker(self._maps, self._take_map)
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, **options)
-        rospy.Timer(rospy.Duration(params.expiry_period_s), self._expire, reset=True)
-        rospy.Timer(rospy.Duration(params.move_base_period_s), self._watch_move_base, reset=True)
+        rospy.Timer(rospy.Duration(params.expiry_check_period), self._expire, reset=True)
+        rospy.Timer(rospy.Duration(params.move_base_check_period), self._watch_move_base, reset=True)
         self._closing = threading.Event()
         waiting: node.Mailbox = node.Mailbox()
         node.Worker(waiting, lambda _: self._wait_for_map())
@@ -157,10 +157,10 @@ class MapIntegratorNode:
     def _wait_for_map(self) -> None:
         # wall time: a lab without map_server may have no /clock either
         waited = 0.0
-        while not self._closing.wait(_MAP_TIMEOUT_S) and not self._integrator.has_map:
-            waited += _MAP_TIMEOUT_S
+        while not self._closing.wait(_MAP_WARNING_PERIOD) and not self._integrator.has_map:
+            waited += _MAP_WARNING_PERIOD
             missing = CodedError("no_map")
-            if self._params.map_timeout_s and waited >= self._params.map_timeout_s:
+            if self._params.map_timeout and waited >= self._params.map_timeout:
                 node.fail(missing)
                 return
             rospy.logwarn("%s: %s", rospy.get_name(), missing)
@@ -297,7 +297,7 @@ class MapIntegratorNode:
             response.revision = self._integrator.revision
         if hasattr(response, "issues"):
             plain = (make_issue(ERROR, error.code, **error.values),)
-            response.issues = issue_messages(error.issues if isinstance(error, IntegrationError) else plain)
+            response.issues = messages_from_issues(error.issues if isinstance(error, IntegrationError) else plain)
         return response
 
     def _done(self, response: Any, outcome: ChangeResult, extra: Sequence[Issue] = ()) -> Any:
@@ -306,7 +306,7 @@ class MapIntegratorNode:
         rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
         response.success, response.code, response.message = True, "ok", outcome.message
         if hasattr(response, "issues"):
-            response.issues = issue_messages((*outcome.issues, *extra))
+            response.issues = messages_from_issues((*outcome.issues, *extra))
         if hasattr(response, "revision"):
             response.revision = self._integrator.revision
         return response
@@ -413,7 +413,7 @@ class MapIntegratorNode:
             response.unreachable_goals = np.array(check.reachability.unreachable, np.uint32)
         response.success, response.code = True, "ok"
         response.message = f"the border would restrict {check.area.area_m2:.2f} m2"
-        response.issues = issue_messages((*check.issues, *self._soft_issues(border)))
+        response.issues = messages_from_issues((*check.issues, *self._soft_issues(border)))
         return response
 
     def _list(self, _request: Any) -> ListBordersResponse:
@@ -451,7 +451,7 @@ def main() -> None:
         own, shared = (tuple(cls.__dataclass_fields__) for cls in (MapIntegratorNodeParams, IntegratorParams))
         params = parameters.read(MapIntegratorNodeParams, ignore=shared)
         integrator = parameters.read(IntegratorParams, ignore=own)
-        radii = [robot_profile.read_radius(name, integrator.robot_radius_m) for name in integrator.robots or [""]]
-        return MapIntegratorNode(params, integrator.replace(robot_radius_m=max(radii)))
+        radii = [robot_profile.read_radius(name, integrator.robot_radius) for name in integrator.robots or [""]]
+        return MapIntegratorNode(params, integrator.replace(robot_radius=max(radii)))
 
     node.run("map_integrator", build)

@@ -22,8 +22,8 @@ from vb_map_integration.storage.recording import MapRecording
 class RecorderParams(Parameters):
     """The recorder's parameters."""
 
-    directory: str = param("~/.ros/virtual_borders/recordings")
-    wait_s: float = param(2.0, "s", above=0.0)
+    recording_dir: str = param("~/.ros/virtual_borders/recordings")
+    borders_timeout: float = param(2.0, "s", above=0.0)
 
 
 class MapRecorderNode:
@@ -33,15 +33,15 @@ class MapRecorderNode:
     Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray): the
             integrator gives both the same stamp for the same state. A map whose borders do not arrive is stored
-            after ~wait_s with those that came last.
+            after ~borders_timeout with those that came last.
     Parameters:
-        ~directory (str): where to; numbering goes on where an earlier recording there ended.
-        ~wait_s (float) [s].
+        ~recording_dir (str): where to; numbering goes on where an earlier recording there ended.
+        ~borders_timeout (float) [s].
     """
 
     def __init__(self, params: RecorderParams) -> None:
         self._params = params
-        self._recording = MapRecording(Path(params.directory).expanduser())
+        self._recording = MapRecording(Path(params.recording_dir).expanduser())
         self._lock = threading.Lock()
         self._map: Optional[Any] = None
         self._arrived = rospy.Time(0)
@@ -52,7 +52,7 @@ class MapRecorderNode:
         # first the borders: a map that comes without them would be stored as one that has none
         self._maps: Optional[rospy.Subscriber] = None
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=10)
-        rospy.Timer(rospy.Duration(params.wait_s), self._on_timer, reset=True)
+        rospy.Timer(rospy.Duration(params.borders_timeout), self._on_timer, reset=True)
 
     def close(self) -> None:
         """Writes what has come and ends."""
@@ -81,7 +81,7 @@ class MapRecorderNode:
             if self._map is None:
                 return
             age = (rospy.get_rostime() - self._arrived).to_sec()
-            if not 0.0 <= age < self._params.wait_s:  # below 0: the time jumped back
+            if not 0.0 <= age < self._params.borders_timeout:  # below 0: the time jumped back
                 self._flush()
 
     def _match(self) -> None:

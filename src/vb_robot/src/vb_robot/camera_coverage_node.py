@@ -63,8 +63,8 @@ class CameraCoverageNode:
         self._started = rospy.Time.now()
         self._transforms = TransformLookup()
         self._publisher = rospy.Publisher(names.COVERAGE, OccupancyGridArray, queue_size=1, latch=True)
-        self._beat = node.WakeTimer(CHECK_PERIOD)
-        self._worker = node.Worker(self._beat, lambda _woken: self._update())
+        self._timer = node.WakeTimer(CHECK_PERIOD)
+        self._worker = node.Worker(self._timer, lambda _woken: self._update())
         self._subscribers = [
             rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, queue_size=1),
             *(
@@ -77,11 +77,11 @@ class CameraCoverageNode:
 
     def close(self) -> None:
         """Ends the worker."""
-        self._beat.close()
+        self._timer.close()
 
     def _on_map(self, message: Any) -> None:
         self._map_message = message
-        self._beat.set()
+        self._timer.set()
 
     def _update(self) -> None:
         """Computes what has changed since the last look."""

@@ -86,12 +86,12 @@ def nearest_cell(grid: GridMap, mask: np.ndarray, point, reach: float) -> Tuple[
     half = int(np.ceil(reach / grid.resolution))
     top, left = max(row - half, 0), max(column - half, 0)
     cells = np.argwhere(mask[top : max(row + half + 1, 0), left : max(column + half + 1, 0)]) + (top, left)
-    centres = grid.cell_to_world(cells) if len(cells) else np.zeros((0, 2))
-    gaps = np.linalg.norm(centres - point, axis=1)
+    centers = grid.cell_to_world(cells) if len(cells) else np.zeros((0, 2))
+    gaps = np.linalg.norm(centers - point, axis=1)
     best = int(np.argmin(gaps)) if len(cells) else -1
     if best < 0 or gaps[best] > reach:
         return None, point
-    return (int(cells[best, 0]), int(cells[best, 1])), centres[best]
+    return (int(cells[best, 0]), int(cells[best, 1])), centers[best]
 
 
 class ClearanceMap:
@@ -211,7 +211,7 @@ class ShortestPaths:
         free = terrain.passable.copy()
         cells = np.argwhere(free)
         if len(others):
-            gaps = np.linalg.norm(self._centres(cells)[:, None] - others[None], axis=2).min(axis=1)
+            gaps = np.linalg.norm(self._centers(cells)[:, None] - others[None], axis=2).min(axis=1)
             free[tuple(cells[gaps < 2.0 * terrain.radius + terrain.travel_margin].T)] = False
         lengths, before = dijkstra(self._graph(free), directed=False, indices=free.size, return_predecessors=True)
         self._lengths = lengths[:-1].reshape(free.shape)
@@ -235,7 +235,7 @@ class ShortestPaths:
     def _gates(self, cells: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Free cells (K, 2) where paths begin, and (K,) [m] how far they are from the start."""
         terrain = self._terrain
-        gaps = np.linalg.norm(self._centres(cells) - self._start, axis=1)
+        gaps = np.linalg.norm(self._centers(cells) - self._start, axis=1)
         if not terrain.edge and not terrain.grid.contains_cells(terrain.grid.world_to_cell(self._start))[0]:
             edge = ((cells == 0) | (cells == np.array(self._shape) - 1)).any(axis=1)
             return cells[edge], gaps[edge]
@@ -243,7 +243,7 @@ class ShortestPaths:
         nearest = nearest[gaps[nearest] <= START_TOLERANCE]
         return cells[nearest], np.full(len(nearest), 1e-6)
 
-    def _centres(self, cells: np.ndarray) -> np.ndarray:
+    def _centers(self, cells: np.ndarray) -> np.ndarray:
         step = self._terrain.step
         return self._terrain.grid.cell_to_world(cells * step + (step - 1) / 2.0)
 
@@ -271,7 +271,7 @@ class ShortestPaths:
         while self._before[nodes[-1]] >= 0:
             nodes.append(int(self._before[nodes[-1]]))
         cells = np.column_stack(np.unravel_index(nodes[::-1], self._shape))
-        corners = self._tightened(np.vstack([self._start, self._centres(cells)[1:-1], goal]))
+        corners = self._tightened(np.vstack([self._start, self._centers(cells)[1:-1], goal]))
         return geometry.resample_chain(corners, ROUTE_SPACING) if len(corners) > 1 else corners
 
     def _tightened(self, points: np.ndarray) -> np.ndarray:

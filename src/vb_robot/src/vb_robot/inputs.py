@@ -39,7 +39,7 @@ class SpotListener:
         )
 
 
-class CameraView:
+class FloorViewListener:
     """Gives a robot's floor view to `take`, at first and whenever the lens or the mount's frame changes."""
 
     def __init__(
@@ -59,7 +59,7 @@ class CameraView:
         if key == self._known:
             return
         try:
-            T = self._transforms.lookup(self._base, message.header.frame_id, rospy.Time(0), timeout_s=0.0)
+            T = self._transforms.lookup(self._base, message.header.frame_id, rospy.Time(0), timeout=0.0)
             self._take(FloorView(camera_from_info(message), T, self._max_range))
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: the camera's view is not known yet: {error}")

@@ -15,7 +15,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_from_2d
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_pose2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, InteractionState
@@ -63,7 +63,7 @@ class RobotDispatcherNode:
 
     def __init__(self, profiles: Mapping[str, RobotProfile]) -> None:
         self._dispatcher = dispatcher = Dispatcher({name: profile.radius for name, profile in profiles.items()})
-        self._beat = node.WakeTimer(PERIOD)
+        self._timer = node.WakeTimer(PERIOD)
         self._inputs: Deque[Callable[[], None]] = deque()  # for the worker, in the order in which they came
         transforms = TransformLookup()
         self._viewpoint = rospy.Publisher("~viewpoint", PoseStamped, queue_size=1, latch=True)
@@ -96,11 +96,11 @@ class RobotDispatcherNode:
                 names.PROGRESS, BorderProgress, functools.partial(self._queue_input, self._take_progress), queue_size=1
             ),
         ]
-        self._worker = node.Worker(self._beat, lambda _woken: self._decide())
+        self._worker = node.Worker(self._timer, lambda _woken: self._decide())
 
     def close(self) -> None:
         """Cancels every goal: nothing would supervise it any more."""
-        self._beat.close()
+        self._timer.close()
         self._notices.close()
         for robot in self._robots:
             robot.pursue(None)
@@ -111,7 +111,7 @@ class RobotDispatcherNode:
 
     def _on_state(self, message: InteractionState) -> None:
         self._queue_input(self._take_state, message)
-        self._beat.set()  # when the state ends the robots have to stop at once
+        self._timer.set()  # when the state ends the robots have to stop at once
 
     def _take_view(self, robot: str, view: FloorView) -> None:
         self._dispatcher.maps[robot].view = view
@@ -147,7 +147,7 @@ class RobotDispatcherNode:
         self._notices.set([self._dispatcher.notice] if self._dispatcher.notice else [])
 
     def _publish_viewpoint(self, pose: Pose) -> None:
-        message = PoseStamped(pose=pose_from_2d(*pose))
+        message = PoseStamped(pose=message_from_pose2d(*pose))
         message.header.stamp, message.header.frame_id = rospy.Time.now(), names.MAP_FRAME
         self._viewpoint.publish(message)
 

@@ -1,4 +1,4 @@
-"""One robot's driver: the only source of its cmd_vel."""
+"""One robot's driver: the only publisher of its cmd_vel."""
 
 from __future__ import annotations
 
@@ -29,23 +29,29 @@ from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_grid, pose_to_2d
+from vb_core.ros.messages import (
+    OccupancyGridArray,
+    array_from_points,
+    grid_from_message,
+    message_from_grid,
+    pose2d_from_message,
+)
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBorder, VirtualBorderArray
-from vb_robot.driving.driver import Command, Driver
+from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import EXIT_BORDER, NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.workspace import BorderContact, PoseUncertainty, KnownBorder, Workspace
-from vb_robot.inputs import CameraView, SpotListener
+from vb_robot.inputs import FloorViewListener, SpotListener
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
-MIN_HOLD = 0.5  # [s] a shorter stop is not worth a notice
+MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
 GOAL_NOTICE_LIFETIME = 5.0  # [s] for which a goal in a border is reported
 PLAN_LIFETIME = rospy.Duration(5.0)  # a robot on its way plans once a second
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 # what people are told, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
-HOLDS = {
+STOP_CODES = {
     "stopped",
     "state_lost",
     "scan_lost",
@@ -71,14 +77,14 @@ class DriverParams(Parameters):
 
     robot: str = param("", doc="its name: in borders and notices, before its frames, its camera's; empty: the only one")
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
-    leave_borders: bool = param(True, doc="drive out of a border that was put where the robot is")
+    exit_borders: bool = param(True, doc="drive out of a border that was put where the robot is")
     stop_file: str = param(
         "", doc="exists while the robot is stopped, so that it is after a restart; empty: not remembered"
     )
 
 
 class RobotDriverNode:
-    """Arbitrates who drives a robot, and gates every command. See `Driver`.
+    """Arbitrates who drives a robot, and gates every command. See `Arbiter`.
 
     Subscribed topics:
         cmd_vel/navigation, cmd_vel/teleop (geometry_msgs/Twist)
@@ -111,10 +117,10 @@ class RobotDriverNode:
         prefix = f"{params.robot}/" if params.robot else ""
         self._base, self._odom = prefix + profile.frames.base, prefix + profile.frames.odom
         self._stop_file = FilePath(params.stop_file).expanduser() if params.stop_file else None
-        self._remembered = self._stop_file is not None and _is_there(self._stop_file)
-        self._remembering = threading.Lock()
-        self._driver = Driver(
-            profile, params.robot or "robot", params.mobile_cameras, params.leave_borders, self._remembered
+        self._stop_written = self._stop_file is not None and _is_there(self._stop_file)
+        self._writing = threading.Lock()
+        self._arbiter = Arbiter(
+            profile, params.robot or "robot", params.mobile_cameras, params.exit_borders, self._stop_written
         )
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
@@ -123,16 +129,16 @@ class RobotDriverNode:
         self._mounts: Dict[str, np.ndarray] = {}
         self._bad_goal: Optional[Notice] = None
         self._bad_goal_until = -1.0
-        self._held_since: Dict[str, float] = {}
+        self._stopped_since: Dict[str, float] = {}
         self._reported = (Command(), -1.0)
-        self._beat = node.WakeTimer(1.0 / RATE)
+        self._timer = node.WakeTimer(1.0 / RATE)
         self._transforms = TransformLookup()
-        self._camera = CameraView(
+        self._camera = FloorViewListener(
             profile.camera.info,
             self._base,
             profile.camera.max_range,
             self._transforms,
-            functools.partial(setattr, self._driver.follower, "view"),
+            functools.partial(setattr, self._arbiter.follower, "view"),
         )
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
@@ -146,7 +152,7 @@ class RobotDriverNode:
 
     def close(self) -> None:
         """Stops the robot."""
-        self._beat.close()
+        self._timer.close()
         self._thread.join(1.0)
         self._cmd_vel.publish(Twist())
 
@@ -158,11 +164,11 @@ class RobotDriverNode:
             listen("cmd_vel", rospy.AnyMsg, self._on_command, queue_size=20),
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
             listen(names.STOP, Bool, self._on_stop, queue_size=10),
-            SpotListener(self._driver.add),
+            SpotListener(self._arbiter.add),
             listen(
                 names.PROGRESS,
                 BorderProgress,
-                lambda message: self._driver.add_contributors(message.interaction_id, message.cameras),
+                lambda message: self._arbiter.add_contributors(message.interaction_id, message.cameras),
                 queue_size=1,
             ),
             listen(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map, "borders", queue_size=1),
@@ -184,40 +190,40 @@ class RobotDriverNode:
             self._subscribers.append(listen(contact.topic, kind, functools.partial(self._on_contact, contact)))
 
     # ------------------------------------------------------------- callbacks: only store
-    def _on_request(self, message: Twist, who: str) -> None:
-        self._driver.request(who, message.linear.x, message.angular.z, rospy.get_time())
+    def _on_request(self, message: Twist, source: str) -> None:
+        self._arbiter.request(source, message.linear.x, message.angular.z, rospy.get_time())
 
     def _on_command(self, message: Any) -> None:
         name = message._connection_header.get("callerid", "somebody")
         if name != rospy.get_name():
-            self._driver.gate.note_other_publisher(name, rospy.get_time())
+            self._arbiter.gate.record_other_publisher(name, rospy.get_time())
 
     def _on_state(self, message: InteractionState) -> None:
-        self._driver.set_state(
+        self._arbiter.set_state(
             message.state,
             message.interaction_id,
             message.entered.to_sec(),
             message.header.stamp.to_sec(),
             message.stopped,
         )
-        self._remember()
+        self._write_stop_file()
 
     def _on_stop(self, message: Bool) -> None:
-        self._driver.set_stop(message.data, rospy.get_time())
-        self._remember()
+        self._arbiter.set_stop(message.data, rospy.get_time())
+        self._write_stop_file()
 
-    def _remember(self) -> None:
+    def _write_stop_file(self) -> None:
         """Brings the file up to date; called in the callbacks, so that a slow disk does not keep the wheels waiting."""
-        with self._remembering:
-            stopped = self._driver.stopped
-            if self._stop_file is None or stopped == self._remembered:
+        with self._writing:
+            stopped = self._arbiter.stopped
+            if self._stop_file is None or stopped == self._stop_written:
                 return
             try:
                 if stopped:
                     write_atomically(self._stop_file, b"")
                 else:
                     self._stop_file.unlink(missing_ok=True)
-                self._remembered = stopped
+                self._stop_written = stopped
             except (CodedError, OSError) as error:
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: whether it is stopped is not remembered: {error}")
 
@@ -239,17 +245,17 @@ class RobotDriverNode:
             self._profile.radius,
             self._profile.scanner.zero_is_nothing,
         )
-        self._driver.gate.set_scan(scan, message.header.stamp.to_sec())
+        self._arbiter.gate.set_scan(scan, message.header.stamp.to_sec())
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
-        self._driver.gate.contacts[contact.topic] = int(getattr(message, contact.field)) == contact.alarm
+        self._arbiter.gate.contacts[contact.topic] = int(getattr(message, contact.field)) == contact.alarm
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        self._driver.goal_active = any(entry.status in RUNNING for entry in message.status_list)
+        self._arbiter.goal_active = any(entry.status in RUNNING for entry in message.status_list)
 
     def _on_plan(self, message: Path) -> None:
         if message.header.frame_id.lstrip("/") == names.MAP_FRAME:
-            self._driver.set_path(array_from_points([entry.pose.position for entry in message.poses]))
+            self._arbiter.set_path(array_from_points([entry.pose.position for entry in message.poses]))
         if self._plans is None:
             return
         marker = Marker(header=message.header, ns=self._params.robot, type=Marker.LINE_STRIP)
@@ -267,7 +273,7 @@ class RobotDriverNode:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
             return
         if which == "speed":
-            self._driver.gate.speed_limits = SpeedLimits(grid)
+            self._arbiter.gate.speed_limits = SpeedLimits(grid)
             return
         with self._lock:
             self._maps[which] = grid
@@ -276,7 +282,7 @@ class RobotDriverNode:
     def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
         with self._lock:
             if self._uncertainty.add(np.reshape(message.pose.covariance, (6, 6))[:2, :2]):
-                rospy.loginfo("%s: keeps off borders by %.3f m more", rospy.get_name(), self._uncertainty.metres)
+                rospy.loginfo("%s: keeps off borders by %.3f m more", rospy.get_name(), self._uncertainty.meters)
                 self._use_maps()
 
     def _use_maps(self) -> None:
@@ -286,9 +292,9 @@ class RobotDriverNode:
                 self._maps.get("physical"),
                 self._profile.radius,
                 self._borders,
-                self._uncertainty.metres,
+                self._uncertainty.meters,
             )
-            self._driver.set_maps(workspace)
+            self._arbiter.set_maps(workspace)
             self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
@@ -302,14 +308,14 @@ class RobotDriverNode:
             for border in message.borders
             if border.enabled and len(border.points) and (not border.robots or self._params.robot in border.robots)
         ]
-        if self._driver.gate.workspace is not None:
-            self._driver.gate.workspace.known = self._borders
+        if self._arbiter.gate.workspace is not None:
+            self._arbiter.gate.workspace.known = self._borders
 
     def _on_goal(self, message: MoveBaseActionGoal) -> None:
-        target, workspace = message.goal.target_pose, self._driver.gate.workspace
+        target, workspace = message.goal.target_pose, self._arbiter.gate.workspace
         if target.header.frame_id.lstrip("/") != names.MAP_FRAME or workspace is None:
             return
-        x, y, _ = pose_to_2d(target.pose)
+        x, y, _ = pose2d_from_message(target.pose)
         if workspace.contact_at((x, y)) is not BorderContact.FREE and workspace.is_lethal((x, y)):
             name = _quoted(workspace.name_at((x, y)))
             self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=name)
@@ -319,33 +325,33 @@ class RobotDriverNode:
     def _run(self) -> None:
         # a robot must also stop when simulated time does
         last, moved = rospy.Time(0), time.monotonic()
-        while self._beat.take() is not None and not rospy.is_shutdown():
+        while self._timer.take() is not None and not rospy.is_shutdown():
             now = rospy.Time.now()
             try:
                 if now != last:
                     last, moved = now, time.monotonic()
-                self._driver.gate.clock_age = time.monotonic() - moved
+                self._arbiter.gate.clock_age = time.monotonic() - moved
                 self._locate()
-                self._obey(self._driver.step(now.to_sec()), now)
+                self._execute(self._arbiter.step(now.to_sec()), now)
             except rospy.ROSException:
                 if not rospy.is_shutdown():
                     raise
             except Exception:
                 # whatever fails here, the robot must not keep its last command, and the next step may succeed
-                self._obey(self._driver.halt("internal_error"), now)
+                self._execute(self._arbiter.halt("internal_error"), now)
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
 
     def _locate(self) -> None:
         # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
         T = self._lookup(names.MAP_FRAME, self._base, stamp)
-        self._driver.gate.set_pose(
-            geometry.transform_pose2d(T) if T is not None else None,
+        self._arbiter.gate.set_pose(
+            geometry.pose2d_from_transform(T) if T is not None else None,
             stamp.to_sec(),
             self._transforms.newest(names.MAP_FRAME, self._odom).to_sec(),
         )
 
-    def _obey(self, command: Command, now: rospy.Time) -> None:
+    def _execute(self, command: Command, now: rospy.Time) -> None:
         if command.publish:
             message = Twist()
             message.linear.x, message.angular.z = command.v, command.w
@@ -356,7 +362,7 @@ class RobotDriverNode:
 
     def _lookup(self, target: str, source: str, stamp: rospy.Time) -> Optional[np.ndarray]:
         try:
-            return self._transforms.lookup(target, source, stamp, timeout_s=0.0)
+            return self._transforms.lookup(target, source, stamp, timeout=0.0)
         except CodedError:
             return None
 
@@ -364,14 +370,14 @@ class RobotDriverNode:
     def _report(self, command: Command, now: float) -> None:
         """Publishes who drives, at once when it changes, and what people should know."""
         before, at = self._reported
-        changed = (command.driver, command.code) != (before.driver, before.code)
+        changed = (command.source, command.code) != (before.source, before.code)
         if not changed and 0.0 <= now - at < STATE_PERIOD:
             return
         self._reported = (command, now)
         code = f"robot_{command.code}"
         message = DriverState(
             robot=self._params.robot,
-            driver=command.driver,
+            source=command.source,
             code=command.code,
             speed=command.v,
             turn_rate=command.w,
@@ -380,32 +386,32 @@ class RobotDriverNode:
         message.header.stamp = rospy.Time.from_sec(now)
         self._states.publish(message)
         if changed:
-            rospy.loginfo("%s: %s: %s", rospy.get_name(), command.driver, command.code)
+            rospy.loginfo("%s: %s: %s", rospy.get_name(), command.source, command.code)
         self._notices.set(self._list_notices(command, now))
 
     def _list_notices(self, command: Command, now: float) -> List[Notice]:
         found = []
-        contact, name, lethal = self._driver.gate.border_contact(now)
+        contact, name, lethal = self._arbiter.gate.border_contact(now)
         if contact is not BorderContact.FREE:
             inside = contact is BorderContact.INSIDE
             code = "robot_inside_border" if inside else "robot_touches_border"
             severity = Severity.ERROR if inside and lethal else Severity.WARNING
             found.append(self._notice(code, severity, border=_quoted(name)))
-            if command.driver == EXIT_BORDER:
-                found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(name)))
-            elif self._driver.exit.failed:
-                reason = f"$robot_{self._driver.exit.failed}"
-                found.append(self._notice("robot_cannot_leave", Severity.WARNING, border=_quoted(name), reason=reason))
+            if command.source == EXIT_BORDER:
+                found.append(self._notice("robot_exits_border", Severity.INFO, border=_quoted(name)))
+            elif self._arbiter.exit.failed:
+                reason = f"$robot_{self._arbiter.exit.failed}"
+                found.append(self._notice("robot_cannot_exit", Severity.WARNING, border=_quoted(name), reason=reason))
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
-        self._held_since = {command.code: self._held_since.get(command.code, now)}
-        held = now - self._held_since[command.code] >= MIN_HOLD
-        if held and self._driver.stopped and not self._remembered and self._stop_file is not None:
+        self._stopped_since = {command.code: self._stopped_since.get(command.code, now)}
+        held = now - self._stopped_since[command.code] >= MIN_STOP
+        if held and self._arbiter.stopped and not self._stop_written and self._stop_file is not None:
             found.append(self._notice("stop_not_remembered", Severity.WARNING))
-        if command.code in HOLDS and (held or command.driver == STOP):
+        if command.code in STOP_CODES and (held or command.source == STOP):
             severity = Severity.INFO if command.code in ("obstacle", "border") else Severity.WARNING
-            code = "robot_inside_border_held" if command.code == "inside_border" else f"robot_{command.code}"
-            found.append(self._notice(code, severity, others=self._driver.gate.other_publishers))
+            code = "robot_stopped_inside_border" if command.code == "inside_border" else f"robot_{command.code}"
+            found.append(self._notice(code, severity, others=self._arbiter.gate.other_publishers))
         if self._bad_goal is not None and now < self._bad_goal_until:
             found.append(self._bad_goal)
         return found

@@ -16,7 +16,7 @@ from vb_core import names
 from vb_core.parameters import Parameters, param
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros import node, parameters
-from vb_core.ros.messages import transform_message
+from vb_core.ros.messages import message_from_transform
 from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.cameras.camera_node import CameraNode
 from vb_sim.cameras.ceiling_view import CeilingView
@@ -79,7 +79,7 @@ class CeilingCamerasNode(CameraNode):
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._broadcaster.sendTransform(
             [
-                transform_message(calibrated_pose(camera, optics, seed), names.MAP_FRAME, frame, rospy.Time.now())
+                message_from_transform(calibrated_pose(camera, optics, seed), names.MAP_FRAME, frame, rospy.Time.now())
                 for camera, frame in zip(cameras, self._frames)
             ]
         )

@@ -9,7 +9,7 @@ from typing import Any, Dict, List, Optional, Tuple
 import numpy as np
 
 from vb_sim.room.floor_plan import physical_map
-from vb_sim.robot.motion_models import LocalisationModel, RobotModel, ScanModel
+from vb_sim.robot.motion_models import LocalizationModel, RobotModel, ScanModel
 from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody
 from vb_sim.room.world import World
@@ -37,7 +37,7 @@ class Lab:
         self,
         world: World,
         robot: RobotModel = RobotModel(),
-        localisation: LocalisationModel = LocalisationModel(),
+        localization: LocalizationModel = LocalizationModel(),
         scan: ScanModel = ScanModel(),
         seed: int = 0,
     ) -> None:
@@ -48,7 +48,7 @@ class Lab:
         self._scan_rng = np.random.default_rng(sequence[-1])
         self.robots: List[RobotBody] = [
             RobotBody(
-                item.start_pose(), item.radius, robot, localisation, self.field.clearance, np.random.default_rng(child)
+                item.start_pose(), item.radius, robot, localization, self.field.clearance, np.random.default_rng(child)
             )
             for item, child in zip(world.robots, sequence)
         ]
@@ -92,8 +92,8 @@ class Lab:
         participant = self.participant()
         if participant.present:
             discs.append((participant.pose[:2], model.person_radius))
-        for centre, radius in discs:
-            ranges = np.minimum(ranges, cast_disc((x, y), angles + yaw, centre, radius))
+        for center, radius in discs:
+            ranges = np.minimum(ranges, cast_disc((x, y), angles + yaw, center, radius))
         ranges = ranges + model.range_sigma * self._scan_rng.standard_normal(beams)
         ranges[ranges > model.range_max] = np.inf
         ranges[ranges < self.range_min(index)] = -np.inf

@@ -14,9 +14,9 @@ from vb_sim.room.disturbances import SceneConditions
 Pose2 = Tuple[float, float, float]
 Point2 = Tuple[float, float]
 
-# a spot that is further away a moment later was moved with the beam off, not swept over the floor
-_JUMP_M = 0.4
-_AHEAD_S = 0.03  # how far motion is extrapolated beyond the newest snapshot
+# [m] a spot that is further away a moment later was moved with the beam off, not swept over the floor
+_MAX_JUMP = 0.4
+_AHEAD = 0.03  # [s] how far motion is extrapolated beyond the newest snapshot
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class History:
         if interval > self._stale_s:
             # the node that describes the scene was away: nothing moved steadily in between
             return replace(second if stamp >= second.stamp else first, stamp=stamp)
-        at = min(max(stamp, first.stamp), second.stamp + _AHEAD_S)
+        at = min(max(stamp, first.stamp), second.stamp + _AHEAD)
         return _between(first, second, (at - first.stamp) / interval, interval, stamp)
 
 
@@ -90,7 +90,7 @@ def _between(a: Snapshot, b: Snapshot, share: float, interval: float, stamp: flo
     laser, velocity = nearest.laser, (0.0, 0.0)
     if a.laser is not None and b.laser is not None:
         dx, dy = b.laser[0] - a.laser[0], b.laser[1] - a.laser[1]
-        if math.hypot(dx, dy) < _JUMP_M:
+        if math.hypot(dx, dy) < _MAX_JUMP:
             laser = (a.laser[0] + share * dx, a.laser[1] + share * dy)
             velocity = (dx / interval, dy / interval)
     return Snapshot(stamp, robots, laser, nearest.laser_color, velocity, person, nearest.around)

@@ -29,7 +29,7 @@ from vb_msgs.msg import LabState, ParticipantState
 from vb_sim.lab import Lab, Participant
 from vb_sim.lab_messages import models_file
 from vb_sim.room.models import load_models, read_section
-from vb_sim.robot.motion_models import LocalisationModel, RobotModel, ScanModel
+from vb_sim.robot.motion_models import LocalizationModel, RobotModel, ScanModel
 from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
 from vb_sim.checkpoint_file import CheckpointFile
 from vb_sim.room.world import Robot, load_world
@@ -46,7 +46,7 @@ class LabSimulatorParams(Parameters):
 
     world: str = param("")
     models: str = param("")
-    state_folder: str = param("")
+    state_dir: str = param("")
     seed: int = param(1, "", low=0)
     rate: float = param(50.0, "1/s", low=10.0, high=200.0)
     pose_divisor: int = param(2, "steps", low=1)
@@ -54,7 +54,7 @@ class LabSimulatorParams(Parameters):
     amcl_divisor: int = param(25, "steps", low=1)
     checkpoint_divisor: int = param(10, "steps", low=1)
     transform_tolerance: float = param(0.1, "s", low=0.0, high=1.0)
-    localises: bool = param(True, doc="false: AMCL does")
+    localizes: bool = param(True, doc="false: AMCL does")
     lockstep: bool = param(False, doc="simulated time waits for navigation, driver and AMCL")
 
 
@@ -98,21 +98,21 @@ class LabSimulatorNode:
     Services:
         ~reset (std_srvs/Trigger): puts every robot back to its start
     Parameters: see `LabSimulatorParams` and config/lab_simulator.yaml. Poses survive the process in a
-        small file in ~state_folder that is tagged with /run_id.
+        small file in ~state_dir that is tagged with /run_id.
     """
 
     def __init__(
         self,
         lab: Lab,
         params: LabSimulatorParams,
-        localisation: LocalisationModel,
+        localization: LocalizationModel,
         simulated_time: bool,
         state: CheckpointFile,
     ) -> None:
         self._lab = lab
         self._params = params
         self._state = state
-        self._sigma = (localisation.position_sigma, localisation.yaw_sigma)
+        self._sigma = (localization.position_sigma, localization.yaw_sigma)
         self._simulated = simulated_time
         self._lock = threading.Lock()
         self._step_ns = int(round(1e9 / params.rate))
@@ -130,7 +130,7 @@ class LabSimulatorNode:
         self._lab_state = rospy.Publisher(names.LAB_STATE, LabState, queue_size=1)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
         self._robots = [RobotConnection(robot) for robot in lab.world.robots]
-        expected = ("navigation", "driver") if params.localises else ("navigation", "driver", "localisation")
+        expected = ("navigation", "driver") if params.localizes else ("navigation", "driver", "localisation")
         self._lockstep = [Lockstep(expected) for _ in self._robots] if params.lockstep else []
         self._static_tf = tf2_ros.StaticTransformBroadcaster()
         self._static_tf.sendTransform([self._laser_mount(connection) for connection in self._robots])
@@ -186,12 +186,12 @@ class LabSimulatorNode:
                 5.0, f"{rospy.get_name()}: initialpose in frame '{message.header.frame_id}' ignored, expected 'map'"
             )
             return
-        pose = messages.pose_to_2d(message.pose.pose)
+        pose = messages.pose2d_from_message(message.pose.pose)
         if not np.isfinite(pose).all():
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: initialpose ignored, it is not finite")
             return
         with self._lock:
-            self._lab.robots[index].relocalise(pose)
+            self._lab.robots[index].relocalize(pose)
 
     def _on_participant(self, message: ParticipantState) -> None:
         laser, person = (message.laser.x, message.laser.y), (message.person.x, message.person.y, message.person.theta)
@@ -253,7 +253,7 @@ class LabSimulatorNode:
             self._publish_poses(now)
         if self._count % self._params.scan_divisor == 1 % self._params.scan_divisor:
             self._publish_scans(now)
-        if self._params.localises and self._count % self._params.amcl_divisor == 0:
+        if self._params.localizes and self._count % self._params.amcl_divisor == 0:
             self._publish_amcl(now)
             self._real_time_factor = self._factor.update(time.monotonic(), self._now_ns * 1e-9)
         if self._count % self._params.checkpoint_divisor == 0:
@@ -300,15 +300,17 @@ class LabSimulatorNode:
         for body, connection in zip(self._lab.robots, self._robots):
             with self._lock:
                 odometry, velocity, correction = body.odometry, body.velocity, body.map_to_odom()
-            base = geometry.pose2d_transform(*odometry)
-            if self._params.localises:
-                transforms.append(messages.transform_message(correction, names.MAP_FRAME, connection.odom_frame, ahead))
-            transforms.append(messages.transform_message(base, connection.odom_frame, connection.base_frame, now))
+            base = geometry.transform_from_pose2d(*odometry)
+            if self._params.localizes:
+                transforms.append(
+                    messages.message_from_transform(correction, names.MAP_FRAME, connection.odom_frame, ahead)
+                )
+            transforms.append(messages.message_from_transform(base, connection.odom_frame, connection.base_frame, now))
             if connection.odom.get_num_connections():
                 message = Odometry()
                 message.header.stamp, message.header.frame_id = now, connection.odom_frame
                 message.child_frame_id = connection.base_frame
-                message.pose.pose = messages.pose_from_2d(*odometry)
+                message.pose.pose = messages.message_from_pose2d(*odometry)
                 message.twist.twist.linear.x, message.twist.twist.angular.z = velocity
                 connection.odom.publish(message)
         self._tf.publish(TFMessage(transforms))
@@ -319,7 +321,7 @@ class LabSimulatorNode:
                 estimate = body.estimate()
             message = PoseWithCovarianceStamped()
             message.header.stamp, message.header.frame_id = now, names.MAP_FRAME
-            message.pose.pose = messages.pose_from_2d(*estimate)
+            message.pose.pose = messages.message_from_pose2d(*estimate)
             covariance = [0.0] * 36
             covariance[0] = covariance[7] = self._sigma[0] ** 2
             covariance[35] = self._sigma[1] ** 2
@@ -344,7 +346,7 @@ class LabSimulatorNode:
 
     def _laser_mount(self, connection: RobotConnection) -> TransformStamped:
         mount = geometry.transform(np.eye(3), (0.0, 0.0, self._lab.scan_model.height))
-        return messages.transform_message(mount, connection.base_frame, connection.laser_frame, rospy.Time(0))
+        return messages.message_from_transform(mount, connection.base_frame, connection.laser_frame, rospy.Time(0))
 
 
 def clock_publisher() -> rospy.Publisher:
@@ -365,14 +367,14 @@ def build() -> LabSimulatorNode:
     params = parameters.read(LabSimulatorParams)
     models = load_models(models_file(params.models))
     robot = read_section(models, "robot", RobotModel)
-    localisation = read_section(models, "localisation", LocalisationModel)
+    localization = read_section(models, "localisation", LocalizationModel)
     scan = read_section(models, "scan", ScanModel)
-    lab = Lab(load_world(params.world), robot, localisation, scan, params.seed)
-    folder = os.path.expanduser(params.state_folder) or os.path.join(rospkg.get_ros_home(), "vb_sim")
+    lab = Lab(load_world(params.world), robot, localization, scan, params.seed)
+    folder = os.path.expanduser(params.state_dir) or os.path.join(rospkg.get_ros_home(), "vb_sim")
     run: Optional[object] = rospy.get_param("/run_id", "none")
     state = CheckpointFile(folder, "lab", str(run))
     state.forget_others()
-    return LabSimulatorNode(lab, params, localisation, bool(rospy.get_param("/use_sim_time", False)), state)
+    return LabSimulatorNode(lab, params, localization, bool(rospy.get_param("/use_sim_time", False)), state)
 
 
 def main() -> None:

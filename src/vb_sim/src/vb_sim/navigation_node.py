@@ -154,7 +154,9 @@ class NavigationNode:
             self._obstacles = geometry.apply(self._mount, points)[:, :2]
 
     def _pose(self) -> Pose:
-        return geometry.transform_pose2d(self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), 0.5))
+        return geometry.pose2d_from_transform(
+            self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), 0.5)
+        )
 
     def _in_map(self, pose: PoseStamped) -> Pose:
         """A pose in the map frame.
@@ -164,13 +166,15 @@ class NavigationNode:
         """
         frame = pose.header.frame_id.lstrip("/")
         q = pose.pose.orientation
-        x, y, yaw = messages.pose_to_2d(pose.pose)
+        x, y, yaw = messages.pose2d_from_message(pose.pose)
         if not np.isfinite([x, y, yaw]).all() or abs(q.x**2 + q.y**2 + q.z**2 + q.w**2 - 1.0) > 0.1:
             raise CodedError("bad_goal", "the goal's pose is not finite or its quaternion is not of length 1")
         if frame == names.MAP_FRAME:
             return x, y, yaw
-        placed = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0)) @ geometry.pose2d_transform(x, y, yaw)
-        return geometry.transform_pose2d(placed)
+        placed = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0)) @ geometry.transform_from_pose2d(
+            x, y, yaw
+        )
+        return geometry.pose2d_from_transform(placed)
 
     # ------------------------------------------------------------ services and the simple topic
     def _on_make_plan(self, request: GetPlan) -> GetPlanResponse:
@@ -278,7 +282,7 @@ class NavigationNode:
         feedback = MoveBaseFeedback()
         feedback.base_position.header.stamp = rospy.Time.now()
         feedback.base_position.header.frame_id = names.MAP_FRAME
-        feedback.base_position.pose = messages.pose_from_2d(*pose)
+        feedback.base_position.pose = messages.message_from_pose2d(*pose)
         self._server.publish_feedback(feedback)
 
     @staticmethod
@@ -297,7 +301,7 @@ def path_message(path: np.ndarray, goal_yaw: float) -> Path:
     yaws = np.concatenate([np.arctan2(steps[:, 1], steps[:, 0]), [goal_yaw]])
     for (x, y), yaw in zip(path, yaws):
         pose = PoseStamped(header=message.header)
-        pose.pose = messages.pose_from_2d(x, y, yaw)
+        pose.pose = messages.message_from_pose2d(x, y, yaw)
         message.poses.append(pose)
     return message
 

@@ -44,21 +44,21 @@ class Lockstep:
     """Lets simulated time wait for the nodes that drive a robot, so that a busy computer never makes them late.
 
     While all of them arrive, each must arrive once in every step that ends with `wait`. One that is silent for
-    `patience` has nothing to do: it is not waited for until it arrives again.
+    `timeout` has nothing to do: it is not waited for until it arrives again.
 
     Args:
         expected: who they are.
-        patience: [s] of wall time.
+        timeout: [s] of wall time.
     """
 
-    def __init__(self, expected: Tuple[str, ...], patience: float = 1.0) -> None:
-        self._expected, self._patience = set(expected), patience
+    def __init__(self, expected: Tuple[str, ...], timeout: float = 1.0) -> None:
+        self._expected, self._timeout = set(expected), timeout
         self._arrived: Set[str] = set()
         self._active = False
         self._condition = threading.Condition()
 
     def arrive(self, who: str) -> None:
-        """Notes that a node has sent a command; from any thread."""
+        """Records that a node has sent a command; from any thread."""
         with self._condition:
             self._arrived.add(who)
             self._condition.notify_all()
@@ -67,7 +67,7 @@ class Lockstep:
         """Ends a step: waits until all have arrived in it."""
         with self._condition:
             if self._active:
-                self._condition.wait_for(lambda: self._arrived >= self._expected, self._patience)
+                self._condition.wait_for(lambda: self._arrived >= self._expected, self._timeout)
             self._active = self._arrived >= self._expected
             self._arrived.clear()
 

@@ -92,15 +92,15 @@ class ParticipantNode:
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=10)
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
         rospy.Service("~start", Trigger, self._on_start)
-        node.await_input(
+        node.watch_input(
             f"the lab's state on {names.LAB_STATE}: is lab_simulator running?",
             lambda: self._lab_states.received > 0,
-            node.GIVE_UP_AFTER_S,
+            node.INPUT_TIMEOUT,
         )
-        node.await_input(
+        node.watch_input(
             f"the interaction's state on {names.STATE}: is interaction_manager running?",
             lambda: self._sees_state,
-            node.GIVE_UP_AFTER_S,
+            node.INPUT_TIMEOUT,
         )
 
     def close(self) -> None:
@@ -127,7 +127,7 @@ class ParticipantNode:
     def _on_spot(self, message: LaserSpot) -> None:
         seen = (message.position.x, message.position.y)
         with self._lock:
-            self._percept.note_spot(self._spot, message.header.stamp.to_sec(), seen, message.mobile)
+            self._percept.record_spot(self._spot, message.header.stamp.to_sec(), seen, message.mobile)
 
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:

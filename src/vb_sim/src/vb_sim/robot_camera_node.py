@@ -14,7 +14,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from vb_core.parameters import Parameters, param
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros import node, parameters
-from vb_core.ros.messages import transform_message
+from vb_core.ros.messages import message_from_transform
 from vb_sim.cameras.camera_node import CameraNode
 from vb_sim.room.floor_texture import render_floor
 from vb_sim.lab_history import Snapshot
@@ -81,7 +81,7 @@ class RobotCameraNode(CameraNode):
         self._depth_info_message = info_from_camera(self._view.depth_model, rospy.Time(), frame)
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._broadcaster.sendTransform(
-            transform_message(robot.camera_mount(), f"{tf_prefix}base_link", frame, rospy.Time.now())
+            message_from_transform(robot.camera_mount(), f"{tf_prefix}base_link", frame, rospy.Time.now())
         )
         self._start()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Dict, List, Mapping, Sequence
 
 from vb_core.errors import ParameterError
-from vb_voice_wizard.interaction import COMMANDS, State, normalise
+from vb_voice_wizard.interaction import COMMANDS, State, normalize
 
 STATES = tuple(state.name.lower() for state in State)
 
@@ -49,7 +49,7 @@ def _read(key: str, mapping: object) -> Dict[int, str]:
         raise ParameterError(key, f"expected commands with their buttons, got {mapping!r}")
     result: Dict[int, str] = {}
     for name, given in mapping.items():
-        command = normalise(str(name))
+        command = normalize(str(name))
         if command not in COMMANDS:
             raise ParameterError(f"{key}/{name}", f"unknown command; known are {', '.join(COMMANDS)}")
         for button in given if isinstance(given, (list, tuple)) else [given]:

@@ -15,10 +15,10 @@ from vb_core.ros import commands
 from vb_core.ros.messages import BorderPreviewArray, mapping_from_values
 from vb_msgs.msg import BorderIssue
 
-from vb_voice_wizard.interaction import COMMANDS, normalise
+from vb_voice_wizard.interaction import COMMANDS, normalize
 
 DONE, REFUSED, UNREACHABLE = 0, 1, 3
-_PREVIEW_TIMEOUT_S = 10.0  # the preview is there: only the connection may take its time
+_PREVIEW_TIMEOUT = 10.0  # [s] the preview is there: only the connection may take its time
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
@@ -32,7 +32,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
         description="Gives a command to the interaction and prints the answer.",
         epilog="Exit status: 0 done, 1 refused, 2 wrong call, 3 the interaction manager or the ROS master is away.",
     )
-    parser.add_argument("command", type=normalise, choices=COMMANDS)
+    parser.add_argument("command", type=normalize, choices=COMMANDS)
     parser.add_argument("--source", default="shell", help="who says so, for the record (default: shell)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="of the answer")
     parser.add_argument("--wait", type=float, default=2.0, help="[s] how long to wait for the interaction manager")
@@ -46,10 +46,12 @@ def run(arguments: Optional[List[str]] = None) -> int:
     while rospy.get_rostime().is_zero() and waited < 1.0:
         rospy.rostime.wallsleep(0.02)
         waited += 0.02
-    wait_s = max(0.1, chosen.wait)
+    service_timeout = max(0.1, chosen.wait)
     try:
         # longer than the manager's own waits for its services, so that its answer arrives
-        answer = commands.send(commands.make_request(chosen.command, chosen.source, wait_s + 15.0), wait_s, 15.0)
+        answer = commands.send(
+            commands.make_request(chosen.command, chosen.source, service_timeout + 15.0), service_timeout, 15.0
+        )
     except CodedError as error:
         print(f"{sentences.translate(error.code, error.values, chosen.language)} [{error.code}]", file=sys.stderr)
         return UNREACHABLE
@@ -65,7 +67,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
 def _issues() -> List[BorderIssue]:
     """What is to be minded before saving, as the preview says."""
     try:
-        return rospy.wait_for_message(names.PREVIEW, BorderPreviewArray, timeout=_PREVIEW_TIMEOUT_S).issues
+        return rospy.wait_for_message(names.PREVIEW, BorderPreviewArray, timeout=_PREVIEW_TIMEOUT).issues
     except rospy.ROSException:
         return []
 

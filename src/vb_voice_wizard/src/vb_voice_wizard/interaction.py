@@ -72,12 +72,12 @@ class InteractionParams(Parameters):
 
     robot: bool = param(True)
     confirm_save: str = param(UNCERTAIN, choices=(NEVER, UNCERTAIN, ALWAYS))
-    idle_limit: float = param(300.0, "s", low=1.0, high=86400.0)
+    idle_timeout: float = param(300.0, "s", low=1.0, high=86400.0)
     idle_warning: float = param(60.0, "s", low=1.0, high=3600.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require_order("idle_warning", "idle_limit")
+        self.require_order("idle_warning", "idle_timeout")
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class Record:
     sources: Tuple[str, ...]
 
 
-def normalise(text: str) -> str:
+def normalize(text: str) -> str:
     """Converts a command as people write it ("Define border") to its name ("define_border")."""
     return "_".join(text.replace("-", " ").replace("_", " ").lower().split())
 
@@ -202,7 +202,7 @@ class Interaction:
             doubtful_border: whether the preview of what would be saved has issues.
         """
         self.advance(now)
-        name = normalise(name)
+        name = normalize(name)
         if name == STOP:
             return self._stop(source, now)
         if self.pending and name != RESUME:
@@ -236,8 +236,8 @@ class Interaction:
     def expired(self, name: str, source: str, now: float) -> Answer:
         """Refuses a command that arrived too late; only the person who gave it is told."""
         self.advance(now)
-        answer = Answer(False, "expired", {"command": spoken_form(normalise(name))})
-        return answer if self.pending else self._answered(normalise(name), source, answer)
+        answer = Answer(False, "expired", {"command": spoken_form(normalize(name))})
+        return answer if self.pending else self._answered(normalize(name), source, answer)
 
     def finish_save(self, border_id: str, now: float) -> Answer:
         """Ends the interaction and its clock: the map has taken the border."""
@@ -301,7 +301,7 @@ class Interaction:
 
     def _cancel(self, source: str, now: float) -> Answer:
         if self.state == State.DEFAULT:
-            return self._answered(CANCEL, source, Answer(True, "nothing_under_way"))
+            return self._answered(CANCEL, source, Answer(True, "nothing_to_cancel"))
         # the border that was sent may be in the map after all: only the map integrator knows
         lost = self.unanswered_save
         self._end(UNANSWERED if lost else CANCELLED, "", now)
@@ -389,7 +389,7 @@ class Interaction:
         """[s] when the interaction ends by itself if nothing happens; 0: not soon, or there is none."""
         if self.state == State.DEFAULT or self.pending:
             return 0.0
-        ends = self._active + self._params.idle_limit
+        ends = self._active + self._params.idle_timeout
         return ends if self._counted_until >= ends - self._params.idle_warning else 0.0
 
     def end_if_idle(self, now: float) -> bool:
@@ -397,7 +397,7 @@ class Interaction:
         self.advance(now)
         if not self.ends_at or now < self.ends_at:
             return False
-        idle = self._params.idle_limit
+        idle = self._params.idle_timeout
         self._end(UNANSWERED if self.unanswered_save else ABANDONED, "", now)
         minutes = f"{idle / 60.0:g}"
         self._answered(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))

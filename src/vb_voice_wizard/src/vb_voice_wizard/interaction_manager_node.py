@@ -31,7 +31,7 @@ from vb_voice_wizard.interaction import (
     Interaction,
     InteractionParams,
     State,
-    normalise,
+    normalize,
 )
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
 from vb_voice_wizard.dialogue.answer_cache import AnswerCache
@@ -49,8 +49,8 @@ class ManagerParams(InteractionParams):
     state_file: str = param("~/.ros/virtual_borders/interaction_state.json")
     method: str = param("nrs")
     occupancy: float = param(1.0, "", low=0.0, high=1.0)
-    service_wait: float = param(2.0, "s", above=0.0, high=10.0)
-    service_answer: float = param(5.0, "s", above=0.0, high=60.0)
+    service_timeout: float = param(2.0, "s", above=0.0, high=10.0)
+    response_timeout: float = param(5.0, "s", above=0.0, high=60.0)
 
 
 class InteractionManagerNode:
@@ -68,7 +68,7 @@ class InteractionManagerNode:
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
         /virtual_borders/stop (std_msgs/Bool): on `stop` and `resume`, before anything else; not latched, the state has it too.
-        /virtual_borders/notices (vb_msgs/NoticeArray): stopped, stop_memory_lost, interaction_ends_soon, no_spot_seen.
+        /virtual_borders/notices (vb_msgs/NoticeArray): stopped, stop_memory_lost, interaction_ends_soon, spot_not_seen_check_laser.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
             border and seed, and again when they, the map or the borders in it change.
 
@@ -97,23 +97,23 @@ class InteractionManagerNode:
         self._lock = threading.Lock()
         self._interaction = Interaction(params)
         # a save calls two services, undo calls one three times
-        self._patience_s = 3.0 * (params.service_wait + params.service_answer)
-        self._answer_cache = AnswerCache(self._patience_s)
+        self._timeout = 3.0 * (params.service_timeout + params.response_timeout)
+        self._answer_cache = AnswerCache(self._timeout)
         self._memory_lost = False
         self._cameras: List[str] = []
         self._cameras_of = ""
         self._recall()
 
         told = NoticeListener().current
-        self._services = BorderServices(params.occupancy, params.service_wait, params.service_answer, told)
+        self._services = BorderServices(params.occupancy, params.service_timeout, params.response_timeout, told)
         self._preview = Previewer(self._services, told)
         self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10)  # not latched: an old word must never come again
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
         with self._lock:
             self._publish()
-        self._beat = node.WakeTimer(_REPEATED_AFTER)
-        node.Worker(self._beat, lambda _woken: self._on_beat())
+        self._timer = node.WakeTimer(_REPEATED_AFTER)
+        node.Worker(self._timer, lambda _woken: self._on_beat())
         rospy.Subscriber(names.STOP, Bool, self._on_stop, queue_size=10)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
@@ -121,7 +121,7 @@ class InteractionManagerNode:
 
     def close(self) -> None:
         """Ends the workers."""
-        self._beat.close()
+        self._timer.close()
         self._preview.close()
 
     # ------------------------------------------------------------------ inputs
@@ -165,7 +165,7 @@ class InteractionManagerNode:
 
     # ------------------------------------------------------------------ commands
     def _handle(self, order: CommandRequest) -> Answer:
-        command = normalise(order.command)
+        command = normalize(order.command)
         if command == STOP:
             # robots do not wait for locks, files or answers
             self._stop.publish(True)
@@ -286,7 +286,7 @@ class InteractionManagerNode:
             remembered = self._state_file.read()
             if remembered is not None:
                 self._interaction = Interaction.from_mapping(remembered.get("interaction"), self._params)
-                self._answer_cache = AnswerCache(self._patience_s, remembered.get("answers") or ())
+                self._answer_cache = AnswerCache(self._timeout, remembered.get("answers") or ())
         except (CodedError, TypeError, ValueError) as error:
             rospy.logwarn("interaction_manager: starting again: %s", error)
         self._interaction.stopped, self._interaction.stopped_by = stopped, stopped_by
@@ -352,7 +352,7 @@ class InteractionManagerNode:
         if self._interaction.ends_at:
             said.append(Notice("interaction_ends_soon", Severity.WARNING))
         if self._interaction.unseen:
-            said.append(Notice("no_spot_seen", Severity.WARNING))
+            said.append(Notice("spot_not_seen_check_laser", Severity.WARNING))
         return said
 
 
@@ -364,10 +364,10 @@ def _what_changed(command: str, before: Mapping[str, VirtualBorder], after: Mapp
     both = [key for key in before if key in after]
     switched = [key for key in both if before[key].enabled != after[key].enabled]
     found = {
-        "border_gone": [border for key, border in before.items() if key not in after],
-        "border_back": [border for key, border in after.items() if key not in before],
-        "border_on": [after[key] for key in switched if after[key].enabled],
-        "border_off": [after[key] for key in switched if not after[key].enabled],
+        "border_removed": [border for key, border in before.items() if key not in after],
+        "border_restored": [border for key, border in after.items() if key not in before],
+        "border_enabled": [after[key] for key in switched if after[key].enabled],
+        "border_disabled": [after[key] for key in switched if not after[key].enabled],
         "border_changed" if command == UNDO else "border_changed_again": [
             after[key] for key in both if key not in switched and _drawn(before[key]) != _drawn(after[key])
         ],
@@ -391,10 +391,10 @@ def _drawn(border: VirtualBorder) -> Tuple:
     )
 
 
-def _await_clock(limit_s: float = 3.0) -> None:
+def _await_clock(timeout: float = 3.0) -> None:
     """Waits for simulated time, so that a remembered interaction is not counted from zero; not for ever."""
     waited = 0.0
-    while rospy.get_rostime().is_zero() and waited < limit_s and not rospy.is_shutdown():
+    while rospy.get_rostime().is_zero() and waited < timeout and not rospy.is_shutdown():
         rospy.rostime.wallsleep(0.02)
         waited += 0.02
 

@@ -35,7 +35,7 @@ PHRASES["stop"].append("stop robot")
 # Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are
 # missed as near misses are taken in the development group (docs/results/voice.md).
 EVEN_LOG_ODDS = -3.7
-_SHORTEST_S = 0.2  # with its padding: less is no word
+_MIN_LENGTH = 0.2  # [s] with its padding: less is no word
 # Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another
 # shows.
 _SPEEDS = (1.0, 0.94, 1.07)
@@ -103,7 +103,7 @@ class CommandRecognizer:
         """What became of one utterance."""
         if utterance.too_long:
             return RecognitionResult(reason="too_long")
-        if len(utterance.pcm) < _SHORTEST_S * SAMPLE_RATE:
+        if len(utterance.pcm) < _MIN_LENGTH * SAMPLE_RATE:
             return RecognitionResult(reason="too_short")
         evidence = np.array([self._model.log_likelihood_ratios(_played(utterance.pcm, speed)) for speed in _SPEEDS])
         odds = np.mean(np.exp(evidence - EVEN_LOG_ODDS), axis=0)

@@ -21,14 +21,14 @@ from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.voice.audio_sources import Microphone, Resampler, arecord, level_db
-from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, Utterance
+from vb_voice_wizard.voice.endpointing import END_SILENCE, Endpointer, Utterance
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult, RecognizerParams
 
 AUDIO = "/virtual_borders/voice/audio"
 
-_LEVEL_S = 0.25  # [s] wall time between two levels
+_LEVEL_PERIOD = 0.25  # [s] wall time between two levels
 _NEAR = 0.2  # confidence from which a rejected utterance gets the refusal sound: say it again
-_DEAF_S = 5.0  # [s] without any sound after which people are told
+_DEAF_TIMEOUT = 5.0  # [s] without any sound after which people are told
 _DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has its own noise; this is its least significant bit
 
 
@@ -51,9 +51,9 @@ class VoiceParams(Parameters):
             "recognized": 0.1,
         }
     )
-    mute_after: float = param(0.25, "s", low=0.0, high=2.0)
-    repeat_after: float = param(0.5, "s", low=0.0, high=10.0)
-    service_answer: float = param(12.0, "s", above=0.0, high=60.0)
+    mute_margin: float = param(0.25, "s", low=0.0, high=2.0)
+    min_repeat_interval: float = param(0.5, "s", low=0.0, high=10.0)
+    response_timeout: float = param(12.0, "s", above=0.0, high=60.0)
 
 
 class VoiceCommandsNode:
@@ -102,11 +102,13 @@ class VoiceCommandsNode:
         self._heard_at = time.monotonic()
         self._level = rospy.Publisher(names.VOICE_LEVEL, Float32, queue_size=2)
         self._notices = NoticePublisher()
-        self._watch = node.WakeTimer(_LEVEL_S)
+        self._watch = node.WakeTimer(_LEVEL_PERIOD)
         self._heard = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # a command's answer may take seconds; listening goes on meanwhile
-        self._orders = commands.CommandSender("voice", self._on_answer, answer_s=params.service_answer, size=4)
+        self._orders = commands.CommandSender(
+            "voice", self._on_answer, response_timeout=params.response_timeout, size=4
+        )
         node.Worker(self._sound, self._listen)
         node.Worker(self._watch, lambda _woken: self._on_watch())
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
@@ -156,7 +158,7 @@ class VoiceCommandsNode:
         missing = []
         if self._trouble:
             missing = [Notice("microphone_missing", Severity.WARNING, values={"why": self._trouble})]
-        elif now - self._heard_at > _DEAF_S:
+        elif now - self._heard_at > _DEAF_TIMEOUT:
             missing = [Notice("microphone_silent", Severity.WARNING)]
         self._notices.set(missing)
 
@@ -172,7 +174,7 @@ class VoiceCommandsNode:
         duration = self._durations.get(message.name, 0.0)
         if duration > 0.0:
             with self._mute_lock:
-                self._muted_until = max(self._muted_until, time.monotonic() + duration + self._params.mute_after)
+                self._muted_until = max(self._muted_until, time.monotonic() + duration + self._params.mute_margin)
 
     def _muted(self, when: float) -> bool:
         with self._mute_lock:
@@ -196,9 +198,13 @@ class VoiceCommandsNode:
         if issue.command and self._muted(time.monotonic()):
             issue = issue.refused("muted")
         now = time.monotonic()
-        if issue.command and issue.command == self._last_command and now - self._last_time < self._params.repeat_after:
+        if (
+            issue.command
+            and issue.command == self._last_command
+            and now - self._last_time < self._params.min_repeat_interval
+        ):
             issue = issue.refused("repeated")
-        silence = 0.0 if utterance.too_long else END_SILENCE_S
+        silence = 0.0 if utterance.too_long else END_SILENCE
         answer_s = now - when + silence
         if not issue.command:
             if issue.reason == "unlike_a_command" and issue.confidence >= _NEAR:

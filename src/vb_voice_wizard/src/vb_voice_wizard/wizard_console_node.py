@@ -31,10 +31,10 @@ from vb_voice_wizard.console import view as console_view
 from vb_voice_wizard.console.keys import COMMAND_KEYS, QUIT_KEY, KeyReader
 from vb_voice_wizard.console.view import BAD, GOOD, NOTE, ConsoleContent
 
-_PERIOD_S = 0.2  # between two looks at the screen: an operator cannot follow more
-_WATCH_S = 1.0
-_DRIVES_M = 0.03  # [m] a robot that went further since the last look drives
-_SILENT_S = 3.0  # a detector reports once a second, the microphone's level comes four times
+_PERIOD = 0.2  # [s] between two looks at the screen: an operator cannot follow more
+_WATCH_PERIOD = 1.0  # [s]
+_MIN_DRIVEN = 0.03  # [m] a robot that went further since the last look drives
+_SILENCE_TIMEOUT = 3.0  # [s] a detector reports once a second, the microphone's level comes four times
 _MIN_CONFIDENCE_SHOWN = 0.1  # confidence of something spoken that was not understood
 # the nodes to watch, by a service that only they offer
 _WATCHED = (
@@ -90,8 +90,8 @@ class WizardConsoleNode:
             self._add_code(note, NOTE)
         # a socket limit of this process: a master that hangs must not hang the watch for ever
         socket.setdefaulttimeout(5.0)
-        self._orders = commands.CommandSender(source, self._on_answer, answer_s=15.0)
-        node.Worker(node.WakeTimer(_WATCH_S), lambda _woken: self._watch())
+        self._orders = commands.CommandSender(source, self._on_answer, response_timeout=15.0)
+        node.Worker(node.WakeTimer(_WATCH_PERIOD), lambda _woken: self._watch())
 
     # ------------------------------------------------------------------ presence
     def _watch(self) -> None:
@@ -109,10 +109,10 @@ class WizardConsoleNode:
         with self._lock:
             view = self._view
             view.detectors = tuple(
-                (camera, rate if now - heard <= _SILENT_S else 0.0)
+                (camera, rate if now - heard <= _SILENCE_TIMEOUT else 0.0)
                 for camera, (heard, rate) in sorted(self._detectors.items())
             )
-            view.level_db = view.level_db if now - self._level_at <= _SILENT_S else 0.0
+            view.level_db = view.level_db if now - self._level_at <= _SILENCE_TIMEOUT else 0.0
             view.notices = tuple(self._notices.current()) if self._notices is not None else ()
             ends = view.state.ends_at.to_sec() if view.state is not None else 0.0
             view.ends_in_s = max(0.0, ends - rospy.get_time()) if ends else 0.0
@@ -160,7 +160,7 @@ class WizardConsoleNode:
         before, self._robot_at = self._robot_at, at
         text = ""
         if at is not None:
-            drives = before is not None and max(abs(at[0] - before[0]), abs(at[1] - before[1])) > _DRIVES_M
+            drives = before is not None and max(abs(at[0] - before[0]), abs(at[1] - before[1])) > _MIN_DRIVEN
             code = "console_driving" if drives else "console_stopped_at"
             text = self._view.words(code, x=f"{at[0]:.2f}", y=f"{at[1]:.2f}")
         self._view.robot = text
@@ -298,7 +298,7 @@ class WizardConsoleNode:
                     screen = console_view.render(self._view, size.width, size.height)
                 live.update(screen, refresh=True)
             typed = ""
-            if select.select([keyboard], [], [], _PERIOD_S)[0]:
+            if select.select([keyboard], [], [], _PERIOD)[0]:
                 typed = os.read(keyboard, 64).decode("utf-8", "replace")
                 if not typed:
                     return False  # the terminal is gone

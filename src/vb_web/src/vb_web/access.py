@@ -38,7 +38,7 @@ class Role(enum.IntEnum):
     OPERATOR = 2  # commands, changes borders, sees the cameras' images
 
 
-def normalise(code: str) -> str:
+def normalize(code: str) -> str:
     """Drops case, spaces and dashes from a code as typed."""
     return "".join(letter for letter in code.lower() if letter.isalnum())
 
@@ -58,9 +58,9 @@ class AccessCodes:
 
     def role_of(self, code: str) -> Role:
         """Returns the role that a code gives; compares in constant time."""
-        typed = normalise(code).encode("utf-8")
+        typed = normalize(code).encode("utf-8")
         roles = ((self.operator, Role.OPERATOR), (self.viewer, Role.VIEWER))
-        found = [role for known, role in roles if hmac.compare_digest(typed, normalise(known).encode("utf-8"))]
+        found = [role for known, role in roles if hmac.compare_digest(typed, normalize(known).encode("utf-8"))]
         return found[0] if found else Role.NOBODY
 
     def make_cookie(self, role: Role) -> str:
@@ -110,10 +110,10 @@ def load_codes(path: Path) -> AccessCodes:
     if not isinstance(found, dict) or set(found) != set(names) or not all(isinstance(found[n], str) for n in names):
         raise CodedError("page_codes_bad", file=path, reason=f"it needs the texts {', '.join(names)}")
     keys = AccessCodes(**found)
-    if min(len(normalise(keys.viewer)), len(normalise(keys.operator))) < _CODE_LENGTH or len(keys.cookie_key) < 32:
+    if min(len(normalize(keys.viewer)), len(normalize(keys.operator))) < _CODE_LENGTH or len(keys.cookie_key) < 32:
         reason = f"codes need {_CODE_LENGTH} letters or digits at least, the cookie_key 32"
         raise CodedError("page_codes_bad", file=path, reason=reason)
-    if normalise(keys.viewer) == normalise(keys.operator):
+    if normalize(keys.viewer) == normalize(keys.operator):
         raise CodedError("page_codes_bad", file=path, reason="viewer and operator need different codes")
     return keys
 

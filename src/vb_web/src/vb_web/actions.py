@@ -37,12 +37,12 @@ from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_web.requests import Request
 from vb_web.ros_view import apply_draft, issues_section, region_uri
-from vb_web.view import number
+from vb_web.view import rounded
 
 # [s] a command that waited longer than this for a busy manager surprises people: it is not carried out any more
-COMMAND_EXPIRES_S = 5.0
+COMMAND_VALIDITY = 5.0
 # [s] a preview of 16 million cells takes half a second on a busy computer
-_TIMEOUT_S = 20.0
+_TIMEOUT = 20.0
 _INTEGRATOR = "$map_integrator"
 _SENT = {"stop": "page_stop_sent", "resume": "page_resume_sent"}
 _UNREACHED = ("no_service", "no_response")
@@ -95,7 +95,7 @@ class ActionHandler:
             self._stop.publish(Bool(True))
         elif command in ("undo", "redo") and not self._manager_there():
             return self._trigger(names.UNDO if command == "undo" else names.REDO)
-        wanted = make_request(command, source, COMMAND_EXPIRES_S)
+        wanted = make_request(command, source, COMMAND_VALIDITY)
         wanted.id = request.id  # the browser's: a request repeated after the page was restarted is carried out once
         try:
             return _answer(send(wanted))
@@ -114,7 +114,7 @@ class ActionHandler:
         source = self._unheard_stop
         if source and self._manager_there():
             try:
-                send(make_request("stop", source, COMMAND_EXPIRES_S))
+                send(make_request("stop", source, COMMAND_VALIDITY))
             except CodedError:
                 return  # asked again at the next call
             self._unheard_stop = ""
@@ -141,10 +141,12 @@ class ActionHandler:
         known = request.values["border"]
         border = apply_draft(request.values["draft"], self._stored(known) if known else VirtualBorder(enabled=True))
         wanted = PreviewBorderRequest(border=border, frame_id=names.MAP_FRAME)
-        response = services.call(names.PREVIEW_BORDER, PreviewBorderArray, wanted, _INTEGRATOR, answer_s=_TIMEOUT_S)
+        response = services.call(
+            names.PREVIEW_BORDER, PreviewBorderArray, wanted, _INTEGRATOR, response_timeout=_TIMEOUT
+        )
         return {
             **_answer(response),
-            "area": number(response.area_m2, 2),
+            "area": rounded(response.area_m2, 2),
             "parts": int(response.free_parts),
             "region": region_uri(response.region) if response.success else "",
         }
@@ -152,7 +154,7 @@ class ActionHandler:
     def _add(self, request: Request, source: str) -> Dict[str, Any]:
         border = apply_draft(request.values["draft"], VirtualBorder(enabled=True, occupancy=1.0))
         wanted = AddBorderRequest(border=border, frame_id=names.MAP_FRAME, source=source, request_id=request.id)
-        response = services.call(names.ADD_BORDER, AddBorder, wanted, _INTEGRATOR, answer_s=_TIMEOUT_S)
+        response = services.call(names.ADD_BORDER, AddBorder, wanted, _INTEGRATOR, response_timeout=_TIMEOUT)
         return {**_answer(response), "border": response.id}
 
     def _update(self, request: Request, source: str) -> Dict[str, Any]:
@@ -176,12 +178,12 @@ class ActionHandler:
         if hasattr(wanted, "id"):
             wanted.id = stored.id
         wanted.source, wanted.expected_revision = source, request.values["revision"]
-        return _answer(services.call(name, service, wanted, _INTEGRATOR, answer_s=_TIMEOUT_S))
+        return _answer(services.call(name, service, wanted, _INTEGRATOR, response_timeout=_TIMEOUT))
 
     def _confirm_map(self, request: Request, source: str) -> Dict[str, Any]:
         answer = ConfirmMapRequest.SAME_PLACE if request.values["same"] else ConfirmMapRequest.OTHER_PLACE
         wanted = ConfirmMapRequest(answer=answer, source=source)
-        return _answer(services.call(names.CONFIRM_MAP, ConfirmMap, wanted, _INTEGRATOR, answer_s=_TIMEOUT_S))
+        return _answer(services.call(names.CONFIRM_MAP, ConfirmMap, wanted, _INTEGRATOR, response_timeout=_TIMEOUT))
 
     # ------------------------------------------------------------- study
     def _study(self, request: Request, source: str) -> Dict[str, Any]:

@@ -15,12 +15,12 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import compressed_image_array, image_array
+from vb_core.ros.images import array_from_compressed_image, array_from_image
 from vb_core.ros.transforms import TransformLookup
 from vb_web import images
 
-_WAIT_S = 2.0  # for a camera's next image
-_FLOOR_KEPT_S = 5.0  # the same image for every browser that asks meanwhile, if all cameras are in it
+_IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
+_FLOOR_LIFETIME = 5.0  # [s] the same image for every browser that asks meanwhile, if all cameras are in it
 # OpenCV names a Bayer pattern by its second row, ROS by its first
 _TO_BGR = {
     "rgb8": cv2.COLOR_RGB2BGR,
@@ -40,7 +40,7 @@ def to_bgr(message: Image) -> np.ndarray:
     Raises:
         CodedError: "bad_image" for an encoding that is not handled.
     """
-    pixels = image_array(message)
+    pixels = array_from_image(message)
     if message.encoding in ("bgr8", "8UC3"):
         return pixels
     if message.encoding not in _TO_BGR:
@@ -77,14 +77,16 @@ class CameraImages:
         if detector is None:
             return None
         try:
-            return images.encode_jpeg(to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_WAIT_S)))
+            return images.encode_jpeg(
+                to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_IMAGE_TIMEOUT))
+            )
         except rospy.ROSException:
             return None
 
     def floor_webp(self) -> Optional[bytes]:
         """Draws the floor as all ceiling cameras see it now; None if none of them does."""
         with self._floor_lock:
-            if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_KEPT_S:
+            if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_LIFETIME:
                 grid = self._grid()
                 views = [view for view in map(self._view, self._cameras) if view is not None]
                 self._floor = images.draw_floor(grid, views).data if grid is not None and views else None
@@ -94,13 +96,15 @@ class CameraImages:
 
     def _view(self, camera: str) -> Optional[images.CeilingImage]:
         try:
-            info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_WAIT_S)
+            info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_IMAGE_TIMEOUT)
             if self._compressed:
-                found = rospy.wait_for_message(f"/{camera}/image_raw/compressed", CompressedImage, timeout=_WAIT_S)
-                image = compressed_image_array(found)
+                found = rospy.wait_for_message(
+                    f"/{camera}/image_raw/compressed", CompressedImage, timeout=_IMAGE_TIMEOUT
+                )
+                image = array_from_compressed_image(found)
                 image = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
             else:
-                image = to_bgr(rospy.wait_for_message(f"/{camera}/image_raw", Image, timeout=_WAIT_S))
+                image = to_bgr(rospy.wait_for_message(f"/{camera}/image_raw", Image, timeout=_IMAGE_TIMEOUT))
             model = camera_from_info(info)
             pose = self._transforms.lookup(f"{camera}_optical_frame", names.MAP_FRAME, rospy.Time(0))
         except (rospy.ROSException, CodedError) as error:

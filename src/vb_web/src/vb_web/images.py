@@ -19,8 +19,8 @@ from vb_core.grid_map import UNKNOWN, GridMap
 
 MAX_SIDE = 2048  # [px] of an image; more is neither visible on a display nor smooth on a phone
 FLOOR_SIDE = 1400  # [px] of the floor's image
-FLOOR_PIXEL_M = 0.01  # [m] a ceiling camera sees no more
-STRIPES_M = 0.2  # [m] period of the stripes
+FLOOR_PIXEL = 0.01  # [m] a ceiling camera sees no more
+STRIPE_PERIOD = 0.2  # [m] period of the stripes
 _INK = (40, 34, 30, 255)  # bgra of walls; the dark page inverts them
 _UNKNOWN = (128, 128, 128, 70)
 FORBIDDEN = (0, 94, 213)  # bgr, vermilion, as on the smart display
@@ -108,7 +108,7 @@ def draw_region(
     cells = cells_per_pixel(region.shape, side)
     data = _reduce(region, cells).astype(np.float32)
     rows, columns = np.indices(data.shape, dtype=np.float32)
-    period = max(4.0, STRIPES_M / (resolution * cells))
+    period = max(4.0, STRIPE_PERIOD / (resolution * cells))
     dark = ((rows + columns) % period) < period / 2.0
     pixels = np.zeros((*data.shape, 4), np.uint8)
     pixels[..., :3] = tint
@@ -132,7 +132,7 @@ class CeilingImage:
 
 def floor_cells(grid: GridMap) -> float:
     """Returns the map cells per pixel of the floor's image, along a side."""
-    return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL_M / grid.resolution)
+    return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL / grid.resolution)
 
 
 def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
@@ -142,10 +142,10 @@ def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
     """
     cells = floor_cells(grid)
     rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
-    centres = (
+    centers = (
         np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2) * cells - 0.5
     )
-    places = np.column_stack([grid.grid_to_world(centres), np.zeros(len(centres))])
+    places = np.column_stack([grid.grid_to_world(centers), np.zeros(len(centers))])
     total = np.zeros((rows, columns, 3), np.float32)
     weights = np.zeros((rows, columns), np.float32)
     for view in views:
@@ -157,8 +157,8 @@ def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
         inside = np.minimum(pixels, size - 1.0 - pixels).min(axis=1) / size.min()
         weight = np.where(in_front & (inside > 0.0), inside, 0.0).reshape(rows, columns).astype(np.float32)
         at = pixels.reshape(rows, columns, 2)
-        colours = cv2.remap(view.image, at[..., 0], at[..., 1], cv2.INTER_AREA)
-        total += colours * weight[..., None]
+        colors = cv2.remap(view.image, at[..., 0], at[..., 1], cv2.INTER_AREA)
+        total += colors * weight[..., None]
         weights += weight
     pixels = np.zeros((rows, columns, 4), np.uint8)
     seen = weights > 0

@@ -21,7 +21,7 @@ from vb_msgs.msg import StudyEvent, VirtualBorder, VirtualBorderArray
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.files import append_line
-from vb_core.geometry import transform_pose2d
+from vb_core.geometry import pose2d_from_transform
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice
 from vb_core.parameters import param
@@ -34,12 +34,12 @@ from vb_web.actions import ActionHandler
 from vb_web.camera_images import CameraImages
 from vb_web.requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
-from vb_web.view import View, border_changes, coarse_age, number
+from vb_web.view import View, border_changes, coarse_age, rounded
 
-_POSES_S = 0.1  # between two looks at the robots' poses
-_HEALTH_S = 0.5
-_LEVEL_S = 0.25  # the microphone's level is shown no more often
-_SILENT_S = 4.0  # a detector says something every second, a robot's driver more often
+_POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
+_HEALTH_PERIOD = 0.5  # [s]
+_LEVEL_PERIOD = 0.25  # [s] the microphone's level is shown no more often
+_SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's driver more often
 _MAX_DIAGNOSTICS = 30
 _EVENTS = 100  # of the history that the page shows
 _INVITATION = "page_invitation"
@@ -63,7 +63,7 @@ class PageParams(ServerParams):
                 raise ParameterError(key, f"expected names, got {getattr(self, key)!r}")
 
 
-class Journal:
+class EventHistory:
     """The history: the newest events in memory, all of them in a file, one JSON object a line."""
 
     def __init__(self, path: Path) -> None:
@@ -135,7 +135,7 @@ class PageNode:
         self._params = params
         self._lock = threading.Lock()
         self._view, self._images = View(), images.ImageCache()
-        self._journal = Journal(Path(params.events_file).expanduser())
+        self._history = EventHistory(Path(params.events_file).expanduser())
         self._grid: Optional[GridMap] = None
         self._borders: Dict[str, VirtualBorder] = {}
         self._shown_borders: Optional[Dict[str, Dict[str, Any]]] = None
@@ -145,7 +145,7 @@ class PageNode:
         self._level_at = -1e9
         self._spots: Dict[str, Any] = {}
         self._poses: Dict[str, List[Optional[float]]] = {}
-        self._notices_due = node.WakeTimer(_HEALTH_S)  # a silent node's notices expire without a message
+        self._notices_due = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
         self._told = NoticeListener(self._notices_due.set)
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
         self._drivers: Dict[str, Any] = {}  # robot: (heard [s], entry)
@@ -157,15 +157,15 @@ class PageNode:
         self._actions = ActionHandler(
             self._borders.get, lambda: self._connected(names.STATE), self._on_study, self._invitation
         )
-        self._view.put("events", self._journal.shown())
+        self._view.put("events", self._history.shown())
         self._recall_study()
         self._subscribe()
         self._serve()
         # wall time goes on when simulated time stops; each looks on its own, as an answer of the manager may take long
         looks = (
-            (node.WakeTimer(_POSES_S), self._look_at_robots),
-            (node.WakeTimer(_HEALTH_S), self._look_at_health),
-            (node.WakeTimer(_HEALTH_S), self._actions.repeat_stop),
+            (node.WakeTimer(_POSE_PERIOD), self._look_at_robots),
+            (node.WakeTimer(_HEALTH_PERIOD), self._look_at_health),
+            (node.WakeTimer(_HEALTH_PERIOD), self._actions.repeat_stop),
             (self._notices_due, self._show_notices),
         )
         self._beats = [beat for beat, _ in looks]
@@ -249,7 +249,7 @@ class PageNode:
             self._images.put("restricted", image)
             restricted = image.name
         rows, columns = prior.shape
-        origin = [number(value, 5) for value in prior.origin]
+        origin = [rounded(value, 5) for value in prior.origin]
         self._view.put(
             "map",
             {
@@ -257,7 +257,7 @@ class PageNode:
                 "restricted": restricted,
                 "rows": rows,
                 "columns": columns,
-                "resolution": number(prior.resolution, 6),
+                "resolution": rounded(prior.resolution, 6),
                 "origin": origin,
                 "cells": base.cells,
                 "floor": images.floor_cells(prior) if self._params.cameras else 0,
@@ -311,16 +311,16 @@ class PageNode:
         entry = ros_view.spot_entry(message)
         if entry is not None and message.header.frame_id.lstrip("/") == names.MAP_FRAME:
             # the stamp distinguishes a spot at rest from a repeated message
-            self._spots[message.camera] = [*entry, number(message.header.stamp.to_sec(), 3)]
+            self._spots[message.camera] = [*entry, rounded(message.header.stamp.to_sec(), 3)]
             while len(self._spots) > 20:
                 self._spots.pop(next(iter(self._spots)))
             self._view.put("spots", dict(self._spots))
 
     def _on_level(self, message: Float32) -> None:
         now = time.monotonic()
-        if now - self._level_at > _LEVEL_S:
+        if now - self._level_at > _LEVEL_PERIOD:
             self._level_at = now
-            self._view.put("level", number(message.data, 1))
+            self._view.put("level", rounded(message.data, 1))
 
     def _show_notices(self) -> None:
         # a page's code is for the room: a viewer must not read the operator's
@@ -364,20 +364,24 @@ class PageNode:
                 pose = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), 0.0)
             except CodedError:
                 continue
-            x, y, yaw = transform_pose2d(pose)
+            x, y, yaw = pose2d_from_transform(pose)
             if not np.isfinite([x, y, yaw]).all():
                 continue
             old = self._poses.get(frame)
             if old is None or np.hypot(x - old[0], y - old[1]) > 0.005 or abs(np.sin((yaw - old[2]) / 2.0)) > 0.005:
-                self._poses[frame] = [number(x), number(y), number(yaw)]
+                self._poses[frame] = [rounded(x), rounded(y), rounded(yaw)]
         self._view.put("robots", {frame.rpartition("/")[0]: pose for frame, pose in self._poses.items()})
 
     def _look_at_health(self) -> None:
         now = time.monotonic()
         with self._lock:
-            cameras = [{**entry, "there": now - heard < _SILENT_S} for heard, _, entry in self._detectors.values()]
-            drivers = {robot: {**entry, "there": now - at < _SILENT_S} for robot, (at, entry) in self._drivers.items()}
-            fresh = [entry for heard, entry in self._diagnostics.values() if now - heard < _SILENT_S]
+            cameras = [
+                {**entry, "there": now - heard < _SILENCE_TIMEOUT} for heard, _, entry in self._detectors.values()
+            ]
+            drivers = {
+                robot: {**entry, "there": now - at < _SILENCE_TIMEOUT} for robot, (at, entry) in self._drivers.items()
+            }
+            fresh = [entry for heard, entry in self._diagnostics.values() if now - heard < _SILENCE_TIMEOUT]
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
         self._view.put("drivers", drivers)
         # no words for what is well
@@ -394,7 +398,7 @@ class PageNode:
             },
         )
         self._view.put("beat", int(now) // 2)  # so that a browser hears that it is still connected
-        if now - self._level_at > _SILENT_S:
+        if now - self._level_at > _SILENCE_TIMEOUT:
             self._view.put("level", None)
 
     def _connected(self, topic: str) -> bool:
@@ -402,7 +406,7 @@ class PageNode:
 
     # ------------------------------------------------------------- history and study
     def _tell(self, code: str, values: Dict[str, Any], source: str = "", **more: Any) -> None:
-        self._view.put("events", self._journal.add(code, values, source, **more))
+        self._view.put("events", self._history.add(code, values, source, **more))
 
     def _on_study(self, event: StudyEvent) -> None:
         study = {"participant": event.participant, "condition": event.condition}
@@ -413,7 +417,7 @@ class PageNode:
             self._tell("page_event_study", study, event.source, **study)
 
     def _recall_study(self) -> None:
-        for event in self._journal.recalled:
+        for event in self._history.recalled:
             if "participant" in event:
                 self._actions.participant, self._actions.condition = str(event["participant"]), str(event["condition"])
         self._view.put("study", {"participant": self._actions.participant, "condition": self._actions.condition})

@@ -23,7 +23,7 @@ KINDS = ("polygon", "curve", "wall")
 ZONES = ("keep_out", "avoid", "slow")
 MAX_POINTS = 500  # a finger's line is thinned out to less than 100
 MAX_BYTES = 64 * 1024
-MARGIN_M = 1.0  # a line may leave the map by this much
+MARGIN = 1.0  # [m] a line may leave the map by this much
 
 _ID = re.compile(r"[0-9A-Za-z_.:-]{1,64}")
 _DAYS = "mon|tue|wed|thu|fri|sat|sun"
@@ -175,7 +175,7 @@ def _point(value: Any, field: str, bounds: Bounds) -> Tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
         raise _fail(field)
     limits = zip(value, bounds.low, bounds.high)
-    x, y = (_number(low - MARGIN_M, high + MARGIN_M)(number, field) for number, low, high in limits)
+    x, y = (_number(low - MARGIN, high + MARGIN)(number, field) for number, low, high in limits)
     return x, y
 
 

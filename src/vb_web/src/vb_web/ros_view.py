@@ -18,7 +18,7 @@ from vb_core.notices import Notice
 from vb_core.ros.messages import mapping_from_values, points_from_array
 from vb_web import images
 from vb_web.requests import Draft
-from vb_web.view import number
+from vb_web.view import rounded
 
 KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
 ZONES = {"keep_out": VirtualBorder.KEEP_OUT, "avoid": VirtualBorder.AVOID, "slow": VirtualBorder.SLOW}
@@ -28,7 +28,7 @@ _ZONE_NAMES = {value: key for key, value in ZONES.items()}
 AVOID_OCCUPANCY = 0.75
 
 
-def centimetres(points: Iterable[Point]) -> List[int]:
+def centimeters(points: Iterable[Point]) -> List[int]:
     """Points as whole centimetres in one list; without those that are not finite."""
     found = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
     found = found[np.isfinite(found).all(axis=1)].clip(-1e6, 1e6)
@@ -63,7 +63,7 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
             "code": message.last_code,
             "values": mapping_from_values(message.last_values),
             "message": message.last_message,
-            "at": number(message.last_answered.to_sec(), 2),
+            "at": rounded(message.last_answered.to_sec(), 2),
         },
     }
 
@@ -72,12 +72,12 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
     """Converts what has been drawn so far."""
     return {
         "spots": message.border_spots,
-        "points": centimetres(message.points),
-        "chain": centimetres(message.chain),
-        "left_out": centimetres(message.left_out),
+        "points": centimeters(message.points),
+        "chain": centimeters(message.chain),
+        "left_out": centimeters(message.left_out),
         "closed": bool(message.closed),
-        "seed": centimetres([message.seed]) if message.has_seed else [],
-        "seeing": list(message.seeing),
+        "seed": centimeters([message.seed]) if message.has_seed else [],
+        "cameras_seeing_spot": list(message.cameras_seeing_spot),
         **coded_sentence(message),
     }
 
@@ -101,7 +101,7 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
     return {
         "available": True,
         "ok": bool(message.success),
-        "area": number(message.area_m2, 2),
+        "area": rounded(message.area_m2, 2),
         "parts": int(message.free_parts),
         "issues": issues_section(message.issues),
         "region": region_uri(message.region),
@@ -114,16 +114,16 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
     return {
         "id": border.id,
         "name": border.name,
-        "points": centimetres(border.points),
+        "points": centimeters(border.points),
         "kind": _KIND_NAMES.get(border.kind, "curve"),
-        "seed": centimetres([border.seed]),
+        "seed": centimeters([border.seed]),
         "enabled": bool(border.enabled),
         "in_force": bool(border.in_force),
         "reason": border.reason,
         "schedule": border.schedule,
         "zone": _ZONE_NAMES.get(border.zone, "keep_out"),
-        "max_speed": number(border.max_speed, 2),
-        "area": number(border.area_m2, 2),
+        "max_speed": rounded(border.max_speed, 2),
+        "area": rounded(border.area_m2, 2),
         "robots": list(border.robots),
     }
 
@@ -142,7 +142,7 @@ def borders_section(message: VirtualBorderArray) -> Dict[str, Any]:
 
 def spot_entry(message: LaserSpot) -> Optional[List[Any]]:
     """Converts a spot to [x, y, number]: [cm], and its track; None if it is not finite."""
-    place = centimetres([message.position])
+    place = centimeters([message.position])
     return [*place, int(message.track)] if place else None
 
 
@@ -150,17 +150,17 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
     """Converts a detector's status to the entry of its camera."""
     return {
         "name": message.camera,
-        "hz": number(message.rate_hz, 0),
-        "ms": number(message.latency_ms, 0),
+        "hz": rounded(message.rate_hz, 0),
+        "ms": rounded(message.latency_ms, 0),
         "spots": int(message.spots),
     }
 
 
 def driver_entry(message: DriverState) -> Dict[str, Any]:
     """Converts who drives a robot, and the sentence that says why it stands or drives."""
-    code = f"robot_{message.code}" + ("_held" if message.code == "inside_border" else "")
+    code = "robot_stopped_inside_border" if message.code == "inside_border" else f"robot_{message.code}"
     values = {"who": sentences.robot_value(message.robot), "others": "$page_other_program"}
-    return {"driver": message.driver, "code": code, "values": values, "message": message.message}
+    return {"source": message.source, "code": code, "values": values, "message": message.message}
 
 
 def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:

@@ -42,12 +42,12 @@ _TYPES = {
     ".webmanifest": "application/manifest+json",
 }
 # [s] between two messages to a browser: 25 a second look fluid, and cost 20 browsers little
-_PACE_S = 0.04
+_SEND_PERIOD = 0.04
 _MAX_BROWSERS = 60
 _MAX_CONNECTIONS = 250  # below the usual limit of open files, with room for ROS
 _MAX_BODY = 2048  # [B] the only body is a code
 _MAX_UNDERWAY = 4  # requests of one browser
-_TIMEOUT_S = 5.0  # a command waits so long for the one before it
+_TIMEOUT = 5.0  # [s] a command waits so long for the one before it
 _MAX_FAULTS = 20  # messages that are no request; then the browser is disconnected
 
 
@@ -130,7 +130,7 @@ class PageServer:
         self.answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = OrderedDict()
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
         for language in sentences.languages():
-            words = {**sentences.catalogue(), **sentences.catalogue(language)}
+            words = {**sentences.catalog(), **sentences.catalog(language)}
             self.files[f"words/{language}.json"] = (
                 json.dumps(words, ensure_ascii=False).encode("utf-8"),
                 _TYPES[".json"],
@@ -239,7 +239,7 @@ class PageServer:
         self._loop.add_callback(self._plan_flush)
 
     def _plan_flush(self) -> None:
-        wait = max(0.0, self._flushed + _PACE_S - time.monotonic())
+        wait = max(0.0, self._flushed + _SEND_PERIOD - time.monotonic())
         self._loop.call_later(wait, self._flush)  # type: ignore[union-attr]
 
     def _flush(self) -> None:
@@ -497,7 +497,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
                 if not text:
                     return
                 await self.write_message(text)
-                await asyncio.sleep(_PACE_S)
+                await asyncio.sleep(_SEND_PERIOD)
         except WebSocketClosedError:
             pass
         finally:
@@ -538,7 +538,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         self._underway += 1
         try:
             if before is not None:
-                await asyncio.wait([before], timeout=_TIMEOUT_S)
+                await asyncio.wait([before], timeout=_TIMEOUT)
             answer = await self.page.carry_out(request, self.browser)
         except Exception:
             self._tell({"re": request.id, **_refusal(CodedError("internal_error"))})

@@ -12,7 +12,7 @@ import threading
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 
-def number(value: float, digits: int = 3) -> Optional[float]:
+def rounded(value: float, digits: int = 3) -> Optional[float]:
     """Rounds a number for JSON; None for one that is not finite."""
     return round(float(value), digits) if math.isfinite(value) else None
 

@@ -20,34 +20,34 @@ MANAGER = "$interaction_manager"
 _STOP = "stop"
 
 
-def make_request(command: str, source: str, valid_s: float, uncertain: bool = False) -> CommandRequest:
+def make_request(command: str, source: str, validity: float, uncertain: bool = False) -> CommandRequest:
     """Makes the request for a command, with a unique id and a time at which it expires.
 
     Args:
         source: the input method that sends it.
-        valid_s: [s] from now on, ROS time.
+        validity: [s] from now on, ROS time.
         uncertain: whether it may have been misunderstood.
     """
     request = CommandRequest(command=command, source=source, id=uuid.uuid4().hex, uncertain=uncertain)
     now = rospy.get_rostime()
     # before simulated time has begun there is no time to expire at
     if not now.is_zero():
-        request.expires = now + rospy.Duration.from_sec(valid_s)
+        request.expires = now + rospy.Duration.from_sec(validity)
     return request
 
 
-def send(request: CommandRequest, wait_s: float = 1.0, answer_s: float = 12.0) -> CommandResponse:
+def send(request: CommandRequest, service_timeout: float = 1.0, response_timeout: float = 12.0) -> CommandResponse:
     """Sends a command, and again if its answer is lost, for instance because the manager restarts.
 
     Raises:
         CodedError: "no_service" or "no_response", as `services.call`.
     """
     try:
-        return services.call(names.COMMAND, Command, request, MANAGER, wait_s, answer_s)
+        return services.call(names.COMMAND, Command, request, MANAGER, service_timeout, response_timeout)
     except CodedError as error:
         if error.code != "no_response" or isinstance(error.__cause__, TimeoutError):
             raise
-    return services.call(names.COMMAND, Command, request, MANAGER, wait_s, answer_s)
+    return services.call(names.COMMAND, Command, request, MANAGER, service_timeout, response_timeout)
 
 
 class CommandSender:
@@ -56,7 +56,7 @@ class CommandSender:
     Args:
         source: who sends them, for the record.
         on_answer: called from that thread with the command's `context`, and either the answer or the error.
-        wait_s, answer_s: [s] wall time, how long the manager and its answer are waited for.
+        service_timeout, response_timeout: [s] wall time, how long the manager and its answer are waited for.
         size: how many may wait.
     """
 
@@ -64,13 +64,13 @@ class CommandSender:
         self,
         source: str,
         on_answer: Callable[[CommandRequest, Any, Optional[CommandResponse], Optional[CodedError]], None],
-        wait_s: float = 1.0,
-        answer_s: float = 12.0,
+        service_timeout: float = 1.0,
+        response_timeout: float = 12.0,
         size: int = 10,
     ) -> None:
         self._source = source
         self._on_answer = on_answer
-        self._wait_s, self._answer_s = wait_s, answer_s
+        self._service_timeout, self._response_timeout = service_timeout, response_timeout
         self._waiting: node.Queue = node.Queue(size)
         self._urgent: node.Queue = node.Queue(size)
         for line in (self._waiting, self._urgent):
@@ -82,7 +82,7 @@ class CommandSender:
         Args:
             context: handed on to `on_answer`.
         """
-        request = make_request(command, self._source, self._wait_s + self._answer_s, uncertain)
+        request = make_request(command, self._source, self._service_timeout + self._response_timeout, uncertain)
         line = self._urgent if command == _STOP else self._waiting
         return line.put((request, context))
 
@@ -94,7 +94,7 @@ class CommandSender:
     def _send_item(self, item: Any) -> None:
         request, context = item
         try:
-            answer = send(request, self._wait_s, self._answer_s)
+            answer = send(request, self._service_timeout, self._response_timeout)
         except CodedError as error:
             self._on_answer(request, context, None, error)
             return

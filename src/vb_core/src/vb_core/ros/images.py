@@ -48,7 +48,7 @@ def _format(encoding: str) -> Tuple[np.dtype, int]:
     return np.dtype(kind), channels
 
 
-def image_array(message: Image) -> np.ndarray:
+def array_from_image(message: Image) -> np.ndarray:
     """Returns an image's pixels as they are, (H, W) or (H, W, C); copies only where the byte order requires it.
 
     Raises:
@@ -73,7 +73,7 @@ def image_array(message: Image) -> np.ndarray:
     return pixels[:, :, 0] if channels == 1 else pixels
 
 
-def compressed_image_array(message: CompressedImage) -> np.ndarray:
+def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
     """Decodes a JPEG or PNG image to pixels (H, W, 3) bgr, or (H, W).
 
     Raises:
@@ -91,7 +91,7 @@ def compressed_image_array(message: CompressedImage) -> np.ndarray:
 
 
 def compressed_encoding(message: CompressedImage, image: np.ndarray) -> str:
-    """Returns the encoding, as in sensor_msgs/Image, of the pixels that `compressed_image_array` decoded."""
+    """Returns the encoding, as in sensor_msgs/Image, of the pixels that `array_from_compressed_image` decoded."""
     # "bayer_rggb8; jpeg compressed ..." where the driver says what was compressed
     of_driver = message.format.split(";")[0].strip()
     if image.ndim == 3:
@@ -99,8 +99,8 @@ def compressed_encoding(message: CompressedImage, image: np.ndarray) -> str:
     return of_driver if of_driver.startswith("bayer") else "mono8"
 
 
-def image_message(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:
-    """Converts pixels to a message; inverse of `image_array`."""
+def message_from_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:
+    """Converts pixels to a message; inverse of `array_from_image`."""
     image = np.ascontiguousarray(image)
     message = Image()
     message.header.stamp = stamp

@@ -50,7 +50,7 @@ def message_from_grid(grid: GridMap, stamp: rospy.Time, frame_id: str = "map") -
     message.info.map_load_time = stamp
     message.info.resolution = grid.resolution
     message.info.height, message.info.width = grid.shape
-    message.info.origin = pose_from_2d(*grid.origin)
+    message.info.origin = message_from_pose2d(*grid.origin)
     message.data = np.ascontiguousarray(grid.data).ravel()
     return message
 
@@ -76,24 +76,24 @@ def array_from_points(points: Iterable[Point]) -> np.ndarray:
     return np.array([(p.x, p.y) for p in points], dtype=float).reshape(-1, 2)
 
 
-def quaternion_message(quaternion) -> Quaternion:
+def message_from_quaternion(quaternion) -> Quaternion:
     """Converts a quaternion (x, y, z, w) to a message."""
     return Quaternion(*(float(value) for value in quaternion))
 
 
-def pose_from_2d(x: float, y: float, yaw: float) -> Pose:
-    """Converts a planar pose [m, m, rad] to a message; inverse of `pose_to_2d`."""
-    return Pose(Point(float(x), float(y), 0.0), quaternion_message(geometry.quaternion_from_yaw(yaw)))
+def message_from_pose2d(x: float, y: float, yaw: float) -> Pose:
+    """Converts a planar pose [m, m, rad] to a message; inverse of `pose2d_from_message`."""
+    return Pose(Point(float(x), float(y), 0.0), message_from_quaternion(geometry.quaternion_from_yaw(yaw)))
 
 
-def pose_to_2d(pose: Pose) -> Tuple[float, float, float]:
-    """Converts a message to a planar pose (x, y, yaw) [m, m, rad]; inverse of `pose_from_2d`."""
+def pose2d_from_message(pose: Pose) -> Tuple[float, float, float]:
+    """Converts a message to a planar pose (x, y, yaw) [m, m, rad]; inverse of `message_from_pose2d`."""
     q = pose.orientation
     return pose.position.x, pose.position.y, geometry.yaw_from_quaternion((q.x, q.y, q.z, q.w))
 
 
-def matrix_from_transform(message: Transform) -> np.ndarray:
-    """Converts a transform to a 4x4 matrix; inverse of `transform_message`.
+def transform_from_message(message: Transform) -> np.ndarray:
+    """Converts a transform to a 4x4 matrix; inverse of `message_from_transform`.
 
     Raises:
         CodedError: "bad_transform" if the rotation is zero or not finite.
@@ -106,12 +106,12 @@ def matrix_from_transform(message: Transform) -> np.ndarray:
     return geometry.transform(rotation, (t.x, t.y, t.z))
 
 
-def transform_message(T: np.ndarray, parent: str, child: str, stamp: rospy.Time) -> TransformStamped:
-    """Converts a 4x4 matrix T_parent_child to a stamped transform; inverse of `matrix_from_transform`."""
+def message_from_transform(T: np.ndarray, parent: str, child: str, stamp: rospy.Time) -> TransformStamped:
+    """Converts a 4x4 matrix T_parent_child to a stamped transform; inverse of `transform_from_message`."""
     message = TransformStamped()
     message.header.stamp = stamp
     message.header.frame_id = parent
     message.child_frame_id = child
     message.transform.translation = Vector3(*(float(value) for value in T[:3, 3]))
-    message.transform.rotation = quaternion_message(geometry.quaternion_from_rotation(T[:3, :3]))
+    message.transform.rotation = message_from_quaternion(geometry.quaternion_from_rotation(T[:3, :3]))
     return message

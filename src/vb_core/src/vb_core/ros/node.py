@@ -46,7 +46,7 @@ def run(name: str, build: Callable[[], Any]) -> None:
     if hasattr(node, "close"):
         rospy.on_shutdown(node.close)
     if rospy.get_param("/use_sim_time", False):
-        await_input("the time on /clock, because /use_sim_time is set", _clock_runs)
+        watch_input("the time on /clock, because /use_sim_time is set", _clock_runs)
     rospy.spin()
     if _failures:
         sys.exit(1)
@@ -73,14 +73,14 @@ def _interface(name: str, build: Callable[[], Any]) -> str:
     return f"{name}\n\n{text}" + (f"\n\nParameters and their defaults: {values}" if values.is_file() else "")
 
 
-def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], patience_s: float) -> bool:
+def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float) -> bool:
     """Waits until subscribers are connected to as many publishers as the master knows; returns whether they are.
 
     What lasts some seconds counts them from then: on a busy computer connections take their time.
     """
     published = dict(rosgraph.Master(rospy.get_name()).getSystemState()[0])
     expected = [(subscriber, len(published.get(subscriber.resolved_name, ()))) for subscriber in subscribers]
-    end = time.monotonic() + patience_s
+    end = time.monotonic() + timeout
     while any(subscriber.get_num_connections() < count for subscriber, count in expected):
         if time.monotonic() > end or rospy.is_shutdown():
             return False
@@ -197,7 +197,7 @@ class Queue(Generic[T]):
             self._condition.notify_all()
 
 
-MIN_POLL_S = 0.002  # [s] of wall time between two looks at simulated time
+MIN_POLL_PERIOD = 0.002  # [s] of wall time between two looks at simulated time
 MAX_PACE = 20.0  # simulated seconds per second
 
 
@@ -234,7 +234,7 @@ class WakeTimer:
             self._due = then + self._period  # the first time, too late for the last one, or time has jumped
         wall, now, woken = began, then, False
         while not (self._closed or woken) and wall < began + self._period and now < self._due:
-            rest = max((self._due - now) / self._pace, MIN_POLL_S)
+            rest = max((self._due - now) / self._pace, MIN_POLL_PERIOD)
             woken = self._wake.wait(min(began + self._period - wall, rest))
             wall, now = time.monotonic(), rospy.get_time()
         self._due += self._period
@@ -296,35 +296,35 @@ class Worker:
                 return
 
 
-LOG_AFTER_S = 5.0  # [s] of wall time before the first log line about waiting, and the next
-GIVE_UP_AFTER_S = 60.0  # [s] of wall time
+LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and the next
+INPUT_TIMEOUT = 60.0  # [s] of wall time
 
 
-def await_input(what: str, arrived: Callable[[], bool], give_up_s: Optional[float] = None) -> None:
+def watch_input(what: str, arrived: Callable[[], bool], timeout: Optional[float] = None) -> None:
     """Watches, in a thread, whether an input arrives: logs what the node waits for, and gives up if told to.
 
     Args:
         what: for the log: "the map on /map".
         arrived: whether it is there.
-        give_up_s: [s] of wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
+        timeout: [s] of wall time after which the node ends with "input_timeout", so that roslaunch restarts it;
             None: never, because the node is useful without it or a restart would not help.
     """
-    threading.Thread(target=_await, args=(what, arrived, give_up_s), daemon=True).start()
+    threading.Thread(target=_await, args=(what, arrived, timeout), daemon=True).start()
 
 
-def _await(what: str, arrived: Callable[[], bool], give_up_s: Optional[float]) -> bool:
+def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> bool:
     began = said = time.monotonic()
     while not arrived():
         now = time.monotonic()
         if rospy.is_shutdown():
             return False
-        if give_up_s is not None and now - began > give_up_s:
+        if timeout is not None and now - began > timeout:
             fail(CodedError("input_timeout", what=what, seconds=round(now - began)))
             return False
-        if now - said > LOG_AFTER_S:
+        if now - said > LOG_DELAY:
             rospy.logwarn("%s waits for %s", rospy.get_name(), what)
             # the pause doubles each time: 5, 10, 20 s ...
-            said = now + max(0.0, now - began - LOG_AFTER_S)
+            said = now + max(0.0, now - began - LOG_DELAY)
         time.sleep(0.02)
     return True
 
@@ -332,9 +332,9 @@ def _await(what: str, arrived: Callable[[], bool], give_up_s: Optional[float]) -
 def wait_for_clock() -> None:
     """Waits for the first time on /clock if simulated time is used; returns at once otherwise.
 
-    A node that has waited `GIVE_UP_AFTER_S` in vain ends with "input_timeout".
+    A node that has waited `INPUT_TIMEOUT` in vain ends with "input_timeout".
     """
-    _await("the time on /clock, because /use_sim_time is set", _clock_runs, GIVE_UP_AFTER_S)
+    _await("the time on /clock, because /use_sim_time is set", _clock_runs, INPUT_TIMEOUT)
 
 
 def _clock_runs() -> bool:

@@ -9,7 +9,7 @@ import rospy
 from diagnostic_msgs.msg import KeyValue
 
 from vb_core import names
-from vb_core.notices import REPEAT_PERIOD_S, Notice, ActiveNotices, Severity
+from vb_core.notices import REPEAT_PERIOD, Notice, ActiveNotices, Severity
 from vb_core.ros.messages import mapping_from_values, values_from_mapping
 from vb_msgs.msg import Notice as NoticeMessage
 from vb_msgs.msg import NoticeArray
@@ -83,7 +83,7 @@ class NoticePublisher:
         self._lock = threading.Lock()
         self._notices: List[Notice] = []
         self._publisher = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=10, latch=True)
-        self._timer = rospy.Timer(rospy.Duration(REPEAT_PERIOD_S), lambda _event: self._publish(), reset=True)
+        self._timer = rospy.Timer(rospy.Duration(REPEAT_PERIOD), lambda _event: self._publish(), reset=True)
         self._publish()
 
     def set(self, notices: Iterable[Notice]) -> None:

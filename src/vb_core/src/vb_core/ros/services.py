@@ -11,7 +11,9 @@ import rospy
 from vb_core.errors import CodedError
 
 
-def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, answer_s: float = 5.0) -> Any:
+def call(
+    name: str, service: Type, request: Any, who: str, service_timeout: float = 1.0, response_timeout: float = 5.0
+) -> Any:
     """Calls a service; returns its response, or raises an error, within a known time.
 
     rospy itself waits without limit for a process that accepts the connection and hangs. The limits are
@@ -21,8 +23,8 @@ def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, 
         name: the service's name.
         service: its class, for instance vb_msgs.srv.AddBorder.
         who: for the sentence: "the map integrator", or "$map_integrator" for the word in the reader's language.
-        wait_s: [s] how long to wait for the service to appear.
-        answer_s: [s] how long to wait for its response after that.
+        service_timeout: [s] how long to wait for the service to appear.
+        response_timeout: [s] how long to wait for its response after that.
 
     Raises:
         CodedError: "no_service" if no node offers it: nothing was sent. "no_response" if the request was
@@ -33,7 +35,7 @@ def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, 
 
     def work() -> None:
         try:
-            rospy.wait_for_service(name, timeout=wait_s)
+            rospy.wait_for_service(name, timeout=service_timeout)
             sent.set()
             answers.put((rospy.ServiceProxy(name, service)(request), None))
         except Exception as error:  # whatever the transport raises, the caller's thread reports it
@@ -41,9 +43,9 @@ def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, 
 
     threading.Thread(target=work, daemon=True).start()
     try:
-        response, error = answers.get(timeout=wait_s + answer_s)
+        response, error = answers.get(timeout=service_timeout + response_timeout)
     except queue.Empty:
-        response, error = None, TimeoutError(f"no response within {answer_s:g} s")
+        response, error = None, TimeoutError(f"no response within {response_timeout:g} s")
     if error is not None:
         code = "no_response" if sent.is_set() else "no_service"
         raise CodedError(code, who=who) from error

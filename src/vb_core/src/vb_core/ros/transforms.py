@@ -7,7 +7,7 @@ import rospy
 import tf2_ros
 
 from vb_core.errors import CodedError
-from vb_core.ros.messages import matrix_from_transform
+from vb_core.ros.messages import transform_from_message
 
 
 class TransformLookup:
@@ -18,25 +18,25 @@ class TransformLookup:
         self._listener = tf2_ros.TransformListener(self._buffer)
         self._resting = False
 
-    def lookup(self, target: str, source: str, stamp: rospy.Time, timeout_s: float = 0.1) -> np.ndarray:
+    def lookup(self, target: str, source: str, stamp: rospy.Time, timeout: float = 0.1) -> np.ndarray:
         """Looks up T_target_source (4, 4) at a time.
 
         Args:
             stamp: when; rospy.Time(0) is the newest there is.
-            timeout_s: [s] how long to wait for a transform that is still under way.
+            timeout: [s] how long to wait for a transform that is still under way.
 
         Raises:
             CodedError: "no_transform" if there is none at that time;
                 "bad_transform" if its rotation is invalid.
         """
         try:
-            found = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(timeout_s))
+            found = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(timeout))
         except (tf2_ros.TransformException, rospy.ROSException) as error:
             # of a frame that it has never heard of, tf says only that its argument is wrong
             known = f"Frame {source} exists" in self._buffer.all_frames_as_string()
             reason = error if known else "nothing publishes one, as before a camera is calibrated or a robot localised"
             raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {reason}") from None
-        return matrix_from_transform(found.transform)
+        return transform_from_message(found.transform)
 
     def newest(self, target: str, source: str) -> rospy.Time:
         """Returns the time of the newest transform; zero for a fixed one, and if there is none."""

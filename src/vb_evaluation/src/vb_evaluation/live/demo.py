@@ -33,7 +33,7 @@ from vb_core.geometry import chain_length
 from vb_core.ros import messages, services
 from vb_evaluation import metrics
 from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
-from vb_evaluation.live import pictures
+from vb_evaluation.live import before_after_figure
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, roslaunch, screenshot, start_screen
 from vb_msgs.msg import VirtualBorder
@@ -43,9 +43,9 @@ from vb_sim.room.world import load_world
 
 METHODS = {"nrs": "network robot system", "robot_only": "robot only"}
 NAVIGATIONS = ("standin", "move_base")
-DRIVE_S = 120.0  # [s] for one goal; move_base gives up one that is out of reach after 40 s
-READY_TIMEOUT_S = 90.0
-INTERACTION_TIMEOUT_S = 900.0
+DRIVE_TIMEOUT = 120.0  # [s] for one goal; move_base gives up one that is out of reach after 40 s
+READY_TIMEOUT = 90.0  # [s]
+INTERACTION_TIMEOUT = 900.0  # [s]
 PAGE_PORT = 8420  # of the page, if it is free
 # software OpenGL pays for each pixel, and the cameras need the cores: the virtual screen is no larger than legible
 SCREEN = (1280, 720)
@@ -154,7 +154,7 @@ class Demo:
     def _launch(self) -> None:
         options = self.options
         options.out.mkdir(parents=True, exist_ok=True)
-        # borders, journals and logs of an earlier run would be taken up again
+        # borders and logs of an earlier run would be taken up again
         state = options.out / "state"
         shutil.rmtree(str(state), ignore_errors=True)
         for old in [*options.out.glob("*.png"), *options.out.glob("summary.json")]:
@@ -179,7 +179,7 @@ class Demo:
             rviz=options.rviz,
         )
         # rospy would complain about a master that is not up yet
-        if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT_S):
+        if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT):
             raise CodedError("not_ready", "the ROS master did not come up")
         self._print(f"watch it, and take part, at http://127.0.0.1:{page}/")
 
@@ -207,7 +207,7 @@ class Demo:
         def missing() -> List[str]:
             return [name for name, there in wanted.items() if not there()]
 
-        if not wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT_S) or missing():
+        if not wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT) or missing():
             raise CodedError(
                 "not_ready",
                 f"these did not come up: {'; '.join(missing())}. The last lines of "
@@ -224,10 +224,10 @@ class Demo:
         self._roslaunch(["parts/participant.launch"], scenario=self.options.scenario.key)
         if not wait_until(
             lambda: self._print_progress(observer) or observer.outcome is not None or not self._launched.running,
-            INTERACTION_TIMEOUT_S,
+            INTERACTION_TIMEOUT,
             0.1,
         ):
-            self._print(f"the participant did not finish within {INTERACTION_TIMEOUT_S:.0f} s")
+            self._print(f"the participant did not finish within {INTERACTION_TIMEOUT:.0f} s")
         if not self._launched.running:
             raise CodedError("launch_ended", f"roslaunch ended:\n{self._launched.tail()}")
         if observer.outcome is not None and observer.outcome.get("outcome") != "saved":
@@ -256,12 +256,12 @@ class Demo:
     def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> GoalOutcome:
         """Sends the robot to where the proof begins, and from there to its goal; returns the second drive."""
         runner = GoalRunner()
-        first = runner.drive(start, DRIVE_S)
+        first = runner.drive(start, DRIVE_TIMEOUT)
         if first.outcome != "reached":
             self._print(
                 f"the robot did not get to the start of the proof ({first.outcome}): it drives from where it is"
             )
-        driven = runner.drive(goal, DRIVE_S)
+        driven = runner.drive(goal, DRIVE_TIMEOUT)
         self._print(
             f"driven: {driven.outcome} after {driven.length:.2f} m and {driven.seconds:.0f} s {driven.text}".rstrip()
         )
@@ -306,7 +306,7 @@ class Demo:
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
         title = f"{options.scenario.title}, {METHODS[options.method]}: Jaccard index {score:.3f}"
         lines = {**ways, "border": _chain(observer, state.last_border_id)}
-        pictures.draw_before_after(options.out / "before_after.png", title, prior, region, truth, lines)
+        before_after_figure.draw_before_after(options.out / "before_after.png", title, prior, region, truth, lines)
         table = Table(title="result", show_header=False)
         for key, value in summary.items():
             for part, entry in value.items() if isinstance(value, dict) else [("", value)]:

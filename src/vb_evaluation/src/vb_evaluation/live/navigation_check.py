@@ -57,7 +57,7 @@ class NavigationCheck:
         move_base: name of the node.
         base_frame: the robot's.
         at_once: [s] after a border was added until plans have to go around it.
-        patience: [s] to wait for anything before giving up.
+        timeout: [s] to wait for anything before giving up.
     """
 
     def __init__(
@@ -67,10 +67,10 @@ class NavigationCheck:
         move_base: str = "move_base",
         base_frame: str = "base_link",
         at_once: float = 1.0,
-        patience: float = 10.0,
+        timeout: float = 10.0,
     ) -> None:
         self._goal, self._size, self._move_base = (goal[0], goal[1], 0.0), size, "/" + move_base.strip("/")
-        self._at_once, self._patience, self._base_frame = at_once, patience, base_frame
+        self._at_once, self._timeout, self._base_frame = at_once, timeout, base_frame
 
     def run(self) -> List[Check]:
         """Makes all checks, in order.
@@ -92,9 +92,9 @@ class NavigationCheck:
             raise CodedError("no_map_with_borders", topic=names.MAP_WITH_BORDERS)
 
         def pose(frame: str) -> np.ndarray:
-            return transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), timeout_s=5.0)
+            return transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), timeout=5.0)
 
-        start, odom = geometry.transform_pose2d(pose(self._base_frame)), pose("odom")
+        start, odom = geometry.pose2d_from_transform(pose(self._base_frame)), pose("odom")
         way = observer.plan(start, self._goal, service)
         if not len(way):
             raise CodedError("no_path", "move_base finds no path to the goal: choose another one with --goal")
@@ -168,8 +168,8 @@ class NavigationCheck:
     def _soon(self, what: str, condition: Callable[[], bool], limit: float = float("inf")) -> Check:
         """Whether a condition came to hold within a limit [s] of wall time."""
         begin = time.monotonic()
-        if not wait_until(condition, self._patience, 0.02):
-            return Check(what, False, f"not within {self._patience:g} s")
+        if not wait_until(condition, self._timeout, 0.02):
+            return Check(what, False, f"not within {self._timeout:g} s")
         seconds = time.monotonic() - begin
         return Check(
             what, seconds <= limit, f"after {seconds:.2f} s" + (f", {limit:g} s are allowed" if seconds > limit else "")

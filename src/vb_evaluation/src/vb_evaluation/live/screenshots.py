@@ -35,7 +35,7 @@ from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.ros import commands, services
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid, points_from_array, transform_message
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, points_from_array, message_from_transform
 from vb_core.ros.notices import message_from_notice
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, roslaunch, screenshot, start_screen
@@ -47,10 +47,10 @@ from vb_sim.room.world import Scenario, World, load_world
 SIZES = ((1920, 1080), (1280, 720))
 PLAN = "/move_base/NavfnROS/plan"
 OFFSETS = 0.025 * np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # [m] by which cameras see the same spot elsewhere
-STEP, PERIOD_S = 0.015, 0.04  # [m] from one image to the next
-PAUSE_S = 1.5  # between two looks at the screen: several frames of RViz, also where software draws them
+STEP, PERIOD = 0.015, 0.04  # [m] from one image to the next
+LOOK_PERIOD = 1.5  # [s] between two looks at the screen: several frames of RViz, also where software draws them
 SAME = 0.002  # share of pixels that may differ between two screenshots of the same: the interaction's time goes on
-PATIENCE_S = 180.0
+TIMEOUT = 180.0
 
 
 def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> int:
@@ -70,7 +70,7 @@ def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> i
         with contextlib.ExitStack() as stack, tempfile.TemporaryDirectory() as folder:
             os.environ["ROS_LOG_DIR"] = f"{folder}/log"
             stack.callback(Child(["rosmaster", "--core", "-p", str(port)], Path(folder, "master.txt")).stop)
-            if not wait_until(rosgraph.is_master_online, PATIENCE_S):
+            if not wait_until(rosgraph.is_master_online, TIMEOUT):
                 raise CodedError("not_ready", "the ROS master did not come up")
             rospy.init_node("screenshots", disable_signals=True, log_level=rospy.ERROR)
             stack.callback(rospy.signal_shutdown, "all pictures are taken")
@@ -94,9 +94,7 @@ def _take(lab: "StagedLab", folder: Path, top: Path, size: Tuple[int, int], out:
         launched = roslaunch(files, folder / "launch.txt", state=folder, record=False, language=language)
         stack.callback(launched.stop)
         seen = Observer()
-        if not wait_until(
-            lambda: lab.is_watched() and seen.state is not None and seen.posterior is not None, PATIENCE_S
-        ):
+        if not wait_until(lambda: lab.is_watched() and seen.state is not None and seen.posterior is not None, TIMEOUT):
             raise CodedError("not_ready", f"the system did not come up: {launched.tail()}")
         last: List[np.ndarray] = []
         for name in _play(lab, seen):
@@ -195,14 +193,14 @@ def _send_command(seen: Observer, command: str, state: str) -> None:
     """Gives a command until its state has come: a person would say it again, too."""
 
     def accepted() -> bool:
-        commands.send(commands.make_request(command, "screenshots", PATIENCE_S), PATIENCE_S, PATIENCE_S)
+        commands.send(commands.make_request(command, "screenshots", TIMEOUT), TIMEOUT, TIMEOUT)
         return wait_until(lambda: seen.state.name == state, 10.0)
 
     _until(accepted, f"the state {state}")
 
 
 def _until(condition: Callable[[], Any], what: str) -> None:
-    if not wait_until(condition, PATIENCE_S):
+    if not wait_until(condition, TIMEOUT):
         raise CodedError("not_shown", f"{what} did not come")
 
 
@@ -212,9 +210,9 @@ def still_picture(display: str, path: Path, before: Sequence[np.ndarray]) -> np.
     Raises:
         CodedError: "no_picture" if it cannot be taken, or if the screen does not change or does not come to rest.
     """
-    deadline, shown = time.monotonic() + PATIENCE_S, [np.zeros((1, 1, 3), np.uint8)] * 2
+    deadline, shown = time.monotonic() + TIMEOUT, [np.zeros((1, 1, 3), np.uint8)] * 2
     while time.monotonic() < deadline:
-        time.sleep(PAUSE_S)
+        time.sleep(LOOK_PERIOD)
         if not screenshot(display, path):
             raise CodedError("no_picture", f"'import' of ImageMagick could not write {path}")
         shown = [*shown[-2:], cv2.imread(str(path))]
@@ -285,7 +283,7 @@ class StagedLab:
             now = rospy.Time.now()
             self._notices_publisher.publish(source="/screenshots", notices=self._notices)
             self._transforms.sendTransform(
-                transform_message(geometry.pose2d_transform(*self._robot), names.MAP_FRAME, "base_link", now)
+                message_from_transform(geometry.transform_from_pose2d(*self._robot), names.MAP_FRAME, "base_link", now)
             )
             for camera, offset in zip(self._cameras, OFFSETS):
                 spot = LaserSpot(
@@ -298,4 +296,4 @@ class StagedLab:
                 self._spots.publish(spot)
             if len(self._line) > 1:
                 self._line.pop(0)
-            rospy.rostime.wallsleep(PERIOD_S)
+            rospy.rostime.wallsleep(PERIOD)

@@ -13,7 +13,7 @@ from vb_evaluation.report.blocks import Block, Bullets, Grid, Text
 from vb_evaluation.report.data import RUNS, StudyResults, read_sheet
 
 
-def order(study: StudyResults) -> List[Block]:
+def order_section(study: StudyResults) -> List[Block]:
     """Tests whether it matters which method came first (a two-period crossover), and whether people learn."""
     rows: List[Dict[str, Any]] = []
     for column, words, digits in (("time_total_s", "time [s]", 1), ("error_mean_cm", "mean boundary error [cm]", 2)):
@@ -26,7 +26,7 @@ def order(study: StudyResults) -> List[Block]:
             ("period: second minus first", (second[:, 0] - second[:, 1]) / 2, (first[:, 0] - first[:, 1]) / 2),
             ("carry-over", first.sum(axis=1), second.sum(axis=1)),
         ):
-            p, shift = statistics.unpaired(a, b)
+            p, shift = statistics.compare_unpaired(a, b)
             rows.append(
                 {
                     "measure": words,
@@ -64,7 +64,7 @@ def _by_first(study: StudyResults, column: str) -> List[np.ndarray]:
     ]
 
 
-def experience(study: StudyResults) -> List[Block]:
+def participants_section(study: StudyResults) -> List[Block]:
     """Says who took part and what they answered; empty for simulated people."""
     path, about = study.folder / "questionnaire.csv", study.folder / "demographics.csv"
     blocks: List[Block] = []
@@ -118,7 +118,7 @@ def experience(study: StudyResults) -> List[Block]:
     return blocks
 
 
-def assumptions(study: StudyResults) -> List[Block]:
+def assumptions_section(study: StudyResults) -> List[Block]:
     """Lists everything that was put in, with where it comes from."""
     entries = study.meta.get("assumptions") or []
     blocks: List[Block] = []
@@ -149,7 +149,7 @@ def assumptions(study: StudyResults) -> List[Block]:
     return blocks
 
 
-def runs(study: StudyResults) -> List[Block]:
+def runs_section(study: StudyResults) -> List[Block]:
     """Lists every row."""
     sheet = read_sheet(study.folder / RUNS, ()).loc[study.runs.index]
     rows = [{**row, "line": line} for line, row in sheet.to_dict("index").items()]

@@ -17,12 +17,12 @@ from vb_evaluation.report.data import Cell, known  # noqa: E402
 from vb_evaluation.statistics import Interval  # noqa: E402
 
 # colours that colour-blind people can distinguish (Okabe and Ito)
-BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
+BLUE, ORANGE, GREEN, VERMILION, GRAY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
 SKY, PURPLE = "#56B4E9", "#CC79A7"
 STATE_COLORS = {"guide": ORANGE, "border": SKY, "seed": GREEN}
 # as in the paper: blue and red contours distinguish the methods
 METHOD_COLORS = {"nrs": BLUE, "robot_only": VERMILION}
-SERIES, MARKERS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY), ("o", "s", "^", "D", "v", "P")
+SERIES, MARKERS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, GRAY), ("o", "s", "^", "D", "v", "P")
 WIDTH_IN, PANEL_IN = 7.2, 4.6
 PUBLISHED = {"marker": "D", "ms": 7, "color": "white", "mec": "black", "mew": 1.3, "ls": "none"}
 _STYLE = {

@@ -46,7 +46,7 @@ def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) ->
     for scenario in study.scenarios:
         samples = pairs(select(study.runs, scenario=scenario), column, study.comparison, completed)
         if len(samples[0]):
-            rows.append({"scenario": study.scenario_title(scenario), **test_row(statistics.compare(*samples))})
+            rows.append({"scenario": study.scenario_title(scenario), **test_row(statistics.compare_paired(*samples))})
     columns = {
         "scenario": "Scenario",
         "n": "Pairs",

@@ -14,7 +14,7 @@ ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest
 _WHICH = {"scenario": "Scenario", "method": "Method"}
 
 
-def summary(study: StudyResults) -> List[Block]:
+def summary_section(study: StudyResults) -> List[Block]:
     """Effects of the method, each with its interval."""
     if len(study.methods) < 2:
         return []
@@ -59,7 +59,7 @@ def summary(study: StudyResults) -> List[Block]:
     return [grid] if study.people else [grid, caveat]
 
 
-def error(study: StudyResults) -> List[Block]:
+def error_section(study: StudyResults) -> List[Block]:
     """Reports the boundary error in centimetres."""
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
@@ -96,7 +96,7 @@ def error(study: StudyResults) -> List[Block]:
     ]
 
 
-def time(study: StudyResults) -> List[Block]:
+def time_section(study: StudyResults) -> List[Block]:
     """Reports interaction time by state."""
     rows, panels = [], []
     totals = known(study.runs, "time_total_s")
@@ -130,7 +130,7 @@ def time(study: StudyResults) -> List[Block]:
     ]
 
 
-def accuracy(study: StudyResults) -> List[Block]:
+def accuracy_section(study: StudyResults) -> List[Block]:
     """Reports the paper's Jaccard index, with representative maps."""
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
@@ -172,7 +172,7 @@ def accuracy(study: StudyResults) -> List[Block]:
     return [*blocks, Bullets(notes)] if notes else blocks
 
 
-def completeness(study: StudyResults) -> List[Block]:
+def completeness_section(study: StudyResults) -> List[Block]:
     """Reports success rates."""
     rows: List[Dict[str, Any]] = []
     groups = []

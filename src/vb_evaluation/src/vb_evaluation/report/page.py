@@ -21,19 +21,19 @@ from vb_evaluation.report.data import StudyResults, read_study, write_table
 PAGE, TABLES = "report.html", "tables"
 # id, title and what makes it; one without blocks is left out
 SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
-    ("summary", "Findings", outcomes.summary),
-    ("error", "Boundary error", outcomes.error),
-    ("time", "Interaction time", outcomes.time),
-    ("accuracy", "Jaccard index", outcomes.accuracy),
-    ("completeness", "Completeness", outcomes.completeness),
-    ("paper", "Beside the paper", paper_comparison.compare_with_paper),
-    ("worlds", "Plausible worlds", sensitivity.plausible),
-    ("curves", "Curves", sensitivity.curves),
-    ("all_images", "Every image searched", sensitivity.all_images),
-    ("order", "Order", background.order),
-    ("experience", "People and their experience", background.experience),
-    ("assumptions", "What was assumed, and where the simulation is too optimistic", background.assumptions),
-    ("runs", "Every run", background.runs),
+    ("summary", "Findings", outcomes.summary_section),
+    ("error", "Boundary error", outcomes.error_section),
+    ("time", "Interaction time", outcomes.time_section),
+    ("accuracy", "Jaccard index", outcomes.accuracy_section),
+    ("completeness", "Completeness", outcomes.completeness_section),
+    ("paper", "Beside the paper", paper_comparison.paper_comparison_section),
+    ("worlds", "Plausible worlds", sensitivity.plausible_worlds_section),
+    ("curves", "Curves", sensitivity.curves_section),
+    ("all_images", "Every image searched", sensitivity.all_images_section),
+    ("order", "Order", background.order_section),
+    ("experience", "People and their experience", background.participants_section),
+    ("assumptions", "What was assumed, and where the simulation is too optimistic", background.assumptions_section),
+    ("runs", "Every run", background.runs_section),
 )
 _SIZES = {
     "quick": "A quick run, to check that everything works: one person, hence no intervals.",

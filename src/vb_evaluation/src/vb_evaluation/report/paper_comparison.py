@@ -34,7 +34,7 @@ _WHY = {
 }
 
 
-def compare_with_paper(study: StudyResults) -> List[Block]:
+def paper_comparison_section(study: StudyResults) -> List[Block]:
     """Puts each figure of the paper beside ours, in both directions: being better does not count as agreement."""
     rows = [
         _compare(study, scenario, *figure)

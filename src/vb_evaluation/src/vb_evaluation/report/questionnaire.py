@@ -63,7 +63,7 @@ class Answers:
     @property
     def comparison(self) -> statistics.PairedComparison:
         """Wilcoxon test and effect sizes, first minus second."""
-        return statistics.compare(self.first, self.second)
+        return statistics.compare_paired(self.first, self.second)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ _RUN = ["participant", "scenario", "method"]
 
 
 # ---------------------------------------------------------------- plausible worlds
-def plausible(study: StudyResults) -> List[Block]:
+def plausible_worlds_section(study: StudyResults) -> List[Block]:
     """Reports the conclusions over worlds in which all assumptions differ at once; empty where draws.csv or worlds.csv
     is missing.
     """
@@ -175,7 +175,7 @@ def chance_level(count: int, dimensions: int) -> float:
 
 
 # ---------------------------------------------------------------- curves
-def curves(study: StudyResults) -> List[Block]:
+def curves_section(study: StudyResults) -> List[Block]:
     """Plots speed-up, time and boundary error over coverage, distance, length and number of robots."""
     if CURVES not in study.tables or len(study.methods) < 2:
         return []
@@ -228,7 +228,7 @@ def _curve(study: StudyResults, table: pandas.DataFrame, sweep: str) -> List[Any
 
 
 # ---------------------------------------------------------------- every image searched
-def all_images(study: StudyResults) -> List[Block]:
+def all_images_section(study: StudyResults) -> List[Block]:
     """Compares a random part of the runs, with every image searched, with the same runs of the study."""
     if ALL_IMAGES not in study.tables:
         return []

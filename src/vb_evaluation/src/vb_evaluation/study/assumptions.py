@@ -37,21 +37,21 @@ class Assumption(Parameters):
 
 
 @lru_cache(maxsize=1)
-def assumptions() -> Mapping[str, Assumption]:
+def load_assumptions() -> Mapping[str, Assumption]:
     """Returns all figures by their key, as `Study.changed` calls them."""
     document = yaml.safe_load((PACKAGE / "config" / "assumptions.yaml").read_text(encoding="utf-8"))
     return {key: Assumption.from_mapping(entry, key) for key, entry in document.items()}
 
 
-def varied(study: Study) -> Dict[str, Assumption]:
+def varied_assumptions(study: Study) -> Dict[str, Assumption]:
     """Selects those that have a plausible range, and a value in this study."""
-    return {key: entry for key, entry in assumptions().items() if entry.range and _get(study, key) is not None}
+    return {key: entry for key, entry in load_assumptions().items() if entry.range and _get(study, key) is not None}
 
 
 def table(study: Study) -> List[Dict[str, str]]:
     """Lists key, value, unit, range, source and reason of each, for the report."""
     rows = []
-    for key, entry in assumptions().items():
+    for key, entry in load_assumptions().items():
         value = _get(study, key)
         if value is not None:
             words = f"× {entry.range[0]:g} to {entry.range[1]:g}" if entry.range else ""
@@ -76,7 +76,7 @@ def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
     # imported here: it takes as long as everything else that a worker imports, which never draws worlds
     from scipy.stats import qmc
 
-    found = varied(study)
+    found = varied_assumptions(study)
     unit = qmc.LatinHypercube(len(found), seed=seed).random(count)
     return [
         {

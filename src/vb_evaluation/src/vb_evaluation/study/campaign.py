@@ -37,7 +37,7 @@ from vb_core.map_files import write_map
 from vb_evaluation.provenance import repository_top, revision
 from vb_evaluation.report.data import CONDITIONS, DRAWS, KEY, REQUIRED, RUNS, WORLDS, write_table
 from vb_evaluation.study import assumptions
-from vb_evaluation.study.config import Study, study_of
+from vb_evaluation.study.config import Study, study_from_mapping
 from vb_evaluation.study.plan import Job
 from vb_evaluation.study.result import COLUMNS, measure
 from vb_evaluation.study.store import RowFile, open_folder
@@ -222,7 +222,7 @@ def _carry_out(study: Study, jobs: Sequence[Job], processes: int, scheduler: str
 def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> Outcome:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
-        row, grid = row_of(study_of(document, sources), job)
+        row, grid = row_of(study_from_mapping(document, sources), job)
         return Outcome(job, row, grid if job.file == RUNS else None)
     except Exception as error:
         return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())

@@ -19,7 +19,7 @@ from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.people import KINDS, Population, Streams, Traits, draw
 from vb_sim.room.models import read_document, read_section
 from vb_sim.room.camera_models import CameraModels, read_camera_models
-from vb_sim.robot.motion_models import LocalisationModel, RobotModel, ScanModel
+from vb_sim.robot.motion_models import LocalizationModel, RobotModel, ScanModel
 from vb_sim.person.participant_model import ParticipantModel
 from vb_sim.room.world import World, world_from_mapping
 
@@ -29,7 +29,7 @@ METHODS: Dict[str, Callable[[World], Tuple[str, ...]]] = {
     "nrs": lambda world: tuple(camera.name for camera in world.cameras),
     "robot_only": lambda world: (),
 }
-MODELS = {"robot": RobotModel, "localisation": LocalisationModel, "scan": ScanModel}
+MODELS = {"robot": RobotModel, "localisation": LocalizationModel, "scan": ScanModel}
 PACKAGE = Path(__file__).resolve().parents[3]
 DEFAULT = PACKAGE / "config" / "study.yaml"
 
@@ -121,7 +121,7 @@ class Study:
         for key, value in changes.items():
             head, _, rest = key.partition("/")
             _set(files[head] if head in files else document, rest if head in files else key, value)
-        return study_of(document, files)
+        return study_from_mapping(document, files)
 
 
 def _set(document: Any, path: str, value: Any) -> None:
@@ -148,10 +148,12 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
         document = _merged(document, _read(path))
     if seed is not None:
         document.setdefault("design", {})["seed"] = seed
-    return study_of(document, {name: _read(_found(str(document.pop(name)), folder)) for name in ("world", "models")})
+    return study_from_mapping(
+        document, {name: _read(_found(str(document.pop(name)), folder)) for name in ("world", "models")}
+    )
 
 
-def study_of(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
+def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
     """Makes the study of a document and of the files that it names, checked; see `Study`."""
     known = ("design", "timing", "participants", "marks", "curves")
     for key in document:

@@ -14,8 +14,8 @@ from typing import Callable, List
 import yaml
 
 from vb_core.files import append_line
-from vb_evaluation.kit.conduct import NextRun
-from vb_evaluation.kit.recording import LOG, MAPS, SESSION
+from vb_evaluation.study_kit.conduct import NextRun
+from vb_evaluation.study_kit.recording import LOG, MAPS, SESSION
 from vb_evaluation.provenance import revision
 from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.result import Result, RunTask

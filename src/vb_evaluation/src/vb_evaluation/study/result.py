@@ -15,7 +15,7 @@ from vb_evaluation.report.data import MEASURES, STATES, TIMES
 from vb_evaluation.study.people import Traits
 from vb_sim.room.world import Scenario, World
 
-FALSE_M = 0.3  # [m] from the true spot beyond which a reported one is something else
+MAX_SPOT_ERROR = 0.3  # [m] from the true spot beyond which a reported one is something else
 FURTHER = tuple(
     (
         "outcome reason seed_is_right tries elapsed_s border_m chain_m vertices spots spots_robot "
@@ -63,7 +63,7 @@ class Result:
         records: of all interactions of the run as the interaction manager logs them, those that were cancelled too.
         border: what was saved; None if nothing was.
         outcome, reason, tries: how it went for the person.
-        spots: every spot that a camera reported; false_spots: how many of them were farther than FALSE_M from the true
+        spots: every spot that a camera reported; false_spots: how many of them were farther than MAX_SPOT_ERROR from the true
             one.
         left_out: images that were not sent.
         path: (N, 2) [m] where the first robot was.

@@ -24,7 +24,7 @@ from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.lab_node import RenderCache, StudyCeilingCameras, StudyRobotCamera
 from vb_evaluation.study.people import Traits
-from vb_evaluation.study.result import FALSE_M, Result, SavedBorder, SeenSpot, RunTask
+from vb_evaluation.study.result import MAX_SPOT_ERROR, Result, SavedBorder, SeenSpot, RunTask
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
@@ -47,7 +47,7 @@ from vb_sim.room.world import Scenario, World
 
 OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
 START_NS = 1_000_000_000_000  # no stamp is near zero, which would mean that there is none
-WARM_UP_S = 2.0  # until every node has heard of the others; then the person comes in
+WARM_UP_TIME = 2.0  # [s] until every node has heard of the others; then the person comes in
 # nothing acts on what these publish or store
 WITHOUT = ("display_markers", "feedback", "lab_monitor", "map_recorder")
 LAB_NODES = ("lab_simulator", "ceiling_cameras", "robot_camera", "map_server")  # of this run's own making
@@ -108,7 +108,7 @@ class _RunRecorder:
         )
         self.spots.append(spot)
         true = self._history.at(spot.stamp).laser
-        self.false_spots += int(true is None or np.hypot(*np.subtract(spot.position, true)) > FALSE_M)
+        self.false_spots += int(true is None or np.hypot(*np.subtract(spot.position, true)) > MAX_SPOT_ERROR)
 
 
 class LiveRun:
@@ -175,7 +175,7 @@ class LiveRun:
                 graph, repository_top() / LAUNCH, {**arguments, "state": state}, WITHOUT, self._lab_nodes(cameras)
             )
             graph.start(Node("/participant", {}), self._participant_comes)
-            until = START_NS + int((WARM_UP_S + timing.time_limit_s) * 1e9)
+            until = START_NS + int((WARM_UP_TIME + timing.time_limit_s) * 1e9)
             scheduler.run(lambda: self._outcome() != "", until)
             # what has been saved arrives; what has not been ended is, so that its time is in the log
             over: List[bool] = []
@@ -227,7 +227,7 @@ class LiveRun:
         }
 
     def _participant_comes(self) -> None:
-        rospy.rostime.wallsleep(WARM_UP_S)
+        rospy.rostime.wallsleep(WARM_UP_TIME)
         params = ParticipantParams(method=self._task.method, seed=self._seed, scenario=self.scenario.key)
         self._participant = ParticipantNode(self._world, self.scenario, self._traits.model, params)
 

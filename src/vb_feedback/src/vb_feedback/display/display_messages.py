@@ -33,7 +33,7 @@ def marker_from_shape(shape: scene.Shape) -> Marker:
     marker.type, marker.action = _KINDS[shape.kind], Marker.ADD
     marker.pose.orientation.w = 1.0
     marker.lifetime = rospy.Duration.from_sec(shape.lifetime)
-    tints = [ColorRGBA(*colour, shape.alpha) for colour in shape.colours]
+    tints = [ColorRGBA(*color, shape.alpha) for color in shape.colors]
     marker.color = tints[0]
     scale = marker.scale
     if shape.kind in (scene.LINES, scene.POINTS):
@@ -61,7 +61,7 @@ def removal(namespace: str, number: int) -> Marker:
 
 def panel_from_state(
     state: Optional[InteractionState],
-    seeing: Sequence[str],
+    cameras_seeing_spot: Sequence[str],
     notices: Sequence[PanelNotice],
     has_map: bool,
     language: str,
@@ -84,7 +84,7 @@ def panel_from_state(
         tuple(state.commands),
         state.last_success,
         message,
-        tuple(seeing),
+        tuple(cameras_seeing_spot),
         tuple(notices),
         stopped,
         language,

@@ -44,7 +44,7 @@ class Box:
         return self.y1 - self.y0
 
     @property
-    def centre(self) -> Tuple[float, float]:
+    def center(self) -> Tuple[float, float]:
         """(x, y) [m]"""
         return (self.x0 + self.x1) / 2.0, (self.y0 + self.y1) / 2.0
 
@@ -68,7 +68,7 @@ class Box:
         return Box(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
     @staticmethod
-    def centred(x: float, y: float, width: float, height: float) -> "Box":
+    def centered(x: float, y: float, width: float, height: float) -> "Box":
         """Makes a box from its centre and size [m]."""
         return Box(x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0)
 
@@ -107,7 +107,7 @@ def fit_view(extent: Box, aspect: float) -> Layout:
         raise CodedError("bad_layout", f"the screen's aspect must be 0.5 to 5, got {aspect}")
     height = max(extent.width / across, extent.height / upwards)
     width = aspect * height
-    x, y = extent.centre
+    x, y = extent.center
     x0 = x - (1.0 - panel) * width / 2.0
     y1 = y + (1.0 - STRIP) * height / 2.0
     view = Box(x0, y1 - height, x0 + width, y1)
@@ -191,7 +191,7 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
 def text_box(text: str, x: float, y: float, size: float) -> Box:
     """Returns the box of a text centred at (x, y) [m]; lines are parted by newlines."""
     lines = text.count("\n") + 1
-    return Box.centred(x, y, text_width(text, size), text_height(lines, size))
+    return Box.centered(x, y, text_width(text, size), text_height(lines, size))
 
 
 def wrap(text: str, size: float, width: float) -> List[str]:
@@ -248,17 +248,17 @@ def place_labels(wanted: Sequence[Box], within: Box) -> List[Box]:
     """Moves labels up or down, as little as needed to be within a box and, if there is room, not on each other."""
     placed: List[Box] = []
     for box in wanted:
-        wanted_x, wanted_y = box.centre
+        wanted_x, wanted_y = box.center
         half_width, half_height = box.width / 2.0, box.height / 2.0
         x = min(max(wanted_x, within.x0 + half_width), max(within.x0 + half_width, within.x1 - half_width))
         low, high = within.y0 + half_height, max(within.y0 + half_height, within.y1 - half_height)
-        unmoved = Box.centred(x, min(max(wanted_y, low), high), box.width, box.height)
+        unmoved = Box.centered(x, min(max(wanted_y, low), high), box.width, box.height)
         free: List[Box] = []
         for gap in (_GAP, _TOUCHING):
             # if there is room, there is some beside the edge or another label: no other heights need be tried
-            away = [(other.centre[1], (other.height + box.height) / 2.0 + gap * box.height) for other in placed]
+            away = [(other.center[1], (other.height + box.height) / 2.0 + gap * box.height) for other in placed]
             heights = [wanted_y, low, high] + [y + side * step for y, step in away for side in (1, -1)]
-            options = [Box.centred(x, min(max(y, low), high), box.width, box.height) for y in heights]
+            options = [Box.centered(x, min(max(y, low), high), box.width, box.height) for y in heights]
             free = free or [option for option in options if not any(option.overlaps(other) for other in placed)]
-        placed.append(min(free, key=lambda option: abs(option.centre[1] - wanted_y)) if free else unmoved)
+        placed.append(min(free, key=lambda option: abs(option.center[1] - wanted_y)) if free else unmoved)
     return placed

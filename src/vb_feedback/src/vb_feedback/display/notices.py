@@ -14,7 +14,12 @@ from vb_feedback.display.text_panel import PanelNotice
 # more sentences cannot be read from across the room, and letters would get too small
 _MAX_NOTICES = 3
 # codes of others that themselves say that no camera sees the spot, and what follows
-_ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahead_unseen", "no_spot_seen")
+_ABOUT_THE_SPOT = (
+    "spot_not_seen_robot_looks",
+    "spot_not_seen_no_robot",
+    "floor_ahead_not_seen",
+    "spot_not_seen_check_laser",
+)
 
 
 def select_others(held: Sequence[notices.Notice], language: str) -> List[PanelNotice]:
@@ -33,7 +38,7 @@ _NEAR = 0.6
 
 def coverage_notices(
     state: str,
-    seeing: Sequence[str],
+    cameras_seeing_spot: Sequence[str],
     lost: Optional[Tuple[float, float]],
     coverage: Optional[GridMap],
     robots: bool,
@@ -44,13 +49,13 @@ def coverage_notices(
 
     Args:
         state: the interaction's.
-        seeing: the cameras that see the spot.
+        cameras_seeing_spot: their names.
         lost: (x, y) [m] where the spot was seen last; None if that is only a moment ago, or never was.
         coverage: how many stationary cameras see each cell; None if that is not known.
         robots: whether there is a robot that can be sent.
         held: what other nodes say; the dispatcher and the interaction manager know better.
     """
-    if state not in ("border", "seed") or seeing or lost is None:
+    if state not in ("border", "seed") or cameras_seeing_spot or lost is None:
         return []
     if any(notice.code in _ABOUT_THE_SPOT for notice in held):
         return []

@@ -12,7 +12,7 @@ STRIPE = 98
 PREVIEW = 200 - 256
 
 
-def overlay(
+def draw_restrictions(
     physical: np.ndarray, posterior: np.ndarray, stripe: int = 4, preview: Optional[np.ndarray] = None
 ) -> np.ndarray:
     """Stripes where borders restrict the map: any eye can tell a pattern from walls.

@@ -43,7 +43,7 @@ def fit_config(
     if kind != "rviz/TopDownOrtho":
         raise CodedError("bad_config", f"the config's view must be rviz/TopDownOrtho, it is {kind}")
     layout = fit_view(extent, aspect or width / height)
-    x, y = layout.view.centre
+    x, y = layout.view.center
     view.update({"Angle": 0, "Scale": min(width / layout.view.width, height / layout.view.height), "X": x, "Y": y})
     window.update({"X": 0, "Y": 0, "Width": int(width), "Height": int(height)})
     return result

@@ -22,7 +22,7 @@ def is_drawn(character: str) -> bool:
     return any(first <= ord(character) <= last for first, last in RANGES)
 
 
-def overlay(rviz: Path, folder: Path) -> Path:
+def overlay_fonts(rviz: Path, folder: Path) -> Path:
     """Makes a folder that replaces RViz's package; returns what to put before it in ROS_PACKAGE_PATH.
 
     Args:

@@ -11,8 +11,8 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from vb_feedback.display import colours
-from vb_feedback.display.colours import Colour
+from vb_feedback.display import colors
+from vb_feedback.display.colors import Color
 from vb_feedback.display.layout import Box, Layout, fit_texts, place_labels, place_words, transliterate, text_box
 
 LINES = "lines"
@@ -35,7 +35,7 @@ class Shape:
         kind: LINES between pairs of points, POINTS at all; DISC, PLATE (size is width, height), TEXT at the first one.
         points: (x, y) [m] each.
         size: [m] width of a line, diameter of points and disc, (width, height) of a plate, height of letters.
-        colours: one, or one per point.
+        colors: one, or one per point.
         frame: "" is the map frame; a shape in another frame moves with it.
         lifetime: [s] 0 is for ever.
     """
@@ -46,7 +46,7 @@ class Shape:
     points: Tuple[Tuple[float, float], ...]
     z: float
     size: Tuple[float, ...]
-    colours: Tuple[Colour, ...]
+    colors: Tuple[Color, ...]
     alpha: float = 1.0
     text: str = ""
     frame: str = ""
@@ -90,7 +90,7 @@ def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> T
 
 
 def write(
-    namespace: str, text: str, x: float, y: float, size: float, tints: Sequence[Colour], z: float = Z_TEXT
+    namespace: str, text: str, x: float, y: float, size: float, tints: Sequence[Color], z: float = Z_TEXT
 ) -> List[Shape]:
     """Makes the shapes of a text centred at (x, y), one per word; one colour for all words, or one per word."""
     placed = place_words(text, x, y, size)
@@ -128,24 +128,24 @@ def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[
             text += f"\n{border.area_m2:.2f} m\u00b2"
         box = text_box(text, *border.seed, size)
         texts.append(text)
-        wanted.append(Box.centred(*box.centre, box.width + 0.5 * size, box.height + 0.3 * size))
+        wanted.append(Box.centered(*box.center, box.width + 0.5 * size, box.height + 0.3 * size))
     for number, (border, text, box) in enumerate(zip(stored, texts, place_labels(wanted, layout.map))):
-        tint = border_colour(border)
+        tint = border_color(border)
         width = 0.009 * unit
         outline = segments(border.points, border.closed, width)
         plate = (box.width, box.height)
-        label = colours.BLACK if border.enabled else colours.blend(colours.GREY, colours.BLACK, 0.3)
+        label = colors.BLACK if border.enabled else colors.blend(colors.GRAY, colors.BLACK, 0.3)
         shapes.append(Shape("borders/outline", number, LINES, outline, Z_BORDER, (width,), (tint,)))
-        shapes.append(Shape("borders/plate", number, PLATE, (box.centre,), Z_LABEL, plate, (colours.WHITE,), 0.9))
-        shapes += write(f"borders/label/{number}", text, *box.centre, size, (label,), Z_NAME)
+        shapes.append(Shape("borders/plate", number, PLATE, (box.center,), Z_LABEL, plate, (colors.WHITE,), 0.9))
+        shapes += write(f"borders/label/{number}", text, *box.center, size, (label,), Z_NAME)
     return shapes
 
 
-def border_colour(border: Border) -> Colour:
+def border_color(border: Border) -> Color:
     """Returns dark red, the lighter the softer the border is; grey if it is disabled."""
     if not border.enabled:
-        return colours.GREY
-    return colours.blend(colours.CRIMSON, colours.WHITE, 0.55 * (1.0 - border.occupancy))
+        return colors.GRAY
+    return colors.blend(colors.CRIMSON, colors.WHITE, 0.55 * (1.0 - border.occupancy))
 
 
 # ----------------------------------------------------------------- drawing in progress
@@ -164,19 +164,19 @@ def drawing(layout: Layout, drawn: Drawing) -> List[Shape]:
     """Points by camera, the chain as it grows, the seed."""
     unit, shapes = layout.unit, []
     if drawn.points:
-        tints = tuple(colours.blend(colours.camera_colour(name), colours.WHITE, 0.25) for name in drawn.point_cameras)
+        tints = tuple(colors.blend(colors.camera_color(name), colors.WHITE, 0.25) for name in drawn.point_cameras)
         shapes.append(
-            Shape("drawing/points", 0, POINTS, drawn.points, Z_POINTS, (0.009 * unit,), tints or (colours.GREY,))
+            Shape("drawing/points", 0, POINTS, drawn.points, Z_POINTS, (0.009 * unit,), tints or (colors.GRAY,))
         )
     if len(drawn.chain) > 1:
         # a dark rim keeps the line visible on white floor, on stripes and on walls
-        for name, lift, share, tint in (("rim", 0.0, 0.014, colours.BLACK), ("chain", 0.02, 0.009, colours.ORANGE)):
+        for name, lift, share, tint in (("rim", 0.0, 0.014, colors.BLACK), ("chain", 0.02, 0.009, colors.ORANGE)):
             width = share * unit
             line = segments(drawn.chain, drawn.closed, width)
             shapes.append(Shape(f"drawing/{name}", 0, LINES, line, Z_CHAIN + lift, (width,), (tint,)))
     if drawn.seed is not None:
         for number, (share, tint) in enumerate(
-            ((0.052, colours.BLACK), (0.044, colours.SKY_BLUE), (0.020, colours.BLACK))
+            ((0.052, colors.BLACK), (0.044, colors.SKY_BLUE), (0.020, colors.BLACK))
         ):
             shapes.append(
                 Shape("drawing/seed", number, DISC, (drawn.seed,), Z_SEED + 0.015 * number, (share * unit,), (tint,))
@@ -195,38 +195,38 @@ class TrailPoint:
     stamp: float
 
 
-FADE_S = 1.5  # how long a spot stays visible: long enough to follow with the eye
-_LIFETIME_S = 2.0 * FADE_S  # after which RViz removes it by itself, should this node have ended
+FADE_TIME = 1.5  # [s] how long a spot stays visible: long enough to follow with the eye
+_LIFETIME = 2.0 * FADE_TIME  # [s] after which RViz removes it by itself, should this node have ended
 
 
 def trails(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
     """Draws for each camera a trail that fades into the floor's white.
 
     Args:
-        seen: the newest last; those older than FADE_S, or from the future by more than that, are left out.
+        seen: the newest last; those older than FADE_TIME, or from the future by more than that, are left out.
     """
     by_camera: Dict[str, List[TrailPoint]] = {}
     for spot in seen:
-        if abs(now - spot.stamp) <= FADE_S:
+        if abs(now - spot.stamp) <= FADE_TIME:
             by_camera.setdefault(spot.camera, []).append(spot)
     shapes = []
     for camera, trail in by_camera.items():
-        tint = colours.camera_colour(camera)
-        faded = tuple(colours.blend(tint, colours.WHITE, 0.85 * max(0.0, now - spot.stamp) / FADE_S) for spot in trail)
+        tint = colors.camera_color(camera)
+        faded = tuple(colors.blend(tint, colors.WHITE, 0.85 * max(0.0, now - spot.stamp) / FADE_TIME) for spot in trail)
         points, width = tuple((spot.x, spot.y) for spot in trail), 0.014 * layout.unit
-        shapes.append(Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (width,), faded, lifetime=_LIFETIME_S))
+        shapes.append(Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (width,), faded, lifetime=_LIFETIME))
     return shapes
 
 
 def live_spots(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
     """Draws for each camera a disc where it saw the spot last; arguments as for `trails`."""
-    newest = {spot.camera: spot for spot in seen if abs(now - spot.stamp) <= FADE_S}
+    newest = {spot.camera: spot for spot in seen if abs(now - spot.stamp) <= FADE_TIME}
     shapes = []
     for camera, spot in newest.items():
-        for number, (share, tint) in enumerate(((0.036, colours.BLACK), (0.028, colours.camera_colour(camera)))):
+        for number, (share, tint) in enumerate(((0.036, colors.BLACK), (0.028, colors.camera_color(camera)))):
             z, size = Z_SPOT + 0.015 * (number + 1), (share * layout.unit,)
             shapes.append(
-                Shape(f"spots/{camera}", number, DISC, ((spot.x, spot.y),), z, size, (tint,), lifetime=_LIFETIME_S)
+                Shape(f"spots/{camera}", number, DISC, ((spot.x, spot.y),), z, size, (tint,), lifetime=_LIFETIME)
             )
     return shapes
 
@@ -239,9 +239,9 @@ def robot(base_frame: str, number: int, radius: float) -> List[Shape]:
     arrow = segments(nose, True, width)
     middle = ((0.0, 0.0),)
     parts = (
-        ("rim", DISC, middle, 0.0, 2.0 * radius, colours.BLACK),
-        ("body", DISC, middle, 0.015, 1.7 * radius, colours.YELLOW),
-        ("nose", LINES, arrow, 0.03, width, colours.BLACK),
+        ("rim", DISC, middle, 0.0, 2.0 * radius, colors.BLACK),
+        ("body", DISC, middle, 0.015, 1.7 * radius, colors.YELLOW),
+        ("nose", LINES, arrow, 0.03, width, colors.BLACK),
     )
     return [
         Shape(f"robot/{name}", number, kind, points, Z_ROBOT + lift, (size,), (tint,), frame=base_frame)

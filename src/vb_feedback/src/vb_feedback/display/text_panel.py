@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import List, Tuple
 
 from vb_core import sentences
-from vb_feedback.display import colours
-from vb_feedback.display.colours import Colour
+from vb_feedback.display import colors
+from vb_feedback.display.colors import Color
 from vb_feedback.display.layout import LINE, Layout, fit_texts, text_height, text_width, transliterate
 from vb_feedback.display.scene import PLATE, Z_PLATE, Shape, write
 
@@ -38,7 +38,7 @@ class PanelContent:
     commands: Tuple[str, ...] = ()
     success: bool = True
     message: str = ""
-    seeing: Tuple[str, ...] = ()  # cameras that see the spot
+    cameras_seeing_spot: Tuple[str, ...] = ()
     notices: Tuple[PanelNotice, ...] = ()
     stopped: bool = False
     language: str = sentences.ENGLISH
@@ -61,39 +61,39 @@ def clock(seconds: float) -> str:
 
 def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
     unit, panel = layout.unit, layout.panel
-    centre, room = panel.centre[0], panel.width - 0.03 * unit
+    center, room = panel.center[0], panel.width - 0.03 * unit
     shapes: List[Shape] = []
 
-    def line(name: str, text: str, down: float, share: float, *tints: Colour) -> None:
+    def line(name: str, text: str, down: float, share: float, *tints: Color) -> None:
         size = share * unit
         # text that is too wide, for instance a camera's long name, is shrunk
         text = transliterate(text)
         size *= min(1.0, room / max(text_width(text, size), 1e-9))
-        shapes.extend(write(f"words/{name}", text, centre, panel.y1 - down * unit, size, tints))
+        shapes.extend(write(f"words/{name}", text, center, panel.y1 - down * unit, size, tints))
 
     if content.stopped:
         # in place of the state: a person who wonders why nothing moves reads this first
         plate = (panel.width - 0.02 * unit, 1.2 * TITLE * unit)
         shapes.append(
-            Shape("words/state/plate", 0, PLATE, ((centre, panel.y1 - 0.08 * unit),), Z_PLATE, plate, (colours.YELLOW,))
+            Shape("words/state/plate", 0, PLATE, ((center, panel.y1 - 0.08 * unit),), Z_PLATE, plate, (colors.YELLOW,))
         )
-        line("state", content.words("display_stopped"), 0.08, TITLE, colours.BLACK)
+        line("state", content.words("display_stopped"), 0.08, TITLE, colors.BLACK)
     else:
-        title = content.words("state_" + content.state if content.state in colours.STATE else "display_not_ready")
-        line("state", title, 0.08, TITLE, colours.state_colour(content.state))
+        title = content.words("state_" + content.state if content.state in colors.STATE else "display_not_ready")
+        line("state", title, 0.08, TITLE, colors.state_color(content.state))
     if content.state not in ("", "default"):
-        line("elapsed", clock(content.elapsed_s), 0.185, CLOCK, colours.PALE)
+        line("elapsed", clock(content.elapsed_s), 0.185, CLOCK, colors.PALE)
     if content.commands:
-        line("say", content.words("display_say"), 0.253, LABEL, colours.PALE)
+        line("say", content.words("display_say"), 0.253, LABEL, colors.PALE)
         for number, command in enumerate(content.commands[:MAX_COMMANDS]):
-            line(f"say/{number}", command.replace("_", " "), 0.333 + 0.089 * number, COMMAND, colours.WHITE)
-    if content.seeing:
-        line("seen", content.words("display_seen_by"), 0.676, LABEL, colours.PALE)
-        names = [transliterate(camera).replace(" ", "_") for camera in content.seeing]
-        tints = [colours.blend(colours.camera_colour(camera), colours.WHITE, 0.3) for camera in content.seeing]
+            line(f"say/{number}", command.replace("_", " "), 0.333 + 0.089 * number, COMMAND, colors.WHITE)
+    if content.cameras_seeing_spot:
+        line("seen", content.words("display_seen_by"), 0.676, LABEL, colors.PALE)
+        names = [transliterate(camera).replace(" ", "_") for camera in content.cameras_seeing_spot]
+        tints = [colors.blend(colors.camera_color(camera), colors.WHITE, 0.3) for camera in content.cameras_seeing_spot]
         if len(names) > MAX_CAMERAS:
             rest = len(names) - MAX_CAMERAS + 1
-            names[MAX_CAMERAS - 1 :], tints[MAX_CAMERAS - 1 :] = [f"+{rest}"], [colours.PALE]
+            names[MAX_CAMERAS - 1 :], tints[MAX_CAMERAS - 1 :] = [f"+{rest}"], [colors.PALE]
         line("seen/0", " ".join(names), 0.736, NAME, *tints)
     return shapes
 
@@ -109,7 +109,7 @@ def _strip(layout: Layout, content: PanelContent) -> List[Shape]:
     unit, strip = layout.unit, layout.strip
     width, height = strip.width - 0.08 * unit, strip.height - 0.03 * unit
     texts, size = fit_texts([notice.text for notice in shown], [share * unit for share in TEXT_SIZES], width, height)
-    x, y = strip.centre
+    x, y = strip.center
     top = y + text_height(sum(text.count("\n") + 1 for text in texts), size) / 2.0
     shapes: List[Shape] = []
     for number, (text, notice) in enumerate(zip(texts, shown)):
@@ -118,9 +118,9 @@ def _strip(layout: Layout, content: PanelContent) -> List[Shape]:
         top -= LINE * lines * size
         name = "words/answer" if number == 0 else f"words/notice/{number}"
         # bright ground and black letters: a warning is one for eyes without colours too
-        tint = colours.BLACK if notice.warning else colours.WHITE if number == 0 else colours.SKY_BLUE
+        tint = colors.BLACK if notice.warning else colors.WHITE if number == 0 else colors.SKY_BLUE
         if notice.warning:
             plate = (text_width(text, size) + 0.04 * unit, text_height(lines, size) + (LINE - 1.0) * size)
-            shapes.append(Shape(f"{name}/plate", 0, PLATE, ((x, middle),), Z_PLATE, plate, (colours.YELLOW,)))
+            shapes.append(Shape(f"{name}/plate", 0, PLATE, ((x, middle),), Z_PLATE, plate, (colors.YELLOW,)))
         shapes += write(name, text, x, middle, size, (tint,))
     return shapes

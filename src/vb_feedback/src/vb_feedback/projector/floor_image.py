@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from vb_core.grid_map import GridMap
-from vb_feedback.display import colours
-from vb_feedback.display.colours import Colour
+from vb_feedback.display import colors
+from vb_feedback.display.colors import Color
 from vb_feedback.projector.projector_calibration import ProjectorCalibration, markers
 from vb_feedback.display.scene import Border, Drawing
 
@@ -68,15 +68,15 @@ class FloorImage:
         """Draws the image: (height, width, 3) uint8 rgb."""
         canvas = np.zeros((*self._shape, 3), np.uint8)
         if content.region is not None:
-            self._stripes(canvas, content.region, colours.ORANGE, 0.45)
+            self._stripes(canvas, content.region, colors.ORANGE, 0.45)
         for border in content.borders:
             if border.enabled:
-                self._line(canvas, border.points, border.closed, colours.VERMILION, 0.45 + 0.35 * border.occupancy)
+                self._line(canvas, border.points, border.closed, colors.VERMILION, 0.45 + 0.35 * border.occupancy)
         cv2.max(canvas, self._drawing(content), dst=canvas)
         size = (self.calibration.width, self.calibration.height)
         image = cv2.warpPerspective(canvas, self._to_image, size, flags=cv2.INTER_LINEAR)
         if content.state != "default":
-            self._frame(image, self._shade(colours.state_colour(content.state), 0.6))
+            self._frame(image, self._shade(colors.state_color(content.state), 0.6))
         return image
 
     # ------------------------------------------------------------- parts
@@ -84,33 +84,33 @@ class FloorImage:
         """What changes during drawing. Only this is left out around the spot: a border there stays lit."""
         canvas, drawn = np.zeros((*self._shape, 3), np.uint8), content.drawing
         if len(drawn.chain) > 1:
-            self._line(canvas, drawn.chain, drawn.closed, colours.ORANGE, 0.8)
+            self._line(canvas, drawn.chain, drawn.closed, colors.ORANGE, 0.8)
         if drawn.seed is not None:
-            self._ring(canvas, drawn.seed, _SEED_RADIUS, colours.blend(colours.SKY_BLUE, colours.WHITE, 0.5))
+            self._ring(canvas, drawn.seed, _SEED_RADIUS, colors.blend(colors.SKY_BLUE, colors.WHITE, 0.5))
         if content.spot is not None:
-            centre = tuple(map(int, self._fixed([content.spot])[0]))
-            cv2.circle(canvas, centre, int(_GAP * self._scale * (1 << _SHIFT)), (0, 0, 0), -1, cv2.LINE_8, _SHIFT)
+            center = tuple(map(int, self._fixed([content.spot])[0]))
+            cv2.circle(canvas, center, int(_GAP * self._scale * (1 << _SHIFT)), (0, 0, 0), -1, cv2.LINE_8, _SHIFT)
         return canvas
 
-    def _shade(self, colour: Colour, level: float) -> Tuple[int, int, int]:
-        return tuple(int(round(255.0 * level * self._brightness * share)) for share in colour)  # type: ignore[return-value]
+    def _shade(self, color: Color, level: float) -> Tuple[int, int, int]:
+        return tuple(int(round(255.0 * level * self._brightness * share)) for share in color)  # type: ignore[return-value]
 
     def _fixed(self, points: Sequence[Sequence[float]]) -> np.ndarray:
         """Map coordinates to pixels of the drawing as OpenCV wants them, with fractional bits."""
         pixels = (np.asarray(points, dtype=float).reshape(-1, 2) - self._low) * self._scale
         return np.clip(np.rint(pixels * (1 << _SHIFT)), -(2**26), 2**26).astype(np.int32)
 
-    def _line(self, canvas: np.ndarray, points, closed: bool, colour: Colour, level: float) -> None:
+    def _line(self, canvas: np.ndarray, points, closed: bool, color: Color, level: float) -> None:
         thickness = max(1, int(round(_LINE * self._scale)))
-        cv2.polylines(canvas, [self._fixed(points)], closed, self._shade(colour, level), thickness, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(canvas, [self._fixed(points)], closed, self._shade(color, level), thickness, cv2.LINE_AA, _SHIFT)
 
-    def _ring(self, canvas: np.ndarray, centre, radius: float, colour: Colour) -> None:
+    def _ring(self, canvas: np.ndarray, center, radius: float, color: Color) -> None:
         thickness = max(1, int(round(_LINE * self._scale)))
-        at = tuple(map(int, self._fixed([centre])[0]))
+        at = tuple(map(int, self._fixed([center])[0]))
         reach = int(radius * self._scale * (1 << _SHIFT))
-        cv2.circle(canvas, at, reach, self._shade(colour, 0.8), thickness, cv2.LINE_AA, _SHIFT)
+        cv2.circle(canvas, at, reach, self._shade(color, 0.8), thickness, cv2.LINE_AA, _SHIFT)
 
-    def _stripes(self, canvas: np.ndarray, region: GridMap, colour: Colour, level: float) -> None:
+    def _stripes(self, canvas: np.ndarray, region: GridMap, color: Color, level: float) -> None:
         rows, columns = np.indices(canvas.shape[:2], sparse=True)
         striped = ((rows - columns) // max(1, int(_STRIPE * self._scale))) % 2 == 0
         corner = region.world_to_grid(np.array([self._low, self._low + 1.0 / self._scale]))
@@ -130,14 +130,14 @@ class FloorImage:
                 )
                 > 0
             )
-        canvas[inside & striped] = self._shade(colour, level)
+        canvas[inside & striped] = self._shade(color, level)
 
     @staticmethod
-    def _frame(image: np.ndarray, colour: Tuple[int, int, int]) -> None:
+    def _frame(image: np.ndarray, color: Tuple[int, int, int]) -> None:
         height, width = image.shape[:2]
         thick = max(2, int(0.012 * min(height, width)))
         for part in (image[:thick], image[-thick:], image[:, :thick], image[:, -thick:]):
-            part[...] = colour
+            part[...] = color
 
 
 def draw_calibration_image(width: int, height: int, number: int) -> np.ndarray:
@@ -163,6 +163,6 @@ def draw_grid_image(calibration: ProjectorCalibration) -> np.ndarray:
             ends = np.array([low, high])
             ends[:, axis] = value
             a, b = np.clip(np.rint(calibration.to_pixels(ends)), -(2**20), 2**20).astype(int).tolist()
-            colour = (255, 255, 255) if abs(value / step) % 2 < 0.5 else (110, 110, 110)
-            cv2.line(image, tuple(a), tuple(b), colour, 2, cv2.LINE_AA)
+            color = (255, 255, 255) if abs(value / step) % 2 < 0.5 else (110, 110, 110)
+            cv2.line(image, tuple(a), tuple(b), color, 2, cv2.LINE_AA)
     return image

@@ -10,7 +10,7 @@ from vb_core.errors import CodedError
 from vb_feedback.sound.tone_synthesis import RATE
 
 # [s] beyond a sound's own length, then the device counts as stuck
-_TIMEOUT_S = 3.0
+_TIMEOUT = 3.0
 
 
 class AudioSink:
@@ -36,7 +36,7 @@ class AudioSink:
                 input=pcm.astype("<i2").tobytes(),
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
-                timeout=len(pcm) / RATE + _TIMEOUT_S,
+                timeout=len(pcm) / RATE + _TIMEOUT,
                 check=False,
             )
         except OSError as error:

@@ -10,7 +10,7 @@ ERROR = "error"
 STOPPED = "stopped"
 QUESTION = "question"
 
-TICK_PERIOD_S = 0.5  # at 25 spots a second one tick for each would be a buzz
+TICK_PERIOD = 0.5  # [s] at 25 spots a second one tick for each would be a buzz
 # codes of answers that are a question, not an error
 _QUESTIONS = ("confirm_save", "confirm_command")
 
@@ -19,7 +19,7 @@ class SoundEvents:
     """Turns states and spots into the names of sounds.
 
     A tone per change of state, one for a save that worked, one for an error, one for a question and for a drawing that
-    is about to be dropped, one for a stop, and a soft tick per accepted spot, at most every TICK_PERIOD_S.
+    is about to be dropped, one for a stop, and a soft tick per accepted spot, at most every TICK_PERIOD.
     Time may jump back.
     """
 
@@ -73,7 +73,7 @@ class SoundEvents:
         """Takes a spot at a time [s] and returns a tick, if spots are wanted and the last one is long enough ago."""
         if self._state not in ("border", "seed"):
             return []
-        if self._last_tick is not None and 0.0 <= now - self._last_tick < TICK_PERIOD_S:
+        if self._last_tick is not None and 0.0 <= now - self._last_tick < TICK_PERIOD:
             return []
         self._last_tick = now
         return [TICK]

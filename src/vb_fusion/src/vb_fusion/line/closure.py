@@ -44,12 +44,12 @@ class Closure:
     values: Dict[str, str] = field(default_factory=dict)
 
 
-def classify_closure(points: np.ndarray, kind: str = "decide") -> Closure:
+def classify_closure(points: np.ndarray, kind: str = "auto") -> Closure:
     """Decides whether a line is a polygon or a separating curve.
 
     Args:
         points: (M, 2) [m], the line as drawn, M >= 2.
-        kind: "decide" for the rule, "polygon" or "curve" to override it.
+        kind: "auto" for the rule, "polygon" or "curve" to override it.
     """
     points = np.asarray(points, dtype=float)
     end = len(points) - 1
@@ -75,7 +75,7 @@ def classify_closure(points: np.ndarray, kind: str = "decide") -> Closure:
         elif width < TREMOR:
             code = "open_flat"
         else:
-            code = "closed_cut" if last - first < end else "closed_gap"
+            code = "closed_trimmed" if last - first < end else "closed_gap"
     if code.startswith("open"):
         return Closure(False, code, apart, 0, end, _values(apart, length))
     return Closure(True, code, gap, first, last, _values(gap, kept))

@@ -1,8 +1,8 @@
 """Stage 5: the line through the stroke, with the fewest straight sides that explain it.
 
-The stations are divided into sides, exactly, by dynamic programming: a corner is worth it if leaving it out would lose
+The samples are divided into sides, exactly, by dynamic programming: a corner is worth it if leaving it out would lose
 a detail larger than a hand's tremble, and sooner where the pointer stopped. Then the corners are moved to where the
-sides fit all stations best (least squares), which puts them where the sides meet, even where no camera saw them.
+sides fit all samples best (least squares), which puts them where the sides meet, even where no camera saw them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def fit_line(stroke: ResampledStroke, joined: bool, loop: ResumableLoop) -> np.n
 
 
 def _divide(stroke: ResampledStroke, sums: np.ndarray, loop: ResumableLoop) -> np.ndarray:
-    """Divides a stroke into sides; returns the first station of each."""
+    """Divides a stroke into sides; returns the first sample of each."""
     x, y = stroke.points.T
     count = len(x)
     # people mark corners by stopping: where the spot was seen more than twice as long as usual, less detail will do;
@@ -79,7 +79,7 @@ def _misfit(sums: np.ndarray) -> np.ndarray:
 
 
 def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> np.ndarray:
-    """Moves the vertices to where the sides between them are nearest to the stations, by weighted least squares."""
+    """Moves the vertices to where the sides between them are nearest to the samples, by weighted least squares."""
     at = stroke.points
     vertices = 0.5 * (at[starts - 1] + at[starts])
     if not joined:
@@ -98,7 +98,7 @@ def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> 
     rows[every, ends[:, 1]] += share[:, None] * normal
     rows = rows.reshape(len(at), -1)
     off = ((at - vertices[ends[:, 0]]) * normal).sum(axis=1)
-    # a corner that the stations leave open, between sides that hardly turn, stays where it is
+    # a corner that the samples leave open, between sides that hardly turn, stays where it is
     scaled = rows * stroke.weights[:, None]
     move = np.linalg.solve(scaled.T @ rows + 0.3 * TREMOR * np.eye(2 * count), scaled.T @ off)
     return vertices + move.reshape(-1, 2)

@@ -1,7 +1,7 @@
-"""Stage 3: the stations of the stroke.
+"""Stage 3: the samples of the stroke.
 
-The observations, in the order in which they were drawn, become stations a hand's tremble apart: a spot held still is
-one station, however long. What is drawn again over the end of the stroke is merged into it.
+The observations, in the order in which they were drawn, become samples a hand's tremble apart: a spot held still is
+one sample, however long. What is drawn again over the end of the stroke is merged into it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class ResampledStroke:
 
     @property
     def weights(self) -> np.ndarray:
-        """(K,) [m] of the line that each station represents."""
+        """(K,) [m] of the line that each sample represents."""
         steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * TREMOR)
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMOR
 
@@ -47,24 +47,24 @@ def make_stroke(observations: np.ndarray, trust: np.ndarray, loop: ResumableLoop
     total = wide[:-2] + wide[1:-1] + wide[2:]
     calm = total[:, :2] / total[:, 2:]
     first, states = loop.resume(calm, 1)
-    station = states[:, 0]
-    # from the beginning of the last station on
-    first = int(np.searchsorted(station[:first], station[first - 1])) if first else 0
-    number, seen, x, y = int(station[first - 1]) + 1 if first else 0, 0, 0.0, 0.0
+    sample = states[:, 0]
+    # from the beginning of the last sample on
+    first = int(np.searchsorted(sample[:first], sample[first - 1])) if first else 0
+    number, seen, x, y = int(sample[first - 1]) + 1 if first else 0, 0, 0.0, 0.0
     for row, (px, py) in enumerate(calm[first:].tolist(), start=first):
         if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > TREMOR**2:
             number, seen, x, y = number + 1, 0, 0.0, 0.0
         seen, x, y = seen + 1, x + px, y + py
-        station[row] = number
-    stroke = _means(observations, trust, station.astype(int))
+        sample[row] = number
+    stroke = _means(observations, trust, sample.astype(int))
     # the line ends where the spot was seen first and last
     stroke.points[[0, -1]] = calm[[0, -1]]
     return _merge_repeats(stroke)
 
 
-def _means(points: np.ndarray, trust: np.ndarray, station: np.ndarray) -> ResampledStroke:
-    total = np.bincount(station, trust)
-    return ResampledStroke(np.column_stack([np.bincount(station, trust * axis) / total for axis in points.T]), total)
+def _means(points: np.ndarray, trust: np.ndarray, sample: np.ndarray) -> ResampledStroke:
+    total = np.bincount(sample, trust)
+    return ResampledStroke(np.column_stack([np.bincount(sample, trust * axis) / total for axis in points.T]), total)
 
 
 def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
@@ -76,7 +76,7 @@ def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + TREMOR
     new = np.ones(len(at), dtype=bool)
     new[later[again]] = False
-    # two stations beside the line may be an overshoot; three are new floor
+    # two samples beside the line may be an overshoot; three are new floor
     run = np.flatnonzero(new[:-2] & new[1:-1] & new[2:])
     kept = int(run[-1]) + 3 if len(run) else len(at)
     nearest = cKDTree(at[:kept]).query(at[kept:])[1]

@@ -3,7 +3,7 @@
 One JSON document per line: the first names the interaction, each other one holds one spot and the state it was
 collected in. Appended as spots come, so that a process that is killed loses at most its unwritten buffer.
 
-A journal that fails never stops the drawing: the failure is kept in `problem` until the next interaction.
+A spot log that fails never stops the drawing: the failure is kept in `problem` until the next interaction.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class SpotLog:
         limit: spots after which no more are written: the file stays below about 90 bytes for each.
 
     Attributes:
-        problem: "journal_unwritable" or "journal_damaged" with values, if something was lost; None if nothing was.
+        problem: "spot_log_unwritable" or "spot_log_damaged" with values, if something was lost; None if nothing was.
     """
 
     def __init__(self, path: Optional[Path], limit: int = 60000) -> None:
@@ -49,7 +49,7 @@ class SpotLog:
         self.close()
         entries, damaged = self._read(interaction_id)
         if damaged:
-            self.problem = CodedError("journal_damaged", lines=damaged)
+            self.problem = CodedError("spot_log_damaged", lines=damaged)
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(str(self._path), "a" if entries else "w", encoding="utf-8")
@@ -79,7 +79,7 @@ class SpotLog:
             return [], 0
         try:
             with open(str(self._path), "rb") as file:
-                # whatever is there: no more than a journal can hold is read
+                # whatever is there: no more than a spot log can hold is read
                 lines = file.read(200 * self._limit + 1000).decode("utf-8", errors="replace").split("\n")
         except OSError:
             return [], 0
@@ -123,7 +123,7 @@ class SpotLog:
 
     def _give_up(self, error: Exception) -> None:
         """Stops writing for this interaction."""
-        self.problem = CodedError("journal_unwritable", what=getattr(error, "strerror", None) or str(error))
+        self.problem = CodedError("spot_log_unwritable", what=getattr(error, "strerror", None) or str(error))
         file, self._file = self._file, None
         try:
             if file is not None:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import spsolve
 
-from vb_fusion.stroke.observations import LOCALISATION_ERROR, TREMOR, Observations, time_bins
+from vb_fusion.stroke.observations import LOCALIZATION_ERROR, TREMOR, Observations, time_bins
 
 # share of a robot's error that is the same a second later: localisation corrects itself within metres
 ERROR_CORRELATION = math.exp(-1.0 / 10.0)
@@ -57,7 +57,7 @@ def _prior_weight(unknown: int, seconds: np.ndarray) -> csr_matrix:
         seconds: (S, R) which of them are robots', one row per second.
     """
     before, after = seconds[:-1], seconds[1:]
-    prior = (0.5 * TREMOR / LOCALISATION_ERROR) ** 2
+    prior = (0.5 * TREMOR / LOCALIZATION_ERROR) ** 2
     tie = prior / (1.0 - ERROR_CORRELATION**2)  # of an offset to its correlated part of a second before
     held = np.ones(unknown)
     held[seconds[:1]] = prior

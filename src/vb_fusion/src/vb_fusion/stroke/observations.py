@@ -15,7 +15,7 @@ import numpy as np
 from vb_fusion.line.chain import ExtractionError
 
 TREMOR = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
-LOCALISATION_ERROR = 0.15  # [m] what a robot's pose may be off, differently every second
+LOCALIZATION_ERROR = 0.15  # [m] what a robot's pose may be off, differently every second
 TIME_BIN = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
 MAX_COORDINATE = 1e5  # [m] from the origin: no floor is larger
 
@@ -100,7 +100,7 @@ def make_observations(
     moving = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
     # a detector that reports 0 still saw something
     trust = np.ones(count) if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
-    trust = np.where(moving, TREMOR / LOCALISATION_ERROR, 1.0) * trust
+    trust = np.where(moving, TREMOR / LOCALIZATION_ERROR, 1.0) * trust
     times = np.zeros(count) if stamps is None else np.asarray(stamps, dtype=float)
     usable = (np.abs(array) <= MAX_COORDINATE).all(axis=1) & np.isfinite(times)
     if began is None:

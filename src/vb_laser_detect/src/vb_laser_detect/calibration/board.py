@@ -85,9 +85,9 @@ class BoardView:
     ids: np.ndarray
 
 
-def draw_board(board: BoardParams, pixels_per_metre: float) -> np.ndarray:
+def draw_board(board: BoardParams, pixels_per_meter: float) -> np.ndarray:
     """Draws the board without a margin, (H, W) uint8. The upper left pixel's own corner is P1."""
-    width, height = (int(round(side * pixels_per_metre)) for side in board.size)
+    width, height = (int(round(side * pixels_per_meter)) for side in board.size)
     return board.opencv().generateImage((width, height), marginSize=0, borderBits=1)
 
 
@@ -98,7 +98,7 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
         CodedError: "no_board" if there is none; "board_too_small" if it is, or may be, too small in the image;
             "board_hidden" if too few of its corners are seen.
     """
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
     parameters = cv2.aruco.DetectorParameters()
     # relative to the image's longer side; OpenCV's default of 0.03 means 15 px per side at 1920
     parameters.minMarkerPerimeterRate = 0.01
@@ -107,7 +107,7 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     parameters.adaptiveThreshWinSizeMax = 33
     design = board.opencv()
     detector = cv2.aruco.CharucoDetector(design, cv2.aruco.CharucoParameters(), parameters)
-    corners, ids, markers, _ = detector.detectBoard(grey)
+    corners, ids, markers, _ = detector.detectBoard(gray)
     side = 0.0
     if markers:
         side = float(np.median([cv2.arcLength(marker, True) / 4 for marker in markers]))
@@ -123,7 +123,7 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     # and within the white between corner and markers
     window = max(2, min(5, int(side * (1.0 / _MARKER_SHARE - 1.0) / 2.0)))
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 0.001)
-    pixels = cv2.cornerSubPix(grey, corners.astype(np.float32), (window, window), (-1, -1), criteria)
+    pixels = cv2.cornerSubPix(gray, corners.astype(np.float32), (window, window), (-1, -1), criteria)
     return BoardView(pixels.reshape(-1, 2).astype(float), design.getChessboardCorners()[ids][:, :2].astype(float), ids)
 
 

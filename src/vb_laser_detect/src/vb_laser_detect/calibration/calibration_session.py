@@ -19,7 +19,7 @@ from vb_laser_detect.calibration.pose import (
     estimate_pose,
 )
 
-_HOLD_S = 2.0  # a spot is held this long before a point is taken
+_HOLD_TIME = 2.0  # [s] a spot is held this long before a point is taken
 _MIN_SIGHTINGS = 5
 _STILL_PX = 3.0
 _SAME_PLACE_PX = 15.0  # what is shown nearer to an earlier place was not moved
@@ -43,11 +43,11 @@ class HeldSpot:
         """Returns the place (u, v) [px] of the spot in the images of the last two seconds.
 
         Raises:
-            CodedError: "no_spot" if it was not seen often enough, "spot_moves" if it was not still.
+            CodedError: "spot_not_seen_by_camera" if it was not seen often enough, "spot_moves" if it was not still.
         """
-        recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_S])
+        recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_TIME])
         if len(recent) < _MIN_SIGHTINGS:
-            raise CodedError("no_spot")
+            raise CodedError("spot_not_seen_by_camera")
         middle = np.median(recent, axis=0)
         away = np.linalg.norm(recent - middle, axis=1)
         if np.percentile(away, 80) > _STILL_PX:

@@ -28,18 +28,18 @@ class ClockOffset:
         return abs(self.offset) - self.uncertainty > limit
 
 
-def estimate_clock_offset(exchanges: Sequence[Exchange]) -> ClockOffset:
+def estimate_clock_offset(samples: Sequence[Exchange]) -> ClockOffset:
     """Estimates the offset by the quickest exchange: network delays only add.
 
     Raises:
-        CodedError: "no_exchange" without one that can be true.
+        CodedError: "no_clock_samples" without one that can be true.
     """
     found = []
-    for sent, received, answered, returned in exchanges:
+    for sent, received, answered, returned in samples:
         delay = (returned - sent) - (answered - received)
         if returned >= sent and answered >= received and delay >= 0.0:
             found.append((delay, ((received - sent) + (answered - returned)) / 2.0))
     if not found:
-        raise CodedError("no_exchange")
+        raise CodedError("no_clock_samples")
     delay, offset = min(found)
     return ClockOffset(offset, delay / 2.0)

@@ -45,10 +45,10 @@ class CameraConsistency:
 # a camera's usual interval between sightings, and one image that is lost; but no longer than a straight part of a slow
 # drawing lasts
 _GAP_PERIODS = 2.5
-_LONGEST_GAP_S = 0.5
+_MAX_GAP = 0.5  # [s]
 
 
-def compare_cameras(sightings: Iterable[Sighting], least: int = 20) -> List[CameraConsistency]:
+def compare_cameras(sightings: Iterable[Sighting], min_common: int = 20) -> List[CameraConsistency]:
     """Compares each pair of cameras that saw the spot at the same time.
 
     Cameras do not take their images at the same time, and a spot moves: the second one's place is interpolated to the
@@ -56,12 +56,12 @@ def compare_cameras(sightings: Iterable[Sighting], least: int = 20) -> List[Came
     at once is left out at that time.
 
     Raises:
-        CodedError: "one_camera" if fewer than two cameras saw a spot; "no_overlap" if no two of them saw it together
-            at least `least` times.
+        CodedError: "too_few_cameras" if fewer than two cameras saw a spot; "no_overlap" if no two of them saw it together
+            at least `min_common` times.
     """
     tracks = _tracks(sightings)
     if len(tracks) < 2:
-        raise CodedError("one_camera", cameras=", ".join(tracks) or "-")
+        raise CodedError("too_few_cameras", cameras=", ".join(tracks) or "-")
     found = []
     for first, second in itertools.combinations(sorted(tracks), 2):
         a, b = tracks[first], tracks[second]
@@ -69,9 +69,9 @@ def compare_cameras(sightings: Iterable[Sighting], least: int = 20) -> List[Came
         inside = (after > 0) & (after < len(b))
         a, after = a[inside], after[inside]
         before = after - 1
-        near = b[after, 0] - b[before, 0] <= min(_GAP_PERIODS * float(np.median(np.diff(b[:, 0]))), _LONGEST_GAP_S)
+        near = b[after, 0] - b[before, 0] <= min(_GAP_PERIODS * float(np.median(np.diff(b[:, 0]))), _MAX_GAP)
         a, before, after = a[near], before[near], after[near]
-        if len(a) < least:
+        if len(a) < min_common:
             continue
         share = ((a[:, 0] - b[before, 0]) / (b[after, 0] - b[before, 0]))[:, None]
         off = b[before, 1:] + share * (b[after, 1:] - b[before, 1:]) - a[:, 1:]
@@ -80,7 +80,7 @@ def compare_cameras(sightings: Iterable[Sighting], least: int = 20) -> List[Came
         median, p95 = (float(value) for value in np.percentile(distance, (50, 95)))
         found.append(CameraConsistency(first, second, len(off), (x, y), median, p95))
     if not found:
-        raise CodedError("no_overlap", cameras=", ".join(sorted(tracks)), count=least)
+        raise CodedError("no_overlap", cameras=", ".join(sorted(tracks)), count=min_common)
     return found
 
 

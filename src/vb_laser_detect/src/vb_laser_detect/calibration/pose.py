@@ -28,7 +28,7 @@ MIN_POINTS = 4
 _MAX_SETS = 200  # minimal sets tried; with 40 % wrong points 50 are enough for one without any, at 99.9 %
 _PROMISING = 10  # of them are solved again, more exactly
 _SAME_PLACE = 0.005  # of the image's diagonal; points nearer to each other are one place, seen twice
-_SAME_PLACE_M = 0.01
+_SAME_PLACE_DISTANCE = 0.01  # [m]
 _SAME_TURN = math.radians(2.0)  # solutions that differ by less are one
 _LIKELY = 9.0  # difference of chi square within which two poses are both plausible: 3 sigma
 _PIXEL_SIGMA = 0.3  # [px] of a point in the image
@@ -132,7 +132,7 @@ def estimate_pose(
 
     Raises:
         CodedError: "bad_points", "outside_image", "too_few_calibration_points", "collinear", "clustered" for
-            points that cannot determine a pose; "no_agreement" where no pose explains enough of them;
+            points that cannot determine a pose; "no_consistent_pose" where no pose explains enough of them;
             "below_floor" if the camera would be under it; "ambiguous" if two poses explain them; "uncertain"
             if the pose is known too poorly.
     """
@@ -141,7 +141,9 @@ def estimate_pose(
     start = _consensus(camera, observed)
     used = errors_on_floor(camera, start, observed) < _OUTLIER
     if used.sum() < max(MIN_POINTS, _MIN_AGREEING * len(observed)):
-        raise CodedError("no_agreement", agreeing=int(used.sum()), points=len(observed), cm=f"{100 * _OUTLIER:.0f}")
+        raise CodedError(
+            "no_consistent_pose", agreeing=int(used.sum()), points=len(observed), cm=f"{100 * _OUTLIER:.0f}"
+        )
     check_points(camera, observed.select(used))
     # what agrees may change once all that agrees has been used
     for _ in range(5):
@@ -181,7 +183,7 @@ def check_points(camera: CameraModel, observed: Correspondences) -> None:
     if not camera.contains(observed.pixels).all():
         raise CodedError("outside_image", size=f"{camera.width} x {camera.height}")
     near_px = _SAME_PLACE * math.hypot(camera.width, camera.height)
-    different = min(_different(observed.points, _SAME_PLACE_M), _different(observed.pixels, near_px))
+    different = min(_different(observed.points, _SAME_PLACE_DISTANCE), _different(observed.pixels, near_px))
     if different < MIN_POINTS:
         raise CodedError("too_few_calibration_points", different=different, points=len(observed), least=MIN_POINTS)
     for values in (observed.points, observed.pixels):
@@ -250,8 +252,8 @@ def _planar_poses(rays: np.ndarray, points: np.ndarray, polish: bool = False) ->
     least-squares steps, at twenty times the cost.
     """
     # the solver needs the points around the origin
-    centre = np.array([*points.mean(axis=0), 0.0])
-    plane = np.column_stack([points, np.zeros(len(points))]) - centre
+    center = np.array([*points.mean(axis=0), 0.0])
+    plane = np.column_stack([points, np.zeros(len(points))]) - center
     given = plane, rays[:, None, :2], np.eye(3), np.zeros(5)
     try:
         found, rotations, shifts, _ = cv2.solvePnPGeneric(*given, flags=cv2.SOLVEPNP_IPPE)
@@ -263,7 +265,7 @@ def _planar_poses(rays: np.ndarray, points: np.ndarray, polish: bool = False) ->
             rotation, shift = cv2.solvePnPRefineLM(*given, rotation, shift)
         if np.isfinite(rotation).all() and np.isfinite(shift).all():
             pose = geometry.invert(geometry.transform(cv2.Rodrigues(rotation)[0], shift.ravel()))
-            pose[:3, 3] += centre
+            pose[:3, 3] += center
             poses.append(pose)
     return poses
 
@@ -286,7 +288,7 @@ def _consensus(camera: CameraModel, observed: Correspondences) -> np.ndarray:
 
     best = ranked([chosen for _, _, chosen in ranked(_minimal_sets(observed), False)[:_PROMISING]], True)
     if not best:
-        raise CodedError("no_agreement", agreeing=0, points=len(observed), cm=f"{100 * _OUTLIER:.0f}")
+        raise CodedError("no_consistent_pose", agreeing=0, points=len(observed), cm=f"{100 * _OUTLIER:.0f}")
     return best[0][1]
 
 

@@ -27,15 +27,15 @@ from vb_laser_detect.detection.blocks import (
 _DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
 _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
 _NOISE_TIME = 1.0  # [s] over which a block's noise is averaged
-_CYCLE_S = 1.0  # every pixel is blended in once in this time
-_ABSORB_S = 1.5  # a change that lasts this long belongs to the background
+_CYCLE_TIME = 1.0  # [s] every pixel is blended in once in this time
+_ABSORPTION_TIME = 1.5  # [s] a change that lasts this long belongs to the background
 _WEIGHT = 0.25  # of a frame whenever a strip is blended in
 _KEYFRAME = 6  # [images] a moving camera's background is kept for: people walk on
 _KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe
 _MARGIN = 24  # [px] around a region that is examined
 # half the rows must do, in half the time: spots cover several. In a Bayer image's pattern two neighbours hold all
 # colours
-_COLOUR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
+_COLOR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
 _SQUARE = np.ones((3, 3), np.uint8)
 _HALF = np.diag((0.5, 0.5, 1.0))
 
@@ -70,7 +70,7 @@ class Background:
         self._brightest: Optional[np.ndarray] = None
         self._images = 0  # since the keyframe, with motion
 
-    def measure_rise(
+    def subtract_background(
         self, image: np.ndarray, motion: Optional[np.ndarray], half: Optional[np.ndarray] = None
     ) -> Tuple[np.ndarray, np.ndarray]:
         """Compares an image with the background.
@@ -84,7 +84,7 @@ class Background:
         """
         self.motion, self.reference = motion, self.image
         if motion is None:
-            rise = block_maxima(image, self.image, _MOSAIC_ROWS if image.ndim == 2 else _COLOUR_ROWS)
+            rise = block_maxima(image, self.image, _MOSAIC_ROWS if image.ndim == 2 else _COLOR_ROWS)
             return rise, max_channel(cv2.subtract(self._sample, sample_blocks(image))) > _DARKER
         # at half size moving it costs a quarter, and fractions of a pixel matter less: to the nearest one it is moved
         if self._brightest is None:
@@ -107,8 +107,8 @@ class Background:
         there = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
         return warp(self.image, there, image[part].copy(), cv2.INTER_CUBIC)
 
-    def foreground_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
-        """Finds the blocks (rows, columns) bool whose rise is at least `least` and exceeds the block's own noise."""
+    def foreground_blocks(self, maxima: np.ndarray, threshold: float) -> np.ndarray:
+        """Finds the blocks (rows, columns) bool whose rise is at least `threshold` and exceeds the block's own noise."""
         if not self._noise_known:
             # the second image's: the whole scene's
             middle = float(np.median(maxima))
@@ -116,11 +116,11 @@ class Background:
             self._limit, self._noise_known = None, True
         if self.motion is not None:
             # a block's noise belongs to the edges that it showed
-            return maxima >= max(least, float((self._noise + _NOISE_DEVIATIONS * self._deviation).mean()))
+            return maxima >= max(threshold, float((self._noise + _NOISE_DEVIATIONS * self._deviation).mean()))
         if self._limit is None:
             # whole grey levels, as the rise has: comparing bytes is four times faster
             self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
-        return cv2.compare(maxima, cv2.max(self._limit, math.ceil(least)), cv2.CMP_GE) > 0
+        return cv2.compare(maxima, cv2.max(self._limit, math.ceil(threshold)), cv2.CMP_GE) > 0
 
     def update(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> bool:
         """Adds a frame.
@@ -151,11 +151,11 @@ class Background:
             cv2.accumulateWeighted(values, self._noise, weight, mask)
             cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
             self._noise_s, self._limit = 0.0, None
-        absorbed = self._changed_s > _ABSORB_S
+        absorbed = self._changed_s > _ABSORPTION_TIME
         if absorbed.any():
             self._changed_s[absorbed] = 0.0
             self._take(image, absorbed, 1.0)
-        first, self._strip = self._strip, self._strip + min(1.0, dt / _CYCLE_S)
+        first, self._strip = self._strip, self._strip + min(1.0, dt / _CYCLE_TIME)
         self._take(image, steady, _WEIGHT, *(int(round(min(1.0, part) * len(steady))) for part in (first, self._strip)))
         if self._strip >= 1.0:
             self._strip = 0.0

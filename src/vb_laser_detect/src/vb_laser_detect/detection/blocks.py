@@ -95,7 +95,7 @@ def mask_of_blocks(blocks: np.ndarray, height: int, width: int) -> np.ndarray:
     return cv2.copyMakeBorder(mask, 0, rest[0], 0, rest[1], cv2.BORDER_CONSTANT) if any(rest) else mask
 
 
-def find_regions(maxima: np.ndarray, hot: np.ndarray, most: int) -> List[Tuple[Region, float]]:
+def find_regions(maxima: np.ndarray, hot: np.ndarray, max_regions: int) -> List[Tuple[Region, float]]:
     """Finds regions of connected hot blocks, the brightest first.
 
     A large region is cut down to the parts above 60 % of its peak: a spot beside a person must not be lost in the
@@ -115,7 +115,7 @@ def find_regions(maxima: np.ndarray, hot: np.ndarray, most: int) -> List[Tuple[R
     if large.any():
         labels, stats, peaks = _components(hot & ~(large[labels] & (maxima <= 0.6 * peaks[labels])), maxima)
     result = []
-    for label in np.argsort(-peaks[1:], kind="stable")[:most] + 1:
+    for label in np.argsort(-peaks[1:], kind="stable")[:max_regions] + 1:
         left, top, width, height = ((stats[label, :4] + (x, y, 0, 0)) * BLOCK).tolist()
         result.append(((left, top, left + width, top + height), float(peaks[label])))
     return result

@@ -13,7 +13,7 @@ from vb_laser_detect.detection.image_format import to_bgr
 _SPOT, _REJECTED = (0, 220, 0), (0, 140, 255)
 
 
-def draw(image: np.ndarray, encoding: str, candidates: Iterable[Spot]) -> np.ndarray:
+def draw_candidates(image: np.ndarray, encoding: str, candidates: Iterable[Spot]) -> np.ndarray:
     """Draws a green ring round each spot, and the reason beside rejected ones, into a bgr copy (H, W, 3) of the image.
 
     Args:
@@ -23,18 +23,18 @@ def draw(image: np.ndarray, encoding: str, candidates: Iterable[Spot]) -> np.nda
     picture = to_bgr(image, encoding)
     scale = max(0.4, picture.shape[0] / 1500.0)
     for c in candidates:
-        colour = _REJECTED if c.rejection else _SPOT
-        centre = (int(round(c.u)), int(round(c.v)))
+        color = _REJECTED if c.rejection else _SPOT
+        center = (int(round(c.u)), int(round(c.v)))
         radius = int(max(6, 0.5 * c.diameter + 4))
-        cv2.circle(picture, centre, radius, colour, 1 if c.rejection else 2, cv2.LINE_AA)
+        cv2.circle(picture, center, radius, color, 1 if c.rejection else 2, cv2.LINE_AA)
         text = c.rejection or f"{c.confidence:.2f}"
         cv2.putText(
             picture,
             text,
-            (centre[0] + radius + 3, centre[1] + 4),
+            (center[0] + radius + 3, center[1] + 4),
             cv2.FONT_HERSHEY_SIMPLEX,
             scale,
-            colour,
+            color,
             1,
             cv2.LINE_AA,
         )

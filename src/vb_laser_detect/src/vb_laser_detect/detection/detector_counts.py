@@ -8,7 +8,7 @@ from typing import Any, Deque, Dict, Tuple
 
 import numpy as np
 
-_WINDOW_S = 5.0
+_WINDOW = 5.0  # [s]
 
 
 class DetectorCounts:
@@ -46,7 +46,7 @@ class DetectorCounts:
         Times are NaN where nothing happened.
         """
         with self._lock:
-            while self._frames and not now - _WINDOW_S <= self._frames[0][0] <= now:
+            while self._frames and not now - _WINDOW <= self._frames[0][0] <= now:
                 self._frames.popleft()
             frames = np.array(self._frames or [(now, np.nan, np.nan)], dtype=float)
             rate = len(self._frames) / max(now - frames[0, 0], 0.2)

@@ -1,4 +1,4 @@
-"""Tells whether an image is too bright for a spot to show on it."""
+"""Whether an image is too bright for a spot to show on it."""
 
 from __future__ import annotations
 

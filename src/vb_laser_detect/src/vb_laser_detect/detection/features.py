@@ -21,7 +21,7 @@ _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
 _SHADOW = 0.5  # part of the light that a shadow leaves at least
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
-_GREY = 0.85  # a floor is grey if its weakest channel has this share of the strongest
+_GRAY = 0.85  # a floor is grey if its weakest channel has this share of the strongest
 _SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
@@ -46,8 +46,8 @@ class Blob:
     features: Dict[str, float] = field(default_factory=dict)
 
 
-class Camera(NamedTuple):
-    """What is known of the camera: its images' diagonal [px], a Bayer mosaic or not, the brightest value that it shows."""
+class ImageTraits(NamedTuple):
+    """What is known of a camera's images: their diagonal [px], a Bayer mosaic or not, the brightest value that it shows."""
 
     diagonal: float
     mosaic: bool
@@ -55,7 +55,12 @@ class Camera(NamedTuple):
 
 
 def measure(
-    image: np.ndarray, background: np.ndarray, seed: Region, largest: float, camera: Camera, widest: float = math.inf
+    image: np.ndarray,
+    background: np.ndarray,
+    seed: Region,
+    largest: float,
+    camera: ImageTraits,
+    widest: float = math.inf,
 ) -> Blob:
     """Measures the brightest blob of a region.
 
@@ -117,7 +122,7 @@ def _window(
 
 
 def _light_of(
-    mask: np.ndarray, diameter: float, light: np.ndarray, now: np.ndarray, before: np.ndarray, camera: Camera
+    mask: np.ndarray, diameter: float, light: np.ndarray, now: np.ndarray, before: np.ndarray, camera: ImageTraits
 ) -> Tuple[Optional[np.ndarray], Dict[str, float]]:
     """Returns the tint of a blob's light, and the features that say how it differs from the floor beside it.
 
@@ -213,7 +218,7 @@ def tint_of(
     if cv2.countNonZero(halo) < 6:
         return core
     level, floor = means_over(halo, mosaic, image, background)
-    if floor.min() < _GREY * floor.max():
+    if floor.min() < _GRAY * floor.max():
         return core
     # in a person's shadow a white light would seem to rise unevenly: less is left of the floor's light
     beside = cv2.compare(cv2.bitwise_or(bright, blob), 0, cv2.CMP_EQ)
@@ -228,7 +233,7 @@ def _share_of(rise: np.ndarray) -> np.ndarray:
 
 
 def chroma(tint: np.ndarray) -> float:
-    """Tells how coloured a light is: 0 for white, 1 if a channel shows nothing of it."""
+    """Returns how coloured a light is: 0 for white, 1 if a channel shows nothing of it."""
     return float(1.0 - tint.min() / max(tint.max(), 1e-6))
 
 

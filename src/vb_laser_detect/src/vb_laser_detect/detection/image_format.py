@@ -67,7 +67,7 @@ def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
     return cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if encoding.startswith("rgb") else image.copy()
 
 
-def to_grey(image: np.ndarray, encoding: str) -> np.ndarray:
+def to_gray(image: np.ndarray, encoding: str) -> np.ndarray:
     """Converts an image as it came to grey levels (H, W) uint8."""
     if image.ndim == 2 and encoding[:10] not in BAYER:
         return PixelReader().read(image, encoding)

@@ -10,7 +10,7 @@ import numpy as np
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.detection import projection
-from vb_laser_detect.detection.bodies import Body
+from vb_laser_detect.detection.robot_cylinders import RobotCylinder
 from vb_laser_detect.detector import Spot, SpotDetector
 from vb_laser_detect.detection.projection import FloorPoint, FloorProjection
 
@@ -30,7 +30,7 @@ class ImageGeometry:
         projector: the camera's.
         depth: returns the depth image of that time; None: the floor is a plane.
         stamp: the image's, in whatever form the caller keeps it: seconds as a float lose its nanoseconds.
-        bodies: returns what stood on the floor at that time; asked at most once, and only for a candidate.
+        cylinders: returns what stood on the floor at that time; asked at most once, and only for a candidate.
     """
 
     def __init__(
@@ -40,12 +40,12 @@ class ImageGeometry:
         projector: FloorProjection,
         depth: Optional[DepthAt] = None,
         stamp: Any = None,
-        bodies: Callable[[], Sequence[Body]] = tuple,
+        cylinders: Callable[[], Sequence[RobotCylinder]] = tuple,
     ) -> None:
         self.stamp = stamp
         self.unplaced: Optional[CodedError] = None
         self._camera, self._projector = camera, projector
-        self._ask_pose, self._depth, self._ask_bodies = pose, depth, bodies
+        self._ask_pose, self._depth, self._ask_cylinders = pose, depth, cylinders
         self._points: Dict[Tuple[float, float], FloorPoint] = {}
 
     @cached_property
@@ -54,9 +54,9 @@ class ImageGeometry:
         return self._ask_pose()
 
     @cached_property
-    def bodies(self) -> Sequence[Body]:
+    def cylinders(self) -> Sequence[RobotCylinder]:
         """What may hide the floor."""
-        return self._ask_bodies()
+        return self._ask_cylinders()
 
     def to_floor(self, pixels: np.ndarray) -> np.ndarray:
         """Projects pixels (N, 2) to the floor (N, 3) [m]; NaN without a pose, see `unplaced`."""
@@ -66,7 +66,7 @@ class ImageGeometry:
             except CodedError as error:
                 if error.code not in ("no_transform", "bad_transform"):
                     raise
-                self.unplaced = error.without_stack()
+                self.unplaced = error.without_traceback()
         return np.full((len(pixels), 3), np.nan)
 
     def point(self, u: float, v: float) -> FloorPoint:
@@ -78,7 +78,7 @@ class ImageGeometry:
         if (u, v) not in self._points:
             where, at = (self._camera, self.pose, u, v), self._projector
             point = at.on_plane(*where) if self._depth is None else at.with_depth(*where, *self._depth())
-            if any(body.hides(self.pose[:3, 3], point.position) for body in self.bodies):
+            if any(robot.occludes(self.pose[:3, 3], point.position) for robot in self.cylinders):
                 raise CodedError("on_robot")
             self._points[u, v] = point
         return self._points[u, v]

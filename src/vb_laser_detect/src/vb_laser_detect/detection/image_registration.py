@@ -44,10 +44,10 @@ class ImageRegistration:
             image: (H, W) or (H, W, 3) uint8.
             half: the same at half size.
         """
-        grey, scale = (half, 0.5) if half.shape[1] >= _WIDTH else (image, 1.0)
-        while grey.shape[1] >= 2 * _WIDTH:
-            grey, scale = halve(grey), 0.5 * scale
-        self._latest = grey if grey.ndim == 2 else cv2.cvtColor(grey, cv2.COLOR_BGR2GRAY)
+        gray, scale = (half, 0.5) if half.shape[1] >= _WIDTH else (image, 1.0)
+        while gray.shape[1] >= 2 * _WIDTH:
+            gray, scale = halve(gray), 0.5 * scale
+        self._latest = gray if gray.ndim == 2 else cv2.cvtColor(gray, cv2.COLOR_BGR2GRAY)
         if self._keyframe is None or self._keyframe.shape != self._latest.shape:
             self.take()
             return np.eye(3)
@@ -100,6 +100,6 @@ def _agreed_motion(before: np.ndarray, after: np.ndarray) -> Optional[np.ndarray
 
 
 def is_still(motion: np.ndarray, shape: tuple) -> bool:
-    """Tells whether a motion moves no place of an image of this shape."""
+    """Returns whether a motion moves no place of an image of this shape."""
     corners = np.array([[(0, 0), (shape[1], 0), (0, shape[0]), (shape[1], shape[0])]], float)
     return bool(np.abs(cv2.perspectiveTransform(corners, motion) - corners).max() < _STILL_PX)

@@ -47,13 +47,13 @@ class FloorPoint:
 
     Attributes:
         position: (3,) [m], map frame; z is the height that was measured.
-        metres_per_pixel: [m/px] floor length of a pixel there.
+        meters_per_pixel: [m/px] floor length of a pixel there.
         source: GROUND_PLANE, DEPTH or GROUND_PLANE_FALLBACK.
         range: [m] from the camera.
     """
 
     position: np.ndarray
-    metres_per_pixel: float
+    meters_per_pixel: float
     source: str
     range: float
 
@@ -82,7 +82,7 @@ def pixels_of(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray)
     return camera.project(geometry.apply(geometry.invert(T_map_camera), np.asarray(points, dtype=float).reshape(-1, 3)))
 
 
-def metres_per_pixel(to_floor: ToFloor, u: float, v: float) -> float:
+def meters_per_pixel(to_floor: ToFloor, u: float, v: float) -> float:
     """Returns the floor length of a pixel [m/px], the mean over directions; NaN where the floor is not seen."""
     here, right, below = np.asarray(to_floor(np.array([(u, v), (u + 1.0, v), (u, v + 1.0)])), dtype=float)[:, :2]
     along, down = right - here, below - here
@@ -134,7 +134,7 @@ class FloorProjection:
         if distance > p.max_range:
             raise CodedError("too_far", f"the point is {distance:.1f} m away")
         self._check_map(point)
-        scale = metres_per_pixel(lambda pixels: floor_points(camera, T_map_camera, pixels, p.floor_height), u, v)
+        scale = meters_per_pixel(lambda pixels: floor_points(camera, T_map_camera, pixels, p.floor_height), u, v)
         return FloorPoint(point, scale, GROUND_PLANE, distance)
 
     def with_depth(
@@ -164,14 +164,14 @@ class FloorProjection:
             model = depth_camera or camera.scaled_to(depth.shape[1], depth.shape[0])
             reading = depth_at(depth, model.project(ray[None])[0])
         if reading is None:
-            return FloorPoint(plane.position, plane.metres_per_pixel, GROUND_PLANE_FALLBACK, plane.range)
+            return FloorPoint(plane.position, plane.meters_per_pixel, GROUND_PLANE_FALLBACK, plane.range)
         point = geometry.apply(T_map_camera, ray * reading)
         off = float(point[2] - p.floor_height)
         distance = float(np.linalg.norm(ray) * reading)
         if abs(off) > p.max_height + _HEIGHT_PER_RANGE * distance:
             raise CodedError("not_on_floor", f"the spot lies {off:+.2f} m off the floor")
         self._check_map(point)
-        scale = plane.metres_per_pixel * distance / plane.range
+        scale = plane.meters_per_pixel * distance / plane.range
         return FloorPoint(point, scale, DEPTH, distance)
 
     def _check_map(self, point: np.ndarray) -> None:

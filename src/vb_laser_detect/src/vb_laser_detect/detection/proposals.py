@@ -103,19 +103,19 @@ class Proposer:
         Args:
             expected: where spots should be.
         """
-        min_rise = self.params.min_rise
+        difference_threshold = self.params.difference_threshold
         if self._background is not None:
             still = np.array_equal(self._motion, np.eye(3))
-            rise, darker = self._background.measure_rise(image, None if still else self._motion, self._half)
-            hot = self._background.foreground_blocks(rise, min_rise)
+            rise, darker = self._background.subtract_background(image, None if still else self._motion, self._half)
+            hot = self._background.foreground_blocks(rise, difference_threshold)
             limit = _MAX_CHANGE_LOST if self._lost else _MAX_CHANGE
         else:
             self.white = max(self.white, float(image.max()))
         # a person close to the camera darkens much of the image too, and must not become its background
         if self._background is None or max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) > limit * hot.size:
             self._start(image, expected)
-            rise, darker = self._background.measure_rise(image, None)
-            hot = rise >= min_rise
+            rise, darker = self._background.subtract_background(image, None)
+            hot = rise >= difference_threshold
         background = self._background
         proposals = self._rank(image, find_regions(rise, hot, 4 * _MAX_REGIONS), expected)
         background.refine_reference([one.region for one in proposals if not one.rejection], image)

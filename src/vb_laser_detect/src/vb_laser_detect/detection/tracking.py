@@ -20,16 +20,16 @@ from scipy.spatial.distance import cdist
 
 from vb_laser_detect.detection.blocks import Region
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.detection.features import Camera, chroma
+from vb_laser_detect.detection.features import ImageTraits, chroma
 
-_SLACK_M, _SLACK_PX = 0.05, 12.0  # what noise alone may move a spot between two images
+_SLACK, _SLACK_PX = 0.05, 12.0  # [m] what noise alone may move a spot between two images
 _MAX_SPEED = 8.0  # [m/s] of a spot on the floor: a wrist's flick
-_GAP_S, _GAP_PERIODS = (
+_GAP_TIME, _GAP_PERIODS = (
     0.25,
     3.5,
 )  # a spot may be hidden so long, a leg's time, and be missing in two images of any camera
-_RECALL_S = 1.0  # older sightings of a spot confirmed late are not published
-_DIAGONAL_M = 5.0  # without a pose an image's diagonal counts as this much
+_RECALL_TIME = 1.0  # [s] older sightings of a spot confirmed late are not published
+_DIAGONAL = 5.0  # [m] without a pose an image's diagonal counts as this much
 _PERIODS = 15  # [images] whose median distance in time is the period
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
 _PALE = (
@@ -37,7 +37,7 @@ _PALE = (
 )
 # [s] colourless light is followed for longer before it counts: a glint on a shoe, a watch or a cup lasts
 # less than a step, half a second. Nothing is lost, as the spots until then are backfilled
-_STEP_S = 0.6
+_STEP_TIME = 0.6
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Expected(NamedTuple):
         return 2.0 * self.diameter
 
     def holds(self, u: float, v: float) -> bool:
-        """Tells whether a place [px] is within reach."""
+        """Returns whether a place [px] is within reach."""
         return math.hypot(u - self.u, v - self.v) <= self.reach
 
     def clip(self, region: Region) -> Region:
@@ -107,7 +107,7 @@ class Expected(NamedTuple):
         )
 
     def overlaps(self, region: Region) -> bool:
-        """Tells whether a part of a region is within reach."""
+        """Returns whether a part of a region is within reach."""
         left, top, right, bottom = self.clip(region)
         return left < right and top < bottom
 
@@ -119,7 +119,7 @@ class Track:
     Attributes:
         place: (4,) u, v [px] and x, y [m], the last ones, with their velocity per second.
         created: [s] when it was seen first.
-        rest_position, resting_since: (2,) [px] from where it has hardly moved since then.
+        dwell_position, dwelling_since: (2,) [px] from where it has hardly moved since then.
         unpublished: what was seen before it was confirmed, the oldest first.
     """
 
@@ -127,8 +127,8 @@ class Track:
     place: np.ndarray
     stamp: float
     created: float
-    rest_position: np.ndarray
-    resting_since: float
+    dwell_position: np.ndarray
+    dwelling_since: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(4))
     hits: int = 0
     diameter: float = 0.0
@@ -143,7 +143,7 @@ class SpotTracker:
 
     Attributes:
         params: the detector's; they may be changed between images.
-        period_s: [s] from one image to the next, the median of the last ones; 0 before the second.
+        period: [s] from one image to the next, the median of the last ones; 0 before the second.
     """
 
     def __init__(self, params: DetectorParams) -> None:
@@ -151,11 +151,11 @@ class SpotTracker:
         self._tracks: List[Track] = []
         self._numbers = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
-        self.period_s = 0.0
+        self.period = 0.0
         self._stamp: Optional[float] = None
         self._axes = slice(0, 2)  # of a place, in which spots are told apart
 
-    def begin(self, stamp: float, camera: Camera, motion: Optional[np.ndarray]) -> List[Expected]:
+    def begin(self, stamp: float, camera: ImageTraits, motion: Optional[np.ndarray]) -> List[Expected]:
         """Begins the next image; call it before `update`.
 
         Args:
@@ -167,13 +167,13 @@ class SpotTracker:
         """
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
-            self.period_s = median(self._periods)
+            self.period = median(self._periods)
         self._stamp, self._camera = stamp, camera
-        gap = max(_GAP_S, _GAP_PERIODS * self.period_s)
+        gap = max(_GAP_TIME, _GAP_PERIODS * self.period)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         for track in self._tracks if motion is not None else ():
-            track.place[:2], track.rest_position = cv2.perspectiveTransform(
-                np.array([[track.place[:2], track.rest_position]]), motion
+            track.place[:2], track.dwell_position = cv2.perspectiveTransform(
+                np.array([[track.place[:2], track.dwell_position]]), motion
             )[0]
         expected = [self._expect(track) for track in self._tracks if track.confirmed]
         return sorted(expected, key=lambda one: not one.published)
@@ -191,7 +191,7 @@ class SpotTracker:
             tag: of the image, for spots that are backfilled.
         """
         tracks = self._assign(spots)
-        oldest = self._stamp - max(_RECALL_S, (self.params.confirm_frames + 1) * self.period_s)
+        oldest = self._stamp - max(_RECALL_TIME, (self.params.confirm_frames + 1) * self.period)
         for spot, track in zip(spots, tracks):
             self._see(track, spot)
             track.unpublished = [earlier for earlier in track.unpublished if earlier.stamp >= oldest]
@@ -209,7 +209,7 @@ class SpotTracker:
         if axes != self._axes:
             self._tracks, self._axes = [], axes
         slack, speed = (
-            (_SLACK_M, _MAX_SPEED) if axes.start else (_SLACK_PX, _MAX_SPEED * self._camera.diagonal / _DIAGONAL_M)
+            (_SLACK, _MAX_SPEED) if axes.start else (_SLACK_PX, _MAX_SPEED * self._camera.diagonal / _DIAGONAL)
         )
         found: List[Optional[Track]] = [None] * len(spots)
         if self._tracks:
@@ -229,8 +229,8 @@ class SpotTracker:
             elif self._stamp > track.stamp:
                 track.velocity = (place - track.place) / (self._stamp - track.stamp)
                 track.place, track.stamp = place, self._stamp
-                if math.hypot(*(place[:2] - track.rest_position)) > _SLACK_PX:
-                    track.rest_position, track.resting_since = place[:2].copy(), self._stamp
+                if math.hypot(*(place[:2] - track.dwell_position)) > _SLACK_PX:
+                    track.dwell_position, track.dwelling_since = place[:2].copy(), self._stamp
         return found
 
     def _see(self, track: Track, spot: Spot) -> None:
@@ -243,7 +243,7 @@ class SpotTracker:
         # of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which looks like a colour;
         # in the mean over several images it does not
         shown = 0.0 if track.light is None else chroma(track.light)
-        if self._stamp - track.created < _STEP_S:
+        if self._stamp - track.created < _STEP_TIME:
             least = _VIVID
         else:
             least = _PALE if self._camera.mosaic else 0.0

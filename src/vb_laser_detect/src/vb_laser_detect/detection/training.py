@@ -28,7 +28,7 @@ _FOR = ("peak", "level", "edge", "chroma_mosaic")
 _UP_TO = {"diameter": math.log(0.01)}
 
 
-class LabelledFrame(NamedTuple):
+class LabeledFrame(NamedTuple):
     """One image of a clip or scene.
 
     Attributes:
@@ -77,7 +77,7 @@ class Oracle(SpotClassifier):
     def __init__(self, reach: float) -> None:
         super().__init__({}, 0.0)
         self.reach = reach
-        self.frame: Optional[LabelledFrame] = None
+        self.frame: Optional[LabeledFrame] = None
         self.rows: List[Dict[str, float]] = []
         self.truth: List[bool] = []
 
@@ -113,7 +113,7 @@ def load_examples(files: Iterable[Path]) -> Examples:
 
 
 def collect(
-    frames: Iterable[LabelledFrame], params: DetectorParams, group: str, reach: float, encoding: str = ""
+    frames: Iterable[LabeledFrame], params: DetectorParams, group: str, reach: float, encoding: str = ""
 ) -> Examples:
     """Collects the examples of one clip or scene.
 

@@ -16,20 +16,22 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros import robot_profile
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array
+from vb_core.ros.images import compressed_encoding, array_from_compressed_image, array_from_image
 from vb_core.ros.transforms import TransformLookup
-from vb_laser_detect.detection.bodies import Body
+from vb_laser_detect.detection.robot_cylinders import RobotCylinder
 from vb_laser_detect.detection.image_geometry import ImageGeometry
 from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 
 
-_LOOK_UP_S = 0.5  # a camera's pose is looked up so often: a recalibrated one is soon known, and no image waits for it
-_TF_WAIT_S = 0.15  # odometry comes in after the image
+_LOOKUP_PERIOD = (
+    0.5  # [s] between looks at a camera's pose: a recalibrated one is soon known, and no image waits for it
+)
+_TF_TIMEOUT = 0.15  # [s] odometry comes in after the image
 _TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any does
-_DEPTH_AGE_S = 0.08  # largest time between image and depth image
-_DOUBT_M = 0.05  # by which a robot's localisation may be off, as its driver takes it to be where nothing else is known
-_STALE_S = 0.5  # a robot whose newest pose is older was somewhere else by now, or is switched off
+_MAX_DEPTH_AGE = 0.08  # [s] largest time between image and depth image
+_POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation, as its driver takes it to be where nothing else is known
+_MAX_POSE_AGE = 0.5  # [s] a robot whose newest pose is older was somewhere else by now, or is switched off
 
 
 def decode(message: Any) -> Tuple[np.ndarray, str]:
@@ -39,8 +41,8 @@ def decode(message: Any) -> Tuple[np.ndarray, str]:
         CodedError: "bad_image"
     """
     if hasattr(message, "encoding"):
-        return image_array(message), message.encoding
-    image = compressed_image_array(message)
+        return array_from_image(message), message.encoding
+    image = array_from_compressed_image(message)
     return image, compressed_encoding(message, image)
 
 
@@ -120,19 +122,19 @@ class DepthTopic:
         with self._lock:
             self._images.append(message)
 
-    def nearest(self, stamp: rospy.Time, colour_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
+    def nearest(self, stamp: rospy.Time, color_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
         """Returns the depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
 
         Args:
-            colour_frame: of the colour image; depth of another frame is not registered to it.
+            color_frame: of the colour image; depth of another frame is not registered to it.
         """
         with self._lock:
             images = list(self._images)
         best = min(images, key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
-        if best is None or abs((best.header.stamp - stamp).to_sec()) > _DEPTH_AGE_S:
+        if best is None or abs((best.header.stamp - stamp).to_sec()) > _MAX_DEPTH_AGE:
             return None, None
-        if best.header.frame_id.lstrip("/") != colour_frame.lstrip("/"):
-            self._report.fault(CodedError("depth_not_registered", depth=best.header.frame_id, colour=colour_frame))
+        if best.header.frame_id.lstrip("/") != color_frame.lstrip("/"):
+            self._report.fault(CodedError("depth_not_registered", depth=best.header.frame_id, color=color_frame))
             return None, None
         try:
             depth = depth_array(best)
@@ -152,7 +154,7 @@ def depth_array(message: Image) -> np.ndarray:
         CodedError: "bad_depth" for another encoding, or without a single reading.
     """
     try:
-        depth = image_array(message)
+        depth = array_from_image(message)
     except CodedError as error:
         raise CodedError("bad_depth", f"depth: {error.message}") from None
     if depth.ndim != 2 or depth.dtype not in (np.dtype(np.uint16), np.dtype(np.float32)):
@@ -164,7 +166,7 @@ def depth_array(message: Image) -> np.ndarray:
 
 
 class Robots:
-    """The robots as bodies that hide the floor.
+    """The robots as cylinders that hide the floor.
 
     Subscribed topics:
         tf: <robot>/base_link to map
@@ -182,7 +184,7 @@ class Robots:
     def __len__(self) -> int:
         return len(self._profiles)
 
-    def bodies(self, stamp: rospy.Time) -> List[Body]:
+    def cylinders(self, stamp: rospy.Time) -> List[RobotCylinder]:
         """Returns where the robots were at a time.
 
         One whose pose has not arrived yet is taken to be larger by how far it may have driven since its last one.
@@ -194,13 +196,17 @@ class Robots:
             at = stamp if newest.is_zero() else min(newest, stamp)
             late = (stamp - at).to_sec()
             try:
-                if late > _STALE_S:
+                if late > _MAX_POSE_AGE:
                     raise CodedError("robot_without_pose")
                 x, y = self._transforms.lookup(names.MAP_FRAME, frame, at, 0.0)[:2, 3].tolist()
             except CodedError:
                 self._report.count("robot_without_pose")
                 continue
-            found.append(Body(x, y, profile.radius + _DOUBT_M + profile.limits.max_speed * late, profile.shape.height))
+            found.append(
+                RobotCylinder(
+                    x, y, profile.radius + _POSE_UNCERTAINTY + profile.limits.max_speed * late, profile.shape.height
+                )
+            )
         return found
 
 
@@ -241,16 +247,20 @@ class CameraGeometry:
             CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
         """
         camera, now = self._info.model_for(shape), rospy.Time.now()
-        if self._looked_up is None or frame_id != self._frame or abs((now - self._looked_up).to_sec()) >= _LOOK_UP_S:
+        if (
+            self._looked_up is None
+            or frame_id != self._frame
+            or abs((now - self._looked_up).to_sec()) >= _LOOKUP_PERIOD
+        ):
             self._looked_up = None  # while there is none it is asked for with each image
             self._pose = self._newest_pose(frame_id, stamp)
             self._looked_up, self._frame = now, frame_id
         if self._mobile:
-            pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, _TF_WAIT_S)
+            pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, _TF_TIMEOUT)
         else:
             pose = partial(np.copy, self._pose)
         depth = partial(self._depth.nearest, stamp, frame_id) if self._depth is not None else None
-        return ImageGeometry(camera, pose, self._projector, depth, stamp, partial(self._robots.bodies, stamp))
+        return ImageGeometry(camera, pose, self._projector, depth, stamp, partial(self._robots.cylinders, stamp))
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """Returns the pose (4, 4); a moving camera's only tells that there is one, which most images do not ask for."""
@@ -259,7 +269,7 @@ class CameraGeometry:
             pose = lookup(stamp - _TF_LATE if self._mobile else rospy.Time(0), 0.0)
         except CodedError:
             if self._mobile:  # just started, or gone
-                return lookup(stamp, _TF_WAIT_S)
+                return lookup(stamp, _TF_TIMEOUT)
             # a camera that does not move stays where it was last seen, whatever became of its publisher
             if self._pose is None or frame_id != self._frame:
                 raise

@@ -20,15 +20,15 @@ from vb_laser_detect.detection.detector_counts import DetectorCounts
 from vb_laser_detect.detection.exposure import TOO_BRIGHT, saturated_share
 from vb_msgs.msg import DetectorStatus
 
-_SILENCE_S = 2.0  # without an image for this long, diagnostics call the camera silent
-_RECENT_S = 5.0  # a fault of its input stays in the diagnostics for this long
+_SILENCE_TIMEOUT = 2.0  # [s] without an image for this long, diagnostics call the camera silent
+_FAULT_LIFETIME = 5.0  # [s] a fault of its input stays in the diagnostics for this long
 # [s] of wall time. A fault is logged once, when its sentence changes, and as a reminder, each after twice the
 # time of the one before: a person who calibrates cameras for half an hour knows that they have no pose. A missing
 # input not before it has lasted: while nodes start inputs come late, and a camera whose frame is another's should
 # not be told of its pose first
-_CHANGES_S, _REMIND_S, _LASTS_S = 10.0, 60.0, 3.0
-_SLOW_S = 1.0  # a spot that is confirmed later than this is worth a warning
-_HEARD_S = 5.0  # a detector that is silent for this long is gone
+_CHANGE_PERIOD, _REMINDER_PERIOD, _MIN_DURATION = 10.0, 60.0, 3.0
+_SLOW_CONFIRMATION = 1.0  # [s] a spot that is confirmed later than this is worth a warning
+_DETECTOR_TIMEOUT = 5.0  # [s] a detector that is silent for this long is gone
 
 
 @dataclass
@@ -41,17 +41,17 @@ class _Fault:
     met: float = float("-inf")
     told: float = float("-inf")
     told_text: str = ""
-    again_s: float = _REMIND_S
+    again_s: float = _REMINDER_PERIOD
 
     def meet(self, text: str, at: rospy.Time, now: float, lasts_s: float) -> bool:
-        """Notes that it is there, and returns whether that is to be logged."""
-        if now - self.met > _RECENT_S:
-            self.since, self.again_s = now, _REMIND_S
+        """Records that it is there, and returns whether that is to be logged."""
+        if now - self.met > _FAULT_LIFETIME:
+            self.since, self.again_s = now, _REMINDER_PERIOD
         self.at, self.text, self.met = at, text, now
         same = text == self.told_text
-        due = now - self.since >= lasts_s and now - self.told >= (self.again_s if same else _CHANGES_S)
+        due = now - self.since >= lasts_s and now - self.told >= (self.again_s if same else _CHANGE_PERIOD)
         if due:
-            self.again_s = 2.0 * self.again_s if same else _REMIND_S
+            self.again_s = 2.0 * self.again_s if same else _REMINDER_PERIOD
             self.told, self.told_text = now, text
         return due
 
@@ -70,14 +70,14 @@ class DetectorDiagnostics:
 
     Attributes:
         debug_images: how many were drawn; none without subscribers.
-        colour: whether the images show colours.
+        color: whether the images show colours.
     """
 
     def __init__(self, camera: str, mailbox: Mailbox, mobile: bool = False) -> None:
         self._camera, self._mobile = camera, mobile
         self._frame_id, self._confirmation_s = "", 0.0
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
-        self.colour = True
+        self.color = True
         self._mailbox = mailbox
         self._counts = DetectorCounts()
         self._lock = threading.Lock()
@@ -108,17 +108,17 @@ class DetectorDiagnostics:
         self._counts.count_rejection(error.code)
         with self._lock:
             known = self._faults.setdefault(error.code, _Fault())
-            due = known.meet(error.message, rospy.Time.now(), time.monotonic(), _LASTS_S if missing else 0.0)
+            due = known.meet(error.message, rospy.Time.now(), time.monotonic(), _MIN_DURATION if missing else 0.0)
         if due:
             (rospy.logerr if severe else rospy.logwarn)("%s: %s", rospy.get_name(), error)
 
     def set_missing_input(self, reason: str) -> None:
-        """Notes why no spot can be published yet; "" once all inputs are available."""
+        """Records why no spot can be published yet; "" once all inputs are available."""
         with self._lock:
             self._missing_input = reason
 
-    def note_detector(self, message: DetectorStatus) -> None:
-        """Notes another detector's status."""
+    def record_detector(self, message: DetectorStatus) -> None:
+        """Records another detector's status."""
         if message.camera != self._camera and not message.mobile and message.frame_id:
             with self._lock:
                 self._others[message.camera] = (message.frame_id, time.monotonic())
@@ -130,7 +130,9 @@ class DetectorDiagnostics:
             CodedError: "shared_frame"
         """
         with self._lock:
-            frames = {name: frame for name, (frame, at) in self._others.items() if time.monotonic() - at < _HEARD_S}
+            frames = {
+                name: frame for name, (frame, at) in self._others.items() if time.monotonic() - at < _DETECTOR_TIMEOUT
+            }
         if not self._mobile:
             require_own_frame(self._camera, frame_id, frames)
 
@@ -168,25 +170,25 @@ class DetectorDiagnostics:
         with self._lock:
             missing = [self._missing_input] if self._missing_input else []
             faults = [
-                (code, one.text) for code, one in self._faults.items() if abs((now - one.at).to_sec()) < _RECENT_S
+                (code, one.text) for code, one in self._faults.items() if abs((now - one.at).to_sec()) < _FAULT_LIFETIME
             ]
         recent = [f"{text} [{code}]" for code, text in faults]
         image = self._image
         saturated = saturated_share(image) if image is not None else 0.0
         level, lines = DiagnosticStatus.OK, [f"{told.rate_hz:.1f} images per second"]
-        if told.rate_hz == 0.0 and (now - self._started).to_sec() > _SILENCE_S:
+        if told.rate_hz == 0.0 and (now - self._started).to_sec() > _SILENCE_TIMEOUT:
             level, lines = DiagnosticStatus.ERROR, ["no images"] + missing + recent
         elif missing:
             level, lines = DiagnosticStatus.ERROR, missing + recent
         elif recent:
             level, lines = DiagnosticStatus.WARN, recent
-        elif self._confirmation_s > _SLOW_S:
+        elif self._confirmation_s > _SLOW_CONFIRMATION:
             level, lines = (
                 DiagnosticStatus.WARN,
                 [str(CodedError("slow_camera", rate=f"{told.rate_hz:.1f}", seconds=f"{self._confirmation_s:.1f}"))],
             )
-        elif self._mobile and not self.colour:
-            level, lines = DiagnosticStatus.WARN, [str(CodedError("no_colour", camera=self._camera))]
+        elif self._mobile and not self.color:
+            level, lines = DiagnosticStatus.WARN, [str(CodedError("no_color", camera=self._camera))]
         elif saturated > TOO_BRIGHT:
             level = DiagnosticStatus.WARN
             lines = [f"{100 * saturated:.0f} % of the image is saturated: reduce the exposure"]
@@ -202,7 +204,7 @@ class DetectorDiagnostics:
         status.add("images dropped", str(told.dropped))
         status.add("spots published", str(told.spots))
         status.add("saturated part of the image", f"{saturated:.3f}")
-        status.add("colour", "yes" if self.colour else "no")
+        status.add("colour", "yes" if self.color else "no")
         status.add("optical frame", self._frame_id)
         status.add("debug images drawn", str(self.debug_images))
         for code, count in zip(told.rejections, told.rejection_counts):

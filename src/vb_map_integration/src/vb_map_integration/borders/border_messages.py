@@ -14,7 +14,7 @@ from vb_map_integration.borders.issues import ERROR, WARNING, Issue, Integration
 
 # whether the chain is closed, by kind
 KINDS = {
-    BorderMessage.DECIDE: None,
+    BorderMessage.AUTO: None,
     BorderMessage.POLYGON: True,
     BorderMessage.SEPARATING_CURVE: False,
     BorderMessage.VIRTUAL_WALL: False,
@@ -80,7 +80,7 @@ def message_from_border(
     return message
 
 
-def issue_messages(issues: Sequence[Issue]) -> List[BorderIssue]:
+def messages_from_issues(issues: Sequence[Issue]) -> List[BorderIssue]:
     """Issues to messages; inverse of `issues_from_messages`."""
     return [
         BorderIssue(
@@ -94,7 +94,7 @@ def issue_messages(issues: Sequence[Issue]) -> List[BorderIssue]:
 
 
 def issues_from_messages(found: Iterable[BorderIssue]) -> Tuple[Issue, ...]:
-    """Messages to issues; inverse of `issue_messages`."""
+    """Messages to issues; inverse of `messages_from_issues`."""
     severities = {value: key for key, value in _SEVERITIES.items()}
     return tuple(
         Issue(severities.get(one.severity, ERROR), one.code, one.message, messages.mapping_from_values(one.values))

@@ -9,14 +9,14 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_map_integration.border import MAX_COORDINATE_M, MAX_POINTS, VirtualBorder
+from vb_map_integration.border import MAX_COORDINATE, MAX_POINTS, VirtualBorder
 
 
 @dataclass(frozen=True)
 class ClickParams(Parameters):
     """Parameters of clicks."""
 
-    closing_distance_m: float = param(0.15, "m", above=0.0, doc="a click so near to an end ends the chain")
+    closing_distance: float = param(0.15, "m", above=0.0, doc="a click so near to an end ends the chain")
     occupancy: float = param(1.0, low=0.0, high=1.0, doc="delta of the border")
 
 
@@ -45,7 +45,7 @@ class Clicks:
             CodedError: "bad_points" for an invalid point, "too_many_points", or what `VirtualBorder` raises.
         """
         place = np.array(point, dtype=float)
-        if place.shape != (2,) or not np.isfinite(place).all() or np.abs(place).max() > MAX_COORDINATE_M:
+        if place.shape != (2,) or not np.isfinite(place).all() or np.abs(place).max() > MAX_COORDINATE:
             raise CodedError("bad_points")
         if self.closed is not None:
             return VirtualBorder(np.array(self.points), place, self._params.occupancy, self.closed)
@@ -53,9 +53,9 @@ class Clicks:
         to_first, to_last = (
             float(np.linalg.norm(place - self.points[index])) if self.points else np.inf for index in (0, -1)
         )
-        if count >= 3 and to_first <= min(self._params.closing_distance_m, to_last):
+        if count >= 3 and to_first <= min(self._params.closing_distance, to_last):
             self.end(closed=True)
-        elif to_last <= self._params.closing_distance_m:
+        elif to_last <= self._params.closing_distance:
             if count >= 2:
                 self.end(closed=False)
         elif count >= MAX_POINTS:

@@ -17,39 +17,39 @@ DRAFT, STORED, SLEEPING, SEED, REFUSED = (
     ColorRGBA(0.1, 0.4, 1.0, 1.0),
     ColorRGBA(1.0, 0.2, 0.2, 1.0),
 )
-LINE_WIDTH_M, VERTEX_M, TEXT_M = 0.03, 0.10, 0.15
+LINE_WIDTH, VERTEX_DIAMETER, TEXT_HEIGHT = 0.03, 0.10, 0.15  # [m]
 
 
-def _marker(kind: int, colour: ColorRGBA, scale: Tuple[float, float, float]) -> Marker:
-    marker = Marker(type=kind, action=Marker.ADD, color=colour)
+def _marker(kind: int, color: ColorRGBA, scale: Tuple[float, float, float]) -> Marker:
+    marker = Marker(type=kind, action=Marker.ADD, color=color)
     marker.pose.orientation.w = 1.0
     marker.scale.x, marker.scale.y, marker.scale.z = scale
     return marker
 
 
-def chain_marker(points: np.ndarray, closed: bool, colour: ColorRGBA) -> Marker:
+def chain_marker(points: np.ndarray, closed: bool, color: ColorRGBA) -> Marker:
     """Draws a chain (N, 2) [m] as a line."""
-    marker = _marker(Marker.LINE_STRIP, colour, (LINE_WIDTH_M, 0.0, 0.0))
+    marker = _marker(Marker.LINE_STRIP, color, (LINE_WIDTH, 0.0, 0.0))
     line = np.concatenate([points, points[:1]]) if closed else points
     marker.points = messages.points_from_array(line)
     return marker
 
 
-def vertices_marker(points: Sequence[Sequence[float]], colour: ColorRGBA) -> Marker:
+def vertices_marker(points: Sequence[Sequence[float]], color: ColorRGBA) -> Marker:
     """Points (N, 2) [m] as balls."""
-    marker = _marker(Marker.SPHERE_LIST, colour, (VERTEX_M, VERTEX_M, VERTEX_M))
+    marker = _marker(Marker.SPHERE_LIST, color, (VERTEX_DIAMETER, VERTEX_DIAMETER, VERTEX_DIAMETER))
     marker.points = messages.points_from_array(np.asarray(points, dtype=float).reshape(-1, 2))
     return marker
 
 
-def ball_marker(colour: ColorRGBA, size: float = VERTEX_M) -> Marker:
+def ball_marker(color: ColorRGBA, size: float = VERTEX_DIAMETER) -> Marker:
     """Draws a ball at the origin of whatever it belongs to."""
-    return _marker(Marker.SPHERE, colour, (size, size, size))
+    return _marker(Marker.SPHERE, color, (size, size, size))
 
 
-def text_marker(text: str, point: Sequence[float], colour: ColorRGBA) -> Marker:
+def text_marker(text: str, point: Sequence[float], color: ColorRGBA) -> Marker:
     """Writes a sentence beside a point [m]."""
-    marker = _marker(Marker.TEXT_VIEW_FACING, colour, (0.0, 0.0, TEXT_M))
+    marker = _marker(Marker.TEXT_VIEW_FACING, color, (0.0, 0.0, TEXT_HEIGHT))
     marker.text = text
     marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = float(point[0]), float(point[1]) + 0.2, 0.1
     return marker

@@ -54,10 +54,10 @@ def simplify(border: VirtualBorder, tolerance: float) -> VirtualBorder:
     return border.replace(points=thinned) if len(thinned) >= (3 if border.closed else 2) else border
 
 
-def new_border(centre: Sequence[float], size: float, closed: bool) -> VirtualBorder:
+def new_border(center: Sequence[float], size: float, closed: bool) -> VirtualBorder:
     """Makes a square of an edge length [m], or a line of that length, to be dragged to where it is wanted."""
     points, seed = [(0.0, -0.5), (0.0, 0.5)], (0.5, 0.0)
     if closed:
         points, seed = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)], (0.0, 0.0)
-    middle = np.asarray(centre, dtype=float)
+    middle = np.asarray(center, dtype=float)
     return VirtualBorder(middle + size * np.array(points), middle + size * np.array(seed), closed=closed)

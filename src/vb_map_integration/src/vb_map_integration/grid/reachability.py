@@ -32,8 +32,8 @@ def check_reachability(
     grid: GridMap,
     goals: Sequence[Sequence[float]] = (),
     robot: Optional[Sequence[float]] = None,
-    radius_m: float = 0.18,
-    min_component_m2: float = 0.1,
+    radius: float = 0.18,
+    min_component_area: float = 0.1,
     occupied_threshold: int = OCCUPIED_THRESHOLD,
 ) -> Reachability:
     """Counts the parts of the free space, and finds the goals in a different part than the robot.
@@ -41,11 +41,11 @@ def check_reachability(
     Args:
         goals: (N, 2) [m].
         robot: (x, y) [m]; None: goals are measured against the largest part.
-        radius_m: [m] the robot's.
-        min_component_m2: [m^2] smaller parts, measured for the robot's centre, are not counted.
+        radius: [m] the robot's.
+        min_component_area: [m^2] smaller parts, measured for the robot's centre, are not counted.
     """
     free = masks.threshold_mask(np.ascontiguousarray(grid.data).view(np.uint8), occupied_threshold, cv2.CMP_LT)
-    radius = radius_m / grid.resolution
+    radius = radius / grid.resolution
     factor = int(np.ceil(np.sqrt(free.size / MAX_CELLS)))
     if factor > 1:
         free = _coarser(free, factor)
@@ -57,7 +57,7 @@ def check_reachability(
         free = masks.threshold_mask(cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1], radius, cv2.CMP_GT)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
     areas = stats[1:, cv2.CC_STAT_AREA]
-    parts = int((areas * grid.resolution**2 >= min_component_m2).sum())
+    parts = int((areas * grid.resolution**2 >= min_component_area).sum())
     if len(areas) == 0:
         return Reachability(0, tuple(range(len(goals))))
     home = int(np.argmax(areas)) + 1

@@ -38,7 +38,7 @@ _GROWN = 1.25
 
 
 @dataclass(frozen=True)
-class Recognition:
+class PlaceRecognition:
     """What a map was recognised as.
 
     Attributes:
@@ -56,7 +56,7 @@ class Recognition:
     floor_cells: int = 0
 
 
-class Recognizer:
+class PlaceRecognizer:
     """Recognises maps by the database.
 
     Args:
@@ -69,7 +69,9 @@ class Recognizer:
         self._name = name
         self._wall_maps: Dict[str, WallMap] = {}
 
-    def recognise(self, grid: GridMap, map_id: str, before: Optional[GridMap], recognition: Recognition) -> Recognition:
+    def recognize(
+        self, grid: GridMap, map_id: str, before: Optional[GridMap], recognition: PlaceRecognition
+    ) -> PlaceRecognition:
         """Recognises what a map shows.
 
         Args:
@@ -78,10 +80,10 @@ class Recognizer:
         """
         known = self._database.find_map(map_id)
         if known is not None:
-            return Recognition(known.place, known.transform)
+            return PlaceRecognition(known.place, known.transform)
         candidates = self._candidates()
         if not candidates:
-            return Recognition()
+            return PlaceRecognition()
         floor = int(np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_THRESHOLD)))
         wall_map = WallMap(grid)
         continued = before is not None and recognition.place in candidates and is_extension(before, grid)
@@ -127,9 +129,9 @@ class Recognizer:
         return False
 
     def _register(
-        self, candidates: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: Recognition
-    ) -> Recognition:
-        best: Dict[int, Recognition] = {}
+        self, candidates: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: PlaceRecognition
+    ) -> PlaceRecognition:
+        best: Dict[int, PlaceRecognition] = {}
         for place, maps in candidates.items():
             for one in maps[:1] + maps[1:][1 - _COMPARED :]:
                 reference = self._wall_map_of(one)
@@ -140,7 +142,7 @@ class Recognizer:
                 if not found.is_unambiguous:
                     found = self._unmoved(reference, wall_map, found, guesses)
                 transform = _snap(found.transform.after(one.transform), recognition.transform, wall_map.grid)
-                new = Recognition(place, transform, found.is_unambiguous, found)
+                new = PlaceRecognition(place, transform, found.is_unambiguous, found)
                 if place not in best or (new.certain, found.score) > (best[place].certain, _score(best[place])):
                     best[place] = new
         certain = [one for one in best.values() if one.certain]
@@ -154,7 +156,7 @@ class Recognizer:
             return replace(max(plausible, key=_score), certain=False)
         last = self._database.get_value("last_place")
         place = int(last) if last.isdigit() and int(last) in candidates else max(candidates)
-        return replace(best[place], certain=False) if place in best else Recognition(place, IDENTITY, False)
+        return replace(best[place], certain=False) if place in best else PlaceRecognition(place, IDENTITY, False)
 
     @staticmethod
     def _unmoved(
@@ -191,5 +193,5 @@ def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform
     return transform
 
 
-def _score(recognition: Recognition) -> float:
+def _score(recognition: PlaceRecognition) -> float:
     return recognition.registration.score if recognition.registration else 0.0

@@ -6,7 +6,7 @@ one of them has seen says nothing. Long connected walls carry the evidence, sinc
 1. A coarse search over all rotations finds where the walls of both maps fit best: one correlation by FFT per angle.
 2. The best hypotheses are refined to a fraction of a cell: each wall cell is drawn to the nearest wall of the other
    map (Gauss-Newton on the distance fields of both maps, far pairs left out).
-3. Each is scored by the share of long walls that are found again, in both directions, within `TOLERANCE_M`. The best
+3. Each is scored by the share of long walls that are found again, in both directions, within `TOLERANCE`. The best
    one is sure only if nearly all are found again, if it rests on enough walls, and if no other one comes near.
 
 Scale is fixed: both maps are in metres. Resolutions may differ.
@@ -25,26 +25,26 @@ import numpy as np
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 
 # [m] a wall is found again if one is this near: two cells of a usual map, and SLAM's bends of a few centimetres
-TOLERANCE_M = 0.12
+TOLERANCE = 0.12
 # [m] connected obstacles that extend farther are walls, smaller ones furniture: a double bed's diagonal is 2.7 m
-STRUCTURE_M = 3.0
+MIN_STRUCTURE_EXTENT = 3.0
 # [m] gaps in a wall that do not part it: cells that the laser missed
-_BRIDGED_M = 0.1
-_COARSE_M = 0.2
+_MAX_BRIDGED_GAP = 0.1
+_COARSE_CELL = 0.2  # [m]
 _COARSE_CELLS = 160
 _ANGLES = 120
 _HYPOTHESES = 10
 _REFINED_POINTS = 1500
 _REMAPPED = 30_000  # rows that OpenCV remaps at once
 # [m] pairs farther apart are left out of the refinement, round by round
-_REACH_M = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
-# two hypotheses are the same one below these
-_SAME_M, _SAME_RAD = 0.4, math.radians(6.0)
+_REACH = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
+# [m] two hypotheses are the same one below these
+_SAME_DISTANCE, _SAME_ANGLE = 0.4, math.radians(6.0)
 
 # When a registration is sure enough to be acted on without a person; docs/results/map-integration.md has the evidence.
 MIN_AGREEMENT = 0.92  # of long walls found again, in both directions
 MIN_OVERLAP = 0.7  # of the smaller map's free floor that the other map knows
-MIN_WALLS_M = 15.0  # long walls that both maps know
+MIN_WALL_LENGTH = 15.0  # [m] long walls that both maps know
 MIN_MARGIN = 0.3  # how much less the next hypothesis explains
 
 
@@ -123,12 +123,12 @@ class Registration:
     @property
     def local(self) -> bool:
         """Whether the maps agree at this transform, whatever another one would give."""
-        return self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALLS_M
+        return self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
 
     @property
     def score(self) -> float:
         """0 .. 1: 1 only if every measure is far above what is needed."""
-        parts = (self.overlap / MIN_OVERLAP, self.walls_m / MIN_WALLS_M, self.margin / MIN_MARGIN)
+        parts = (self.overlap / MIN_OVERLAP, self.walls_m / MIN_WALL_LENGTH, self.margin / MIN_MARGIN)
         return float(max(0.0, self.agreement) * min(1.0, *parts))
 
 
@@ -145,12 +145,12 @@ class WallMap:
         surface = occupied & near_free
         rows, columns = np.nonzero(surface)
         self.walls = grid.grid_to_world(np.column_stack([columns, rows]).astype(float))
-        bridge = 2 * max(1, int(round(_BRIDGED_M / grid.resolution))) - 1
+        bridge = 2 * max(1, int(round(_MAX_BRIDGED_GAP / grid.resolution))) - 1
         joined = cv2.dilate(occupied, np.ones((bridge, bridge), np.uint8))
         _, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
         extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) * grid.resolution
         extent[0] = 0.0
-        self.is_structure = extent[labels[rows, columns]] >= STRUCTURE_M
+        self.is_structure = extent[labels[rows, columns]] >= MIN_STRUCTURE_EXTENT
         self._surface = surface
         # what the map knows: free floor, and what is beside it
         self._known = cv2.dilate(free, np.ones((5, 5), np.uint8))
@@ -198,13 +198,13 @@ class WallMap:
             return np.zeros((0, 2))
         return self.grid.grid_to_world(where[:: max(1, len(where) // 2000), 0].astype(float))
 
-    def draw_evidence(self, centre: np.ndarray, cell: float) -> np.ndarray:
+    def draw_evidence(self, center: np.ndarray, cell: float) -> np.ndarray:
         """Draws (n, n) float32 round a centre [m]: positive at walls, slightly negative on free floor, 0 where unknown."""
-        side = 2 * int(math.ceil(self.radius(centre) / cell)) + 5
+        side = 2 * int(math.ceil(self.radius(center) / cell)) + 5
         middle = side // 2
 
         def binned(points: np.ndarray) -> np.ndarray:
-            where = np.floor((points - centre) / cell + 0.5).astype(int) + middle
+            where = np.floor((points - center) / cell + 0.5).astype(int) + middle
             return np.bincount(where[:, 1] * side + where[:, 0], minlength=side * side).reshape(side, side)
 
         per_cell = max(1.0, cell / self.grid.resolution)
@@ -220,15 +220,15 @@ class WallMap:
         return (wall - 0.08 * floor * (wall < 0.1)).astype(np.float32)
 
     @cached_property
-    def centre(self) -> np.ndarray:
+    def center(self) -> np.ndarray:
         """The middle (2,) [m] of what is known."""
         points = np.concatenate([self.walls, self.floor])
         return (points.min(axis=0) + points.max(axis=0)) / 2.0 if len(points) else np.zeros(2)
 
-    def radius(self, centre: np.ndarray) -> float:
+    def radius(self, center: np.ndarray) -> float:
         """Returns the radius [m] around a centre (2,) [m] within which all that is known lies."""
         points = np.concatenate([self.walls, self.floor])
-        return float(np.linalg.norm(points - centre, axis=1).max()) if len(points) else 1.0
+        return float(np.linalg.norm(points - center, axis=1).max()) if len(points) else 1.0
 
 
 def register(old: GridMap, new: GridMap) -> Optional[Registration]:
@@ -243,7 +243,7 @@ def register_wall_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform])
     refined = [_refine(old, new, start) for start in [*guesses, *_search(old, new)]]
     scored = sorted(((_explained(old, new, one), one) for one in refined), key=lambda pair: -pair[0].balance)
     best, transform = scored[0]
-    rest = [measure.balance for measure, other in scored[1:] if not _is_same(transform, other, old.centre)]
+    rest = [measure.balance for measure, other in scored[1:] if not _is_same(transform, other, old.center)]
     margin = 0.0
     if best.balance > 0.0:
         margin = 1.0 - max([0.0, *rest]) / best.balance
@@ -258,14 +258,14 @@ def measure_at(old: WallMap, new: WallMap, transform: Transform) -> Registration
 
 def _is_same(one: Transform, other: Transform, place: np.ndarray) -> bool:
     apart, turned = one.distance(other, place)
-    return apart < _SAME_M and turned < _SAME_RAD
+    return apart < _SAME_DISTANCE and turned < _SAME_ANGLE
 
 
 def _search(old: WallMap, new: WallMap) -> List[Transform]:
     """Searches the most promising transforms, the best first."""
-    extent = max(old.radius(old.centre), new.radius(new.centre))
-    cell = max(_COARSE_M, 2.0 * extent / _COARSE_CELLS)
-    a, b = old.draw_evidence(old.centre, cell), new.draw_evidence(new.centre, cell)
+    extent = max(old.radius(old.center), new.radius(new.center))
+    cell = max(_COARSE_CELL, 2.0 * extent / _COARSE_CELLS)
+    a, b = old.draw_evidence(old.center, cell), new.draw_evidence(new.center, cell)
     size = cv2.getOptimalDFTSize(len(a) + len(b))
 
     def spectrum(image: np.ndarray) -> np.ndarray:
@@ -290,10 +290,10 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
     for _, yaw, column, row in found:
         shift = np.array([value if value < size - len(a) else value - size for value in (column, row)])
         # the old map's centre is here in the new map
-        place = new.centre + (shift + middle - len(b) // 2) * cell
-        turned = Transform(0.0, 0.0, yaw).apply(old.centre)[0]
+        place = new.center + (shift + middle - len(b) // 2) * cell
+        turned = Transform(0.0, 0.0, yaw).apply(old.center)[0]
         transform = Transform(*(place - turned).tolist(), math.remainder(yaw, 2.0 * math.pi))
-        if all(not _is_same(transform, other, old.centre) for other in chosen):
+        if all(not _is_same(transform, other, old.center) for other in chosen):
             chosen.append(transform)
             if len(chosen) == _HYPOTHESES:
                 break
@@ -311,17 +311,17 @@ def _sample(shape: WallMap) -> np.ndarray:
 def _refine(old: WallMap, new: WallMap, start: Transform) -> Transform:
     """Refines a transform to the one nearby at which the walls of both maps coincide."""
     forward, backward = _sample(old), _sample(new)
-    centre = old.centre  # turning about the middle keeps turn and shift apart
-    place = start.apply(centre)[0]
+    center = old.center  # turning about the middle keeps turn and shift apart
+    place = start.apply(center)[0]
     yaw = start.yaw
-    for reach in _REACH_M:
+    for reach in _REACH:
         c, s = math.cos(yaw), math.sin(yaw)
         rotation = np.array([[c, -s], [s, c]])
-        arm = (forward - centre) @ rotation.T
+        arm = (forward - center) @ rotation.T
         d1, g1 = new.look_up(arm + place)
         j1 = np.column_stack([g1, g1[:, 1] * arm[:, 0] - g1[:, 0] * arm[:, 1]])
         arm = (backward - place) @ rotation
-        d2, g2 = old.look_up(arm + centre)
+        d2, g2 = old.look_up(arm + center)
         j2 = np.column_stack([-(g2 @ rotation.T), g2[:, 0] * arm[:, 1] - g2[:, 1] * arm[:, 0]])
         distance, jacobian = np.concatenate([d1, d2]), np.concatenate([j1, j2])
         weight = np.square(np.maximum(0.0, 1.0 - np.square(distance / reach)))
@@ -329,7 +329,7 @@ def _refine(old: WallMap, new: WallMap, start: Transform) -> Transform:
         step = np.linalg.solve(normal, -(jacobian * weight[:, None]).T @ distance)
         place = place + np.clip(step[:2], -0.3, 0.3)
         yaw += float(np.clip(step[2], -0.05, 0.05))
-    shift = place - Transform(0.0, 0.0, yaw).apply(centre)[0]
+    shift = place - Transform(0.0, 0.0, yaw).apply(center)[0]
     return Transform(float(shift[0]), float(shift[1]), math.remainder(yaw, 2.0 * math.pi))
 
 
@@ -347,7 +347,7 @@ def _explained(old: WallMap, new: WallMap, transform: Transform) -> _Explained:
     for one, other, motion in ((old, new, transform), (new, old, transform.inverse)):
         points = motion.apply(one.walls[one.is_structure])
         expected = points[other.is_known(points)]
-        found = other.look_up(expected)[0] < TOLERANCE_M + other.grid.resolution / 2.0
+        found = other.look_up(expected)[0] < TOLERANCE + other.grid.resolution / 2.0
         hits = int(found.sum())
         shares.append(hits / max(1, len(expected)))
         lengths.append(hits * one.grid.resolution)

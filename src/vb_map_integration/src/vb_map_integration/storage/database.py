@@ -47,7 +47,7 @@ FORMAT = 1
 # what is kept of each: changes that can be undone, requests, daily copies, damaged files, maps of a place
 MAX_CHANGES, MAX_REQUESTS, MAX_COPIES, MAX_DAMAGED, MAX_MAPS = 1000, 1000, 14, 3, 6
 # [s] how long a new process waits for the one before to end
-LOCK_TIMEOUT_S = 5.0
+LOCK_TIMEOUT = 5.0
 
 _SCHEMA = """
 CREATE TABLE maps (
@@ -208,7 +208,7 @@ class Database:
     def _take_lock(self) -> None:
         assert self.folder is not None
         self._lock = os.open(str(self.folder / f"{FILE}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        end = time.monotonic() + LOCK_TIMEOUT_S
+        end = time.monotonic() + LOCK_TIMEOUT
         while True:
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -426,7 +426,7 @@ class Database:
         self._write([(_PUT_MAP, (*new, digest))], self._digests("maps", "id = ?", (place,)), [digest])
 
     def remember_place(self, place: int) -> None:
-        """Notes the last place in force."""
+        """Records the last place in force."""
         if self.get_value("last_place") != str(place):
             self._write([(_PUT_FACT, ("last_place", str(place)))])
 
@@ -566,7 +566,7 @@ class Database:
         row = self._main.execute("SELECT border FROM requests WHERE id = ?", (request_id,)).fetchone()
         return "" if row is None or not request_id else str(row[0])
 
-    def take_over(self, place: int, borders: Iterable[VirtualBorder], note: str) -> Dict[str, str]:
+    def import_legacy(self, place: int, borders: Iterable[VirtualBorder], note: str) -> Dict[str, str]:
         """Adds borders of an older version, with their ids if these are free; returns the ids that had to change."""
         change: List[BorderChange] = []
         renamed: Dict[str, str] = {}

@@ -19,9 +19,9 @@ from vb_robot.spots import LOST_TIMEOUT
 from vb_robot.poses import Pose, pose_distance
 
 MIN_INTERVAL = 1.5  # [s] between two goals: each one costs navigation a new plan
-LOST_INTERVAL = 0.5  # [s] while no camera sees the spot; then no goal waits for PATIENCE either
+LOST_INTERVAL = 0.5  # [s] while no camera sees the spot; then no goal waits for UNFIT_TIMEOUT either
 RETRY_AFTER = 0.5  # [s] after a failure, and as much more after each further one
-PATIENCE = 0.6  # [s] how long the present goal must have been unfit to be replaced
+UNFIT_TIMEOUT = 0.6  # [s] how long the present goal must have been unfit to be replaced
 MIN_SPOT_MOVE = 0.3  # [m] how far the spot must have moved since the goal was chosen
 MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] how far a new place must be from the present goal
 FAILED_RADIUS, FAILED_MEMORY = 0.5, 20.0  # [m, s] around a place that failed, nothing is tried for this long
@@ -33,7 +33,7 @@ PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
 SWITCH_GAIN = 1.0  # [m] how much better placed another robot must be to take over
 
 
-class GoalStatus(enum.Enum):
+class SentGoalState(enum.Enum):
     """What became of the goal that was sent last."""
 
     NONE = "none"
@@ -74,14 +74,14 @@ class RobotStatus:
 
     pose: Optional[Pose]
     server: bool = True
-    goal: GoalStatus = GoalStatus.NONE
+    goal: SentGoalState = SentGoalState.NONE
     busy: bool = False
     goal_place: Optional[Tuple[float, float]] = None
 
     @property
     def running(self) -> bool:
         """Whether it is on its way to the goal that was sent last."""
-        return self.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
+        return self.goal in (SentGoalState.SENT, SentGoalState.ACTIVE)
 
     def places(self) -> List[Tuple[float, float]]:
         """Returns where it is and where it drives to, (x, y) [m]: not places for another robot."""
@@ -139,9 +139,9 @@ class RobotRecord:
         if self.goal is not None:
             what = status.goal.value
             late = status.running and self._awaits(now, what, status.pose) > PROGRESS_TIMEOUTS[what]
-            if status.goal is GoalStatus.FAILED or late:
+            if status.goal is SentGoalState.FAILED or late:
                 self._fail(now, self.goal.pose)
-            elif status.goal is GoalStatus.PREEMPTED:
+            elif status.goal is SentGoalState.PREEMPTED:
                 self.goal, self._rests_until = None, now + PREEMPTION_PAUSE
         return inputs.wanted and status.server and status.pose is not None
 
@@ -195,7 +195,7 @@ class RobotRecord:
             return False
         self._unfit_since = now if self._unfit_since is None else self._unfit_since
         interval = 0.0 if self._endangered else LOST_INTERVAL if inputs.lost else MIN_INTERVAL
-        if now < self._sent + interval or (not inputs.lost and now < self._unfit_since + PATIENCE):
+        if now < self._sent + interval or (not inputs.lost and now < self._unfit_since + UNFIT_TIMEOUT):
             return True
         # on its way off the seed's side it goes on: the border would lock it in
         leaves = under_way is not None and not goal.sees_spot and self._target_rests(goal, planner)

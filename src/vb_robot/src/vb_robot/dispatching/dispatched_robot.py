@@ -9,17 +9,17 @@ from typing import Callable, Deque, List, Optional, Tuple
 import actionlib
 import rospy
 from actionlib import CommState
-from actionlib_msgs.msg import GoalID, GoalStatus as StatusMessage
+from actionlib_msgs.msg import GoalID, GoalStatus
 from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseGoal
 
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.names import MAP_FRAME
 from vb_core.robot_profile import RobotProfile
-from vb_core.ros.messages import pose_from_2d, pose_to_2d
+from vb_core.ros.messages import message_from_pose2d, pose2d_from_message
 from vb_core.ros.transforms import TransformLookup
-from vb_robot.inputs import CameraView
-from vb_robot.dispatching.dispatch import GoalStatus, RobotStatus
+from vb_robot.inputs import FloorViewListener
+from vb_robot.dispatching.dispatch import SentGoalState, RobotStatus
 from vb_robot.floor_view import FloorView
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.poses import Pose
@@ -27,14 +27,14 @@ from vb_robot.poses import Pose
 SILENCE = rospy.Duration(
     2.0
 )  # without a status message for this long navigation counts as gone: it sends five a second
-RUNNING = (StatusMessage.PENDING, StatusMessage.ACTIVE)
+RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE)
 OUTCOMES = {
-    StatusMessage.SUCCEEDED: GoalStatus.REACHED,
-    StatusMessage.PREEMPTED: GoalStatus.PREEMPTED,
-    StatusMessage.RECALLED: GoalStatus.PREEMPTED,
-    StatusMessage.ABORTED: GoalStatus.FAILED,
-    StatusMessage.REJECTED: GoalStatus.FAILED,
-    StatusMessage.LOST: GoalStatus.FAILED,
+    GoalStatus.SUCCEEDED: SentGoalState.REACHED,
+    GoalStatus.PREEMPTED: SentGoalState.PREEMPTED,
+    GoalStatus.RECALLED: SentGoalState.PREEMPTED,
+    GoalStatus.ABORTED: SentGoalState.FAILED,
+    GoalStatus.REJECTED: SentGoalState.FAILED,
+    GoalStatus.LOST: SentGoalState.FAILED,
 }
 
 
@@ -59,7 +59,7 @@ class DispatchedRobot:
         self.name = name
         self._who = f"robot {name}" if name else "the robot"
         self._base_frame, self._transforms, self._sent = prefix + profile.frames.base, transforms, sent
-        self._camera = CameraView(
+        self._camera = FloorViewListener(
             prefix + profile.camera.info, self._base_frame, profile.camera.max_range, transforms, take_view
         )
         self._goal: Optional[Viewpoint] = None
@@ -84,12 +84,12 @@ class DispatchedRobot:
         if goal is not None:
             message = MoveBaseGoal()
             message.target_pose.header.frame_id, message.target_pose.header.stamp = MAP_FRAME, rospy.Time.now()
-            message.target_pose.pose = pose_from_2d(*goal.pose)
+            message.target_pose.pose = message_from_pose2d(*goal.pose)
             self._handle = self._client.send_goal(message)
             self._known.append(self._handle.comm_state_machine.action_goal.goal_id.id)
             self._sent(goal.pose)
             rospy.loginfo("%s: %s is sent to x %.2f m, y %.2f m, yaw %.2f rad", rospy.get_name(), self._who, *goal.pose)
-        elif self._handle is not None and self._goal_status() in (GoalStatus.SENT, GoalStatus.ACTIVE):
+        elif self._handle is not None and self._goal_status() in (SentGoalState.SENT, SentGoalState.ACTIVE):
             self._handle.cancel()
             self._handle = None
             rospy.loginfo("%s: the goal of %s is cancelled", rospy.get_name(), self._who)
@@ -108,11 +108,11 @@ class DispatchedRobot:
     def _pose(self) -> Optional[Pose]:
         """Looks up the robot's pose; None if it is not localised."""
         try:
-            T = self._transforms.lookup(MAP_FRAME, self._base_frame, rospy.Time(0), timeout_s=0.0)
+            T = self._transforms.lookup(MAP_FRAME, self._base_frame, rospy.Time(0), timeout=0.0)
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {self._who} is not localised: {error}")
             return None
-        return geometry.transform_pose2d(T)
+        return geometry.pose2d_from_transform(T)
 
     def _alive(self) -> bool:
         """Returns whether navigation is responding: connected, and heard of lately."""
@@ -146,15 +146,15 @@ class DispatchedRobot:
         if goal is None or goal.goal_id.id not in running:
             return None
         target = goal.goal.target_pose
-        return pose_to_2d(target.pose)[:2] if target.header.frame_id.lstrip("/") == MAP_FRAME else None
+        return pose2d_from_message(target.pose)[:2] if target.header.frame_id.lstrip("/") == MAP_FRAME else None
 
-    def _goal_status(self) -> GoalStatus:
+    def _goal_status(self) -> SentGoalState:
         """What became of the goal that was sent last."""
         if self._handle is None:
-            return GoalStatus.NONE
+            return SentGoalState.NONE
         state = self._handle.get_comm_state()
         if state == CommState.WAITING_FOR_GOAL_ACK:
-            return GoalStatus.SENT
+            return SentGoalState.SENT
         # the terminal status is known before the result arrives, and the result may be lost with the server
         code = self._handle.get_terminal_state() if state == CommState.DONE else self._handle.get_goal_status()
-        return OUTCOMES.get(code, GoalStatus.ACTIVE)
+        return OUTCOMES.get(code, SentGoalState.ACTIVE)

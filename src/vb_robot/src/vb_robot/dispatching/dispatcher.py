@@ -143,12 +143,12 @@ class Dispatcher:
         serving = self._fleet.serving
         comes = serving is not None and self._fleet.records[serving].goal is not None
         if lost and not (comes and able):
-            return Notice("spot_unseen_no_robot", Severity.WARNING)
+            return Notice("spot_not_seen_no_robot", Severity.WARNING)
         ahead = drawing.seen_by_stationary and self.unseen is not None and self.unseen.nearest(drawing.spot) is not None
         if not (comes and (lost or ahead)):
             return None
         return Notice(
-            "spot_unseen_robot_comes" if lost else "spot_ahead_unseen",
+            "spot_not_seen_robot_looks" if lost else "floor_ahead_not_seen",
             Severity.INFO,
             robot=serving or "",
             values={"who": sentences.robot_value(serving or "")},

@@ -150,8 +150,8 @@ class UnseenFloor:
 
     def nearest(self, point: np.ndarray) -> Optional[np.ndarray]:
         """Finds the nearest place (2,) [m] that no stationary camera sees, not farther than NEARBY."""
-        cell, centre = nearest_cell(self._grid, self.mask, point, NEARBY)
-        return None if cell is None else centre
+        cell, center = nearest_cell(self._grid, self.mask, point, NEARBY)
+        return None if cell is None else center
 
     def first_unseen_part(self, line: np.ndarray) -> np.ndarray:
         """Returns the first part (K, 2) [m] of a line (N, 2) that no stationary camera sees; empty if they see all of it."""

@@ -24,7 +24,10 @@ MAX_PATH_DEVIATION = 0.15  # [m] farther off (the localisation jumped) a new pat
 MARGIN = 0.08  # [m] beyond the radius counts as free: cells and localisation are a few centimetres off
 MAP_MARGIN = 0.05  # [m] from mapped obstacles on the path
 MIN_AREA = 0.3  # [m^2] less room for the robot's centre is a gap between border and wall, not a goal
-PATIENCE, PROGRESS = 15.0, 0.05  # [s, m] if in that time the rest of the path has not become shorter, it gives up
+PROGRESS_TIMEOUT, MIN_PROGRESS = (
+    15.0,
+    0.05,
+)  # [s, m] if in that time the rest of the path has not become shorter, it gives up
 PINCHED_AFTER = 1.5  # [s] navigation has a goal and moves nothing: beside something it may find no path from here
 RETRY_DELAY = 20.0  # [s] after it gave up: the person in the way may have gone
 WINDOW = 10.0  # [m] around the robot: no path out is that long
@@ -73,14 +76,14 @@ class BorderExit:
     navigation or a person brought near a border is otherwise left alone.
 
     Args:
-        radius: [m]; leaves: whether it leaves borders; the other case is always helped.
+        radius: [m]; exit_borders: whether it leaves borders; the other case is always helped.
 
     Attributes:
         failed: why the last try ended, as a code, while it waits to try again; else empty.
     """
 
-    def __init__(self, radius: float, leaves: bool) -> None:
-        self._radius, self._leaves = radius, leaves
+    def __init__(self, radius: float, exit_borders: bool) -> None:
+        self._radius, self._exit_borders = radius, exit_borders
         self._workspace: Optional[Workspace] = None
         self._enclosed: Optional[bool] = None  # whether the newest map put a border where it is; None: not yet known
         self._idle_since = self._retry_at = -math.inf
@@ -102,13 +105,13 @@ class BorderExit:
         self._shortest: Tuple[float, float] = math.inf, math.inf  # [m] of the path left at least, and since when [s]
 
     def compute_request(
-        self, now: float, pose: Pose, calm: bool, goal: bool, moves: bool, held_by: str
+        self, now: float, pose: Pose, calm: bool, goal: bool, moves: bool, stopped_by: str
     ) -> Optional[VelocityRequest]:
         """Computes how the robot should move at a time [s]; None if it needs no help.
 
         Args:
             calm: nobody draws or guides; goal: navigation has one; moves: navigation requests motion.
-            held_by: what kept the last request from being granted, as a code.
+            stopped_by: what kept the last request from being granted, as a code.
         """
         workspace = self._workspace
         if workspace is None:
@@ -119,7 +122,7 @@ class BorderExit:
             self._idle_since = now
         under_way = self._planner is not None
         if self._enclosed is None:
-            self._enclosed = self._leaves and to_border < 0.0 and workspace.is_lethal(pose[:2])
+            self._enclosed = self._exit_borders and to_border < 0.0 and workspace.is_lethal(pose[:2])
         if self._enclosed:
             needed = self._enclosed = to_border < 0.0 or (under_way and to_blocked < MARGIN)
         elif under_way:
@@ -135,13 +138,13 @@ class BorderExit:
             self._route = self._planner.plan_path(pose[:2])
             self.pause()
         if self._route is None:
-            return self._give_up(now, "no_way_out")
+            return self._give_up(now, "no_exit_path")
         target, off, rest = look_ahead(self._route, pose[:2], LOOKAHEAD)
         remaining = rest + off
-        if remaining < self._shortest[0] - PROGRESS:
+        if remaining < self._shortest[0] - MIN_PROGRESS:
             self._shortest = remaining, now
-        elif now - self._shortest[1] > PATIENCE:
-            return self._give_up(now, held_by or "takes_too_long")
+        elif now - self._shortest[1] > PROGRESS_TIMEOUT:
+            return self._give_up(now, stopped_by or "takes_too_long")
         if math.dist(target, pose[:2]) < 0.015:
             return VelocityRequest(0.0, 0.0)
         bearing = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])

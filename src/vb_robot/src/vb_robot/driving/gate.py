@@ -18,7 +18,7 @@ feed it whatever comes, and send what `limit` returns.
 >>> gate.workspace = Workspace(borders, floor, profile.radius)
 >>> nothing_near = np.full(360, 8.0)                                          # ranges [m], all round
 >>> gate.set_scan(Scan(nothing_near, -np.pi, np.radians(1.0), 0.1, 8.0, np.eye(4), profile.radius), stamp=10.0)
->>> gate.note("state", 10.0)
+>>> gate.record_input("state", 10.0)
 >>> gate.set_pose((2.0, 2.5, 0.0), stamp=10.0)
 >>> gate.limit(10.0, NAVIGATION, wish), gate.limit(10.6, NAVIGATION, wish)    # at once, and 0.6 s later
 ((0.3, 0.0, 'driving'), (0.0, 0.0, 'scan_lost'))
@@ -84,7 +84,7 @@ class Gate:
         """Takes a scan of a time [s]."""
         with self._lock:
             self._scan = scan
-            self.note("scan", stamp)
+            self.record_input("scan", stamp)
 
     def set_pose(self, pose: Optional[Pose], stamp: float, correction: float = 0.0) -> None:
         """Takes where the robot was (x, y, yaw), map frame, at a time [s]; None: it is not known.
@@ -102,7 +102,7 @@ class Gate:
             if pose is None:
                 self.stamps.pop("pose", None)
             elif before is None or stamp != before[0]:
-                self.note("pose", stamp)  # the same one again is as old as before
+                self.record_input("pose", stamp)  # the same one again is as old as before
             if pose is None or before is None:
                 return
             seconds = stamp - before[0]
@@ -110,13 +110,13 @@ class Gate:
             if 0.0 <= seconds < 1.0 and pose_jump(before[1], pose, seconds) > MAX_POSE_JUMP:
                 self._jump_hold_until = stamp + POSE_JUMP_HOLD
 
-    def note(self, what: str, stamp: float) -> None:
-        """Notes that something has come that is dated so [s]; a date a little ahead makes it no younger than it is."""
+    def record_input(self, what: str, stamp: float) -> None:
+        """Records the date [s] of an input's newest message; a date a little ahead makes it no younger than it is."""
         ahead = self._limited_at is not None and self._limited_at < stamp < self._limited_at + MAX_FUTURE_STAMP
         self.stamps[what] = self._limited_at if ahead and self._limited_at is not None else stamp
 
-    def note_other_publisher(self, name: str, now: float) -> None:
-        """Notes that another node has commanded this robot's base."""
+    def record_other_publisher(self, name: str, now: float) -> None:
+        """Records that another node has commanded this robot's base."""
         self._other_publishers[name] = now
 
     # ------------------------------------------------------------- what is known
@@ -209,7 +209,7 @@ class Gate:
         if pose is not None and workspace is not None:
             if source == NAVIGATION and workspace.distance_to_keep_out(pose) <= 0.0:
                 found.append((0.0, "inside_border"))
-            free = workspace.free_distance(pose, v, w, clearance.cells, leaving=source == EXIT_BORDER)
+            free = workspace.free_distance(pose, v, w, clearance.cells, exiting=source == EXIT_BORDER)
             found.append((safe_speed(free, limits), "border"))
         if pose is not None and self.speed_limits is not None:
             found.append((self.speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))

@@ -60,21 +60,21 @@ class PoseUncertainty:
     """The localisation uncertainty, by its own covariance, in the worst direction.
 
     Attributes:
-        metres: [m] in steps, so that it seldom changes. It rises at once and falls slowly.
+        meters: [m] in steps, so that it seldom changes. It rises at once and falls slowly.
     """
 
     def __init__(self) -> None:
-        self.metres = MIN_UNCERTAINTY
+        self.meters = MIN_UNCERTAINTY
         self._last: Deque[float] = deque(maxlen=UNCERTAINTY_UPDATES)
 
     def add(self, covariance: np.ndarray) -> bool:
         """Takes the covariance (2, 2) [m^2] of x and y of one update; returns whether the uncertainty has changed."""
         worst = float(np.linalg.eigvalsh(covariance)[-1]) if np.isfinite(covariance).all() else math.inf
         self._last.append(STD_FACTOR * math.sqrt(max(worst, 0.0)))
-        before = self.metres
+        before = self.meters
         wanted = min(max(*self._last, MIN_UNCERTAINTY), MAX_UNCERTAINTY)
-        self.metres = UNCERTAINTY_STEP * math.floor(wanted / UNCERTAINTY_STEP + 1e-6)
-        return self.metres != before
+        self.meters = UNCERTAINTY_STEP * math.floor(wanted / UNCERTAINTY_STEP + 1e-6)
+        return self.meters != before
 
 
 class Workspace:
@@ -142,31 +142,31 @@ class Workspace:
 
         A polygon that encloses it, or else a curve, the nearest: the maps do not say which border a cell is from.
         """
-        cell, centre = self._nearest(place)
+        cell, center = self._nearest(place)
         if cell is None or not self.known:
             return ""
         return min(
             self.known,
             key=lambda border: (
-                not border.may_restrict(centre),
+                not border.may_restrict(center),
                 not border.polygon,
-                float(np.linalg.norm(border.points - centre, axis=1).min()),
+                float(np.linalg.norm(border.points - center, axis=1).min()),
             ),
         ).name
 
-    def free_distance(self, pose: Pose, v: float, w: float, margin: float, leaving: bool) -> float:
+    def free_distance(self, pose: Pose, v: float, w: float, margin: float, exiting: bool) -> float:
         """Returns how far [m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
 
         A robot that is too near already may move so that it does not come nearer; one that a new border has
-        swallowed may move within it, so that a person can guide it out. Off the map nothing is free.
+        enclosed may move within it, so that a person can guide it out. Off the map nothing is free.
 
         Args:
-            leaving: borders do not count.
+            exiting: borders do not count.
         """
         steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
         clearance = sample(
             self.borders,
-            self._to_physical if leaving else self._to_blocked,
+            self._to_physical if exiting else self._to_blocked,
             arc(pose, steps * math.copysign(1.0, v), w / v),
         )
         needed = min(self._radius + margin, float(clearance[0]))

@@ -14,7 +14,7 @@ from vb_sim.room.camera_models import Optics, make_generator
 from vb_sim.room.world import CeilingCamera
 
 _RIM = 0.85  # share of the distance from the centre of the view to its rim: where a person marks places
-_FAR_M = 8.0  # a floor point farther from the camera is none that a person would choose
+_MAX_DISTANCE = 8.0  # [m] a floor point farther from the camera is none that a person would choose
 
 
 def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndarray:
@@ -62,4 +62,4 @@ def _marked_places(model: CameraModel, pose: np.ndarray, count: int, rng: np.ran
 def _on_near_floor(model: CameraModel, pose: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Returns (N,) bool: which pixels (N, 2) [px] look at the floor near the camera."""
     points = geometry.intersect_floor(pose[:3, 3], model.rays(pixels) @ pose[:3, :3].T)
-    return np.linalg.norm(np.nan_to_num(points, nan=1e6) - pose[:3, 3], axis=1) < _FAR_M
+    return np.linalg.norm(np.nan_to_num(points, nan=1e6) - pose[:3, 3], axis=1) < _MAX_DISTANCE

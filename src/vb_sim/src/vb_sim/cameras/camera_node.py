@@ -16,7 +16,7 @@ from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History
 from vb_sim.lab_messages import camera_diagnostics, snapshot_from_message
 
-_REPORT_S = 1.0
+_REPORT_PERIOD = 1.0  # [s]
 
 
 class CameraNode:
@@ -66,7 +66,7 @@ class CameraNode:
                     self._publish(index, stamp)
                 # on a steady clock: the counts matter most when simulated time is in trouble
                 if time.monotonic() >= report_at:
-                    report_at = time.monotonic() + _REPORT_S
+                    report_at = time.monotonic() + _REPORT_PERIOD
                     self._diagnostics.publish(camera_diagnostics(self._name, self._figures(), rospy.Time.from_sec(now)))
             except rospy.ROSException:
                 # the topics close during shutdown

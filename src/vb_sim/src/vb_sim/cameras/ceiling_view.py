@@ -179,7 +179,7 @@ class CeilingView:
             cv2.add(unlit, layer, dst=image[full])
 
     def _prepare_light(self, light: FloorLight) -> None:
-        """Notes which part of the images a projector can light, at half the resolution, and what they are without."""
+        """Records which part of the images a projector can light, at half the resolution, and what they are without."""
         half = self.model.scaled_to(self._albedo.shape[1], self._albedo.shape[0])
         at, inside = light.pixel_maps(*self._floor_coordinates(RayGrid(half)))
         left, top, width, height = cv2.boundingRect(inside.view(np.uint8))

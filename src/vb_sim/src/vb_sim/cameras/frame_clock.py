@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Callable, Deque, List, Optional, Sequence, Tuple
 
-TICK_S = 0.025  # how far time is extrapolated beyond the last step of /clock
+TICK = 0.025  # [s] how far time is extrapolated beyond the last step of /clock
 BEHIND = 3  # late frames that are still taken; older ones are dropped
 
 
@@ -33,7 +33,7 @@ class SmoothClock:
             # a step is noticed late but never early: the largest difference is the best
             self._offsets.append(simulated - steady)
         carried = steady + max(self._offsets)
-        return min(max(carried, simulated), simulated + TICK_S)
+        return min(max(carried, simulated), simulated + TICK)
 
 
 class FrameSchedule:

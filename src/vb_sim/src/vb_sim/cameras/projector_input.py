@@ -9,7 +9,7 @@ from sensor_msgs.msg import Image
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.ros.images import image_array
+from vb_core.ros.images import array_from_image
 from vb_sim.room.camera_models import Optics
 from vb_sim.room.projected_light import FloorLight, floor_light
 from vb_sim.room.world import World
@@ -35,7 +35,7 @@ class ProjectorInput:
 
     def _on_image(self, message: Image) -> None:
         try:
-            image = image_array(message)
+            image = array_from_image(message)
             if message.encoding != "rgb8":
                 raise CodedError("bad_image", f"the projector's image must be rgb8, it is {message.encoding}")
         except CodedError as error:

@@ -104,7 +104,7 @@ class RobotView:
         for name in self._names:
             if name in snapshot.robots:
                 self._pose = snapshot.robots[name]
-        return geometry.pose2d_transform(*self._pose) @ self._mount
+        return geometry.transform_from_pose2d(*self._pose) @ self._mount
 
     def _scene_key(self, snapshot: Snapshot) -> Tuple:
         """The same as long as nothing has moved but the spot; to be called after `camera_pose`."""
@@ -295,9 +295,9 @@ class RobotView:
                 tile, :: 1 - 2 * int(self._rng.integers(2)), :: 1 - 2 * int(self._rng.integers(2))
             ]
             depth = depth + sigma * noise
-        millimetres = np.clip(depth * np.float32(1000.0) + np.float32(0.5), 0, 65535).astype(np.uint16)
-        millimetres[holes] = 0
-        return millimetres
+        millimeters = np.clip(depth * np.float32(1000.0) + np.float32(0.5), 0, 65535).astype(np.uint16)
+        millimeters[holes] = 0
+        return millimeters
 
     def _exact_depth(self, pose: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Computes the exact depth (120, 160) float32 [m], and (120, 160) bool where the sensor sees nothing."""

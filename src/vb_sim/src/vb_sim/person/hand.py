@@ -208,8 +208,8 @@ def _beyond(chain: np.ndarray, reach: float) -> np.ndarray:
 def _ends_on_floor(border: np.ndarray, is_floor: IsFloor) -> np.ndarray:
     """The chain with its first and last point moved along it to a centimetre within where the floor begins."""
     result = border.copy()
-    for end, neighbour in ((0, 1), (-1, -2)):
-        side = border[neighbour] - border[end]
+    for end, neighbor in ((0, 1), (-1, -2)):
+        side = border[neighbor] - border[end]
         length = float(np.linalg.norm(side))
         arcs = np.arange(0.0, 0.5 * length, 0.005)
         floor = np.asarray(is_floor(border[end] + arcs[:, None] / length * side), dtype=bool)

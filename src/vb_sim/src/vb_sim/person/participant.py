@@ -27,7 +27,7 @@ OWN_SPOT = 0.5  # [m] a dot on the display farther from the spot than this is no
 
 DEFAULT = "default"
 # codes of what the display says, and of what the interaction answers
-HOLD_STILL = "spot_unseen_robot_comes"
+HOLD_STILL = "spot_not_seen_robot_looks"
 CONFIRM_SAVE = "confirm_save"
 COMMANDS = ("define_border", "define_seed", "guide_robot", "save", "cancel")
 
@@ -70,7 +70,7 @@ class Perception:
         if HOLD_STILL in codes:
             self.hold_requested = self.now
 
-    def note_spot(
+    def record_spot(
         self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool
     ) -> None:
         """Takes note that some camera saw something.

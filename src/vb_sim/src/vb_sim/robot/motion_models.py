@@ -27,7 +27,7 @@ class RobotModel(Parameters):
 
 
 @dataclass(frozen=True)
-class LocalisationModel(Parameters):
+class LocalizationModel(Parameters):
     """The error of the pose that AMCL would report: a slowly varying bias, correlated in time."""
 
     position_sigma: float = param(0.015, "m", low=0.0, high=1.0)

@@ -116,8 +116,8 @@ class Planner:
         self, point: np.ndarray, limit: float, among: Optional[np.ndarray] = None
     ) -> Optional[Tuple[int, np.ndarray]]:
         """The nearest traversable node within `limit` [m] and its place."""
-        centre = self.costmap.grid.world_to_grid(point)[0][::-1]
-        distances = np.linalg.norm(self._cells - centre, axis=1) * self.costmap.grid.resolution
+        center = self.costmap.grid.world_to_grid(point)[0][::-1]
+        distances = np.linalg.norm(self._cells - center, axis=1) * self.costmap.grid.resolution
         if among is not None:
             distances = np.where(among, distances, np.inf)
         if not len(distances) or distances.min() > limit:

@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, List, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_sim.robot.motion_models import LocalisationModel, RobotModel
+from vb_sim.robot.motion_models import LocalizationModel, RobotModel
 
 Pose = Tuple[float, float, float]
 
@@ -43,14 +43,14 @@ class RobotBody:
         start: Pose,
         radius: float,
         robot: RobotModel,
-        localisation: LocalisationModel,
+        localization: LocalizationModel,
         clearance: Callable[[float, float], float],
         rng: np.random.Generator,
     ) -> None:
         self._start = start
         self._radius = radius
         self._model = robot
-        self._localisation = localisation
+        self._localization = localization
         self._clearance = clearance
         self._rng = rng
         self.pose: Pose = start
@@ -79,7 +79,7 @@ class RobotBody:
         self._touching = False
         self._error = self._fresh_error()
 
-    def relocalise(self, pose: Pose) -> None:
+    def relocalize(self, pose: Pose) -> None:
         """Makes the estimate the given pose; the robot itself stays where it is."""
         self._error = np.array(
             [pose[0] - self.pose[0], pose[1] - self.pose[1], geometry.wrap_angle(pose[2] - self.pose[2])]
@@ -130,7 +130,7 @@ class RobotBody:
 
     # ------------------------------------------------------------ localisation
     def _sigmas(self) -> np.ndarray:
-        p = self._localisation
+        p = self._localization
         return np.array([p.position_sigma, p.position_sigma, p.yaw_sigma])
 
     def _fresh_error(self) -> np.ndarray:
@@ -138,7 +138,7 @@ class RobotBody:
 
     def _vary_error(self, dt: float) -> None:
         # Ornstein-Uhlenbeck process; it rests while the robot does, since AMCL updates only on motion
-        share = dt / self._localisation.correlation_time
+        share = dt / self._localization.correlation_time
         self._error = self._error * (1.0 - share) + self._sigmas() * math.sqrt(2.0 * share) * self._rng.standard_normal(
             3
         )
@@ -150,8 +150,8 @@ class RobotBody:
 
     def map_to_odom(self) -> np.ndarray:
         """Returns T_map_odom, 4x4: what makes odometry the estimate."""
-        odometry = geometry.pose2d_transform(*self.odometry)
-        return geometry.pose2d_transform(*self.estimate()) @ geometry.invert(odometry)
+        odometry = geometry.transform_from_pose2d(*self.odometry)
+        return geometry.transform_from_pose2d(*self.estimate()) @ geometry.invert(odometry)
 
     # ------------------------------------------------------------ checkpoint
     def checkpoint(self) -> Dict[str, List[float]]:

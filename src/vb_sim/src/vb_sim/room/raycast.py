@@ -109,12 +109,12 @@ class DistanceField:
 
 
 def cast_disc(
-    origin: Tuple[float, float], angles: np.ndarray, centre: Tuple[float, float], radius: float
+    origin: Tuple[float, float], angles: np.ndarray, center: Tuple[float, float], radius: float
 ) -> np.ndarray:
     """Ranges (N,) [m] at which beams meet a disc, for instance a person's legs; inf where they miss."""
-    to_centre = np.asarray(centre, dtype=float) - np.asarray(origin, dtype=float)
-    along = np.cos(angles) * to_centre[0] + np.sin(angles) * to_centre[1]
-    half_chord = radius**2 - (to_centre @ to_centre - along**2)
+    to_center = np.asarray(center, dtype=float) - np.asarray(origin, dtype=float)
+    along = np.cos(angles) * to_center[0] + np.sin(angles) * to_center[1]
+    half_chord = radius**2 - (to_center @ to_center - along**2)
     with np.errstate(invalid="ignore"):
         ranges = along - np.sqrt(half_chord)
     return np.where((half_chord > 0) & (ranges > 0), ranges, np.inf)

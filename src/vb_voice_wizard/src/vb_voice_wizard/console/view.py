@@ -132,8 +132,8 @@ def _interaction(view: ConsoleContent) -> Panel:
     chain = view.sentence(drawn) if drawn.code not in ("", "ok") else say("console_none")
     if drawn.chain:
         chain = say("console_polygon" if drawn.closed else "console_curve", points=len(drawn.chain))
-    seeing = ", ".join(drawn.seeing) or say("console_nobody")
-    before = [camera for camera in drawn.cameras if camera not in drawn.seeing]
+    seeing = ", ".join(drawn.cameras_seeing_spot) or say("console_nobody")
+    before = [camera for camera in drawn.cameras if camera not in drawn.cameras_seeing_spot]
     if before:
         seeing = say("console_seen_of", now=seeing, before=", ".join(before))
     detectors = ", ".join(
@@ -147,7 +147,7 @@ def _interaction(view: ConsoleContent) -> Panel:
             say("console_spot_counts", border=drawn.border_spots, seed=drawn.seed_spots, ignored=drawn.ignored_spots)
         ),
         "console_chain": Text(chain),
-        "console_seen_by": Text(seeing, style="bold green" if drawn.seeing else ""),
+        "console_seen_by": Text(seeing, style="bold green" if drawn.cameras_seeing_spot else ""),
         "console_cameras": Text(detectors or say("console_none"), style=BAD if silent else ""),
         "console_robot": Text(view.robot or say("console_unknown")),
         "console_voice": Text(

@@ -17,12 +17,12 @@ class AnswerCache:
     """Remembers the answers to the newest commands. Thread safe.
 
     Args:
-        patience_s: [s] how long a repeated command waits for the answer to the first one.
+        timeout: [s] how long a repeated command waits for the answer to the first one.
         remembered: from `to_list`, of a node that was restarted.
     """
 
-    def __init__(self, patience_s: float, remembered: Sequence[Sequence[Any]] = ()) -> None:
-        self._patience_s = patience_s
+    def __init__(self, timeout: float, remembered: Sequence[Sequence[Any]] = ()) -> None:
+        self._timeout = timeout
         self._lock = threading.Lock()
         self._answers: "collections.OrderedDict[str, Future]" = collections.OrderedDict()
         for identity, success, code, values, sentence in remembered:
@@ -39,7 +39,7 @@ class AnswerCache:
                 slot = self._slot(identity)
         if not first:
             try:
-                return slot.result(timeout=self._patience_s)
+                return slot.result(timeout=self._timeout)
             except FutureTimeout:
                 return Answer(False, "busy")
         try:

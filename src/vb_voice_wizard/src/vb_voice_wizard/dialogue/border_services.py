@@ -33,7 +33,7 @@ class BorderServices:
 
     Args:
         occupancy: of every border.
-        wait_s, answer_s: [s] wall time, how long to wait for an absent service, and for its answer.
+        service_timeout, response_timeout: [s] wall time, how long to wait for an absent service, and for its answer.
         list_notices: returns all present notices.
 
     Every method raises CodedError: "no_service" if the service is absent (nothing was sent), "no_response" if it
@@ -41,11 +41,15 @@ class BorderServices:
     """
 
     def __init__(
-        self, occupancy: float, wait_s: float, answer_s: float, list_notices: Callable[[], List[Notice]]
+        self,
+        occupancy: float,
+        service_timeout: float,
+        response_timeout: float,
+        list_notices: Callable[[], List[Notice]],
     ) -> None:
         self._occupancy = occupancy
-        self._wait_s = wait_s
-        self._answer_s = answer_s
+        self._service_timeout = service_timeout
+        self._response_timeout = response_timeout
         self._list_notices = list_notices
 
     def fetch_drawn_border(self, interaction_id: str) -> VirtualBorder:
@@ -95,7 +99,7 @@ class BorderServices:
         return self._ask(names.PREVIEW_BORDER, PreviewBorderArray, request, _INTEGRATOR)
 
     def _ask(self, name: str, service: Type, request: Any, who: str) -> Any:
-        return services.call(name, service, request, who, self._wait_s, self._answer_s)
+        return services.call(name, service, request, who, self._service_timeout, self._response_timeout)
 
 
 def _check(response: Any) -> None:

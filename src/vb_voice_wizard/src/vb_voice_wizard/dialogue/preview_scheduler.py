@@ -9,9 +9,9 @@ import numpy as np
 
 from vb_core.notices import Notice
 
-PERIOD_S = 0.5  # between two previews: faster than people read
-RETRY_S = 2.0  # after which a service that did not answer is called again
-TOLERANCE_M = 0.02  # a vertex or seed that moved less causes no visible change: a cell of the map
+PERIOD = 0.5  # [s] between two previews: faster than people read
+RETRY_DELAY = 2.0  # [s] after which a service that did not answer is called again
+TOLERANCE = 0.02  # [m] a vertex or seed that moved less causes no visible change: a cell of the map
 MAX_TIME_SHARE = 0.25  # of the time that previews may take: the same computer searches the images
 
 
@@ -53,7 +53,7 @@ class PreviewInputs:
         if not self.complete:
             return (self.code, self.message, self.values) == (other.code, other.message, other.values)
         return (self.borders, self.warnings) == (other.borders, other.warnings) and all(
-            mine.shape == others.shape and bool(np.abs(mine - others).max() <= TOLERANCE_M)
+            mine.shape == others.shape and bool(np.abs(mine - others).max() <= TOLERANCE)
             for mine, others in ((self.chain, other.chain), (self.seed, other.seed))
         )
 
@@ -69,7 +69,7 @@ class PreviewScheduler:
         self._not_before = float("-inf")
         self._retry_at: Optional[float] = None
 
-    def wait_s(self, inputs: PreviewInputs, now: float) -> Optional[float]:
+    def delay(self, inputs: PreviewInputs, now: float) -> Optional[float]:
         """Returns the time [s] until these inputs need a preview; 0: now; None: never while they stay as they are."""
         if self._shown is None or inputs.interaction_id != self._shown.interaction_id:
             return 0.0
@@ -77,8 +77,8 @@ class PreviewScheduler:
             return None if self._retry_at is None else max(0.0, self._retry_at - now)
         return max(0.0, self._not_before - now)
 
-    def done(self, inputs: PreviewInputs, started: float, now: float, answered: bool) -> None:
-        """Notes that a preview was made.
+    def record_preview(self, inputs: PreviewInputs, started: float, now: float, answered: bool) -> None:
+        """Records that a preview was made.
 
         Args:
             inputs: what was previewed.
@@ -86,5 +86,5 @@ class PreviewScheduler:
             answered: False if a service did not answer: it is tried again.
         """
         self._shown = inputs
-        self._retry_at = None if answered else now + RETRY_S
-        self._not_before = max(started + PERIOD_S, now + (now - started) * (1.0 / MAX_TIME_SHARE - 1.0))
+        self._retry_at = None if answered else now + RETRY_DELAY
+        self._not_before = max(started + PERIOD, now + (now - started) * (1.0 / MAX_TIME_SHARE - 1.0))

@@ -98,10 +98,10 @@ class Previewer:
         """Waits for inputs that need a preview; None once closed. For the worker only."""
         with self._condition:
             while not self._closed:
-                wait_s = None if self._held else self._pace.wait_s(self._inputs, time.monotonic())
-                if wait_s == 0.0:
+                delay = None if self._held else self._pace.delay(self._inputs, time.monotonic())
+                if delay == 0.0:
                     return self._inputs
-                self._condition.wait(wait_s)
+                self._condition.wait(delay)
         return None
 
     def close(self) -> None:
@@ -125,7 +125,7 @@ class Previewer:
                 self._publisher.publish(preview)
                 doubtful = preview.available and preview.success and preview.issues
                 self._warned_of = inputs.interaction_id if doubtful else ""
-                self._pace.done(inputs, started, time.monotonic(), answered)
+                self._pace.record_preview(inputs, started, time.monotonic(), answered)
 
     def _compute(self, inputs: PreviewInputs) -> BorderPreviewArray:
         border = self._services.fetch_drawn_border(inputs.interaction_id)

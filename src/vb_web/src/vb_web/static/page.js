@@ -934,15 +934,15 @@ function drawHealth() {
     [...new Set([...Object.keys(view.robots || {}), ...Object.keys(drivers)])].sort().map((name) => {
       const one = drivers[name],
         who = { who: name || "$the_robot" },
-        driver = one && one.there ? `page_driver_${one.driver}` : "";
+        source = one && one.there ? `page_motion_source_${one.source}` : "";
       return element(
         "li",
         {},
         element(
           "span",
           {},
-          driver ? words.tell(one) : say(one ? "page_driver_gone" : "page_no_driver", who),
-          words.has(driver) ? element("small", { class: "muted" }, say(driver)) : null,
+          source ? words.tell(one) : say(one ? "page_driver_gone" : "page_no_driver", who),
+          words.has(source) ? element("small", { class: "muted" }, say(source)) : null,
         ),
       );
     }),

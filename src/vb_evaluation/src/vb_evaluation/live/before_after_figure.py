@@ -9,7 +9,7 @@ import numpy as np
 
 from vb_core.geometry import chain_length
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_evaluation.report.charts import BLUE, GREEN, GREY, ORANGE, VERMILION, plt
+from vb_evaluation.report.charts import BLUE, GREEN, GRAY, ORANGE, VERMILION, plt
 
 SHADES = {"unknown": (209, 209, 209), "free": (255, 255, 255), "occupied": (38, 38, 38), "restricted": (236, 174, 140)}
 
@@ -73,6 +73,6 @@ def _draw_plan(axis: Any, way: np.ndarray) -> None:
         axis.plot(*way[0], marker="o", ms=11, color=BLUE, mec="white", ls="none", label="start", zorder=6)
         axis.plot(*way[-1], marker="*", ms=18, color=ORANGE, mec="black", ls="none", label="goal", zorder=6)
         return
-    box = {"facecolor": "white", "alpha": 0.85, "edgecolor": GREY}
+    box = {"facecolor": "white", "alpha": 0.85, "edgecolor": GRAY}
     words, middle = "no way leads there any more", {"ha": "center", "va": "center", "transform": axis.transAxes}
     axis.text(0.5, 0.5, words, fontsize=15, color="black", bbox=box, **middle)

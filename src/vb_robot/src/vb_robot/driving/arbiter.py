@@ -1,10 +1,9 @@
-"""One driver per robot: decides who drives it now.
+"""The arbiter between the sources that want to drive one robot.
 
 The idea: several sources may request motion (a person with a joystick, the spot, the path out of a border, navigation);
-exactly one drives, and every command passes one gate (gate.py). In doubt the robot stops, and a code says who drives
-and why.
+exactly one drives, and every command passes one gate (gate.py). In doubt the robot stops, and a code says why.
 
-Who drives, in order of priority: stop (it holds until resume), teleoperation, following the spot, leaving a border,
+The sources, in order of priority: stop (it holds until resume), teleoperation, following the spot, leaving a border,
 navigation.
 """
 
@@ -27,7 +26,7 @@ from vb_robot.spots import DEFAULT, Sighting, Sightings
 
 CANCEL_PERIOD = 1.0  # [s] how often navigation's goals are cancelled while another one drives
 STILL = 0.1  # [rad/s] a robot that turns more slowly stands: navigation's slowest turn is twice as fast
-ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of the driver's own behaviours: gentle beside people
+ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of following and leaving a border: gentle beside people
 
 
 @dataclass(frozen=True)
@@ -36,31 +35,33 @@ class Command:
 
     Attributes:
         v, w: [m/s, rad/s]
-        driver: who drives: "none", "stop", "teleop", "follow", "exit_border" or "navigation".
-        code: "driving", or what holds the robot.
+        source: who drives: "none", "stop", "teleop", "follow", "exit_border" or "navigation".
+        code: "driving", or what stops or slows the robot.
         publish: whether to publish it: a robot that no source drives is left alone.
         cancel: whether to cancel navigation's goals.
     """
 
     v: float = 0.0
     w: float = 0.0
-    driver: str = NONE
+    source: str = NONE
     code: str = "idle"
     publish: bool = False
     cancel: bool = False
 
 
-class Driver:
-    """Drives one robot through its gate. Several threads may feed it; one calls `step`.
+class Arbiter:
+    """Chooses which source drives a robot, and passes its requests through the gate.
+
+    Several threads may feed it; one calls `step`.
 
     Args:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
-        leaves: whether it leaves a border that was saved where it is.
+        exit_borders: whether it leaves a border that was saved where it is.
         stopped: whether it was stopped when this program ended last; holds until released, as a stop of the topic.
 
     Attributes:
         gate: what every command passes; it takes the inputs that decide how fast the robot may drive.
-        follower, exit: the behaviours that are the driver's own.
+        follower, exit: the two sources that live in here.
         goal_active: whether navigation has a goal.
     """
 
@@ -69,13 +70,13 @@ class Driver:
         profile: RobotProfile,
         camera: str = "robot",
         mobile_cameras: Iterable[str] = (),
-        leaves: bool = True,
+        exit_borders: bool = True,
         stopped: bool = False,
     ) -> None:
         self.gate = Gate(profile)
         self._lock = threading.Lock()
         self._camera = camera
-        self.follower, self.exit = SpotFollower(), BorderExit(profile.radius, leaves)
+        self.follower, self.exit = SpotFollower(), BorderExit(profile.radius, exit_borders)
         self._rotation_shim = RotationShim()
         self.goal_active = False
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
@@ -94,7 +95,7 @@ class Driver:
                 # what was seen in another state guides no robot
                 self.follower.spot = None
                 self.gate.stamps.pop("spot", None)
-            self.gate.note("state", stamp)
+            self.gate.record_input("state", stamp)
             # `resume` releases both, but not a stop that is newer than it: the two topics have no common order
             if self._stopped["state"] and not stopped and stamp >= self._stopped_at:
                 self._stopped["topic"] = False
@@ -147,7 +148,7 @@ class Driver:
     def halt(self, code: str) -> Command:
         """Stops the robot, whatever is requested: the program has a fault."""
         with self._lock:
-            self._last = Command(0.0, 0.0, self._last.driver, code, True)
+            self._last = Command(0.0, 0.0, self._last.source, code, True)
             return self._last
 
     def step(self, now: float) -> Command:
@@ -165,12 +166,12 @@ class Driver:
             if cancel:
                 self._cancelled_at = now
             # when no source drives any more, one stop is published; while a stop is in force, it is repeated
-            publish = source != NONE or self._last.driver != NONE
+            publish = source != NONE or self._last.source != NONE
             self._last = Command(v, w, source, code, publish, cancel)
             return self._last
 
     def _choose(self, now: float, dt: float) -> Tuple[str, VelocityRequest]:
-        """Chooses who drives; returns that one and its request."""
+        """Chooses who drives; returns the source and its request."""
         if self.stopped:
             return STOP, VelocityRequest(0.0, 0.0, "stopped")
         teleop = self._command(TELEOP, now)
@@ -179,7 +180,7 @@ class Driver:
         # a robot that a person guides stays theirs when the state is lost: the gate then stops it
         if self._spots.follows(self._camera, now):
             return FOLLOW, self._ramped(dt, self.follower.compute_request(self.gate.pose(now)))
-        request = self._leave(now)
+        request = self._compute_exit(now)
         if request is not None:
             return EXIT_BORDER, self._ramped(dt, request)
         navigation = self._command(NAVIGATION, now)
@@ -192,15 +193,15 @@ class Driver:
             self._commands[source] if -0.1 <= now - self.gate.stamps.get(source, -math.inf) <= INPUT_TIMEOUT else None
         )
 
-    def _leave(self, now: float) -> Optional[VelocityRequest]:
+    def _compute_exit(self, now: float) -> Optional[VelocityRequest]:
         pose = self.gate.pose(now)
         if pose is None:
             return None
         last = self._command(NAVIGATION, now)
         # what the gate ends, at a border or beside a wall, moves nothing, whatever navigation believes
-        granted = self._last.driver != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
+        granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
         moves = last is not None and (last.v != 0.0 or last.w != 0.0) and granted
-        held = self._last.code if self._last.driver == EXIT_BORDER and self._last.code != "driving" else ""
+        held = self._last.code if self._last.source == EXIT_BORDER and self._last.code != "driving" else ""
         return self.exit.compute_request(now, pose, self._spots.state == DEFAULT, self.goal_active, moves, held)
 
     def _ramped(self, dt: float, request: VelocityRequest) -> VelocityRequest:

@@ -21,9 +21,9 @@ from rich.console import Console
 
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
-from vb_evaluation.kit import conduct, forms, measure, protocol
-from vb_evaluation.kit.ground_truth import read_ground_truth
-from vb_evaluation.kit.recording import Recording
+from vb_evaluation.study_kit import conduct, forms, measure, protocol
+from vb_evaluation.study_kit.ground_truth import read_ground_truth
+from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.report.page import write_report
 from vb_evaluation.report.data import write_table
 
@@ -128,7 +128,7 @@ def _measure(given: argparse.Namespace) -> None:
 
 def _replay(given: argparse.Namespace) -> None:
     # only here: the rest of the kit works on a computer without ROS
-    from vb_evaluation.kit import replay
+    from vb_evaluation.study_kit import replay
 
     rows: List[Dict[str, object]] = []
     for folder in given.recordings:

@@ -12,7 +12,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Body:
+class RobotCylinder:
     """An upright cylinder on the floor.
 
     Attributes:
@@ -25,14 +25,14 @@ class Body:
     radius: float
     height: float
 
-    def hides(self, origin: np.ndarray, floor: np.ndarray) -> bool:
-        """Tells whether a ray passes through the body.
+    def occludes(self, origin: np.ndarray, floor: np.ndarray) -> bool:
+        """Returns whether a ray passes through it.
 
         Args:
             origin: (3,) [m] of the camera, above the floor.
             floor: (3,) [m] where the ray meets the floor.
         """
-        # seen from above, the part of the ray that is not higher than the body: how near it comes to the axis
+        # seen from above, the part of the ray that is not higher than the cylinder: how near it comes to the axis
         share = min(1.0, self.height / (origin[2] - floor[2]))
         along, axis = share * (origin - floor)[:2], np.array([self.x, self.y]) - floor[:2]
         nearest = min(1.0, max(0.0, float(axis @ along) / max(float(along @ along), 1e-12)))

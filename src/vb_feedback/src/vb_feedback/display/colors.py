@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Dict, Sequence, Tuple
 
-Colour = Tuple[float, float, float]
+Color = Tuple[float, float, float]
 
 
-def rgb(red: int, green: int, blue: int) -> Colour:
+def rgb(red: int, green: int, blue: int) -> Color:
     """Scales 0 .. 255 to 0 .. 1."""
     return red / 255.0, green / 255.0, blue / 255.0
 
@@ -21,40 +21,40 @@ VERMILION = rgb(213, 94, 0)
 PURPLE = rgb(204, 121, 167)
 BLACK = rgb(20, 20, 24)
 WHITE = rgb(255, 255, 255)
-GREY = rgb(150, 150, 150)
+GRAY = rgb(150, 150, 150)
 PALE = rgb(200, 205, 212)
 CRIMSON = rgb(150, 10, 20)
 MAGENTA = rgb(225, 80, 160)
 
 # the person's state at a glance, on the LED and in the large letters on dark ground
-STATE: Dict[str, Colour] = {"default": WHITE, "border": ORANGE, "seed": SKY_BLUE, "guide": MAGENTA}
+STATE: Dict[str, Color] = {"default": WHITE, "border": ORANGE, "seed": SKY_BLUE, "guide": MAGENTA}
 
 # the LED alone, and it means the same everywhere
 STOPPED = rgb(255, 0, 0)
 
 # the lab names its cameras by colours: each gets the one of the set that is nearest to its name
-_NAMED: Dict[str, Colour] = {"red": VERMILION, "green": GREEN, "blue": BLUE, "robot": PURPLE}
-_OTHERS: Sequence[Colour] = (ORANGE, SKY_BLUE, YELLOW, PURPLE, BLUE, GREEN, VERMILION)
+_NAMED: Dict[str, Color] = {"red": VERMILION, "green": GREEN, "blue": BLUE, "robot": PURPLE}
+_OTHERS: Sequence[Color] = (ORANGE, SKY_BLUE, YELLOW, PURPLE, BLUE, GREEN, VERMILION)
 
 
-def state_colour(name: str) -> Colour:
+def state_color(name: str) -> Color:
     """Returns the colour of a state by its name; grey for a state that is not known."""
-    return STATE.get(name, GREY)
+    return STATE.get(name, GRAY)
 
 
-def light_colour(name: str) -> Colour:
+def light_color(name: str) -> Color:
     """Returns the LED's colour for a state, or for "stopped"."""
-    return STOPPED if name == "stopped" else state_colour(name)
+    return STOPPED if name == "stopped" else state_color(name)
 
 
-def camera_colour(name: str) -> Colour:
+def camera_color(name: str) -> Color:
     """Returns a camera's colour, always the same for the same name."""
     if name in _NAMED:
         return _NAMED[name]
     return _OTHERS[sum(name.encode("utf-8")) % len(_OTHERS)]
 
 
-def blend(colour: Colour, towards: Colour, share: float) -> Colour:
+def blend(color: Color, towards: Color, share: float) -> Color:
     """Mixes two colours; share 0 is the first, 1 the second."""
     share = min(1.0, max(0.0, share))
-    return tuple((1.0 - share) * a + share * b for a, b in zip(colour, towards))  # type: ignore[return-value]
+    return tuple((1.0 - share) * a + share * b for a, b in zip(color, towards))  # type: ignore[return-value]

@@ -12,9 +12,9 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_atomically, write_map
 from vb_evaluation import metrics
-from vb_evaluation.kit import protocol
-from vb_evaluation.kit.ground_truth import find_ground_truths
-from vb_evaluation.kit.recording import Recording
+from vb_evaluation.study_kit import protocol
+from vb_evaluation.study_kit.ground_truth import find_ground_truths
+from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.report.data import META, REQUIRED, RUNS, read_meta, write_table
 
 _TIMES = ("guide", "border", "seed", "total")
@@ -161,7 +161,7 @@ def _row(
 def seed_is_right(seed: np.ndarray, physical: GridMap, truth: np.ndarray, reach_m: float = 0.2) -> bool:
     """Returns whether a seed (2,) [m] points into the ground truth: nearer to it than to any other free floor, within reach."""
     rows, columns = np.nonzero((physical.data >= 0) & (physical.data < metrics.RESTRICTED))
-    centres = physical.cell_to_world(np.column_stack([rows, columns]))
-    distance = np.hypot(*(centres - np.asarray(seed, dtype=float)).T)
+    centers = physical.cell_to_world(np.column_stack([rows, columns]))
+    distance = np.hypot(*(centers - np.asarray(seed, dtype=float)).T)
     nearest = int(np.argmin(distance)) if len(distance) else 0
     return bool(len(distance)) and bool(distance[nearest] <= reach_m) and bool(truth[rows[nearest], columns[nearest]])

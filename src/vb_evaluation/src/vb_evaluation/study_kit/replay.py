@@ -23,8 +23,8 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import messages, services
 from vb_evaluation import metrics
-from vb_evaluation.kit.recording import Recording
-from vb_evaluation.kit.session import ROBOT_IMAGES
+from vb_evaluation.study_kit.recording import Recording
+from vb_evaluation.study_kit.session import ROBOT_IMAGES
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch

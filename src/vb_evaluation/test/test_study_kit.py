@@ -14,10 +14,10 @@ from vb_core.files import append_line
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
-from vb_evaluation.kit import conduct, forms, measure, protocol
-from vb_evaluation.kit.__main__ import main
-from vb_evaluation.kit.ground_truth import find_ground_truths, read_ground_truth
-from vb_evaluation.kit.recording import Recording
+from vb_evaluation.study_kit import conduct, forms, measure, protocol
+from vb_evaluation.study_kit.__main__ import main
+from vb_evaluation.study_kit.ground_truth import find_ground_truths, read_ground_truth
+from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.report.data import read_sheet, read_study
 from vb_evaluation.study import campaign, config, runner
 from vb_evaluation.study.result import COLUMNS, measure as measure_run

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vb_feedback.display import colours
+from vb_feedback.display import colors
 from vb_feedback.sound.sound_events import SoundEvents
 
 
@@ -64,8 +64,8 @@ VISIONS = {
 }
 
 
-def lab(colour, vision):
-    rgb = np.array(colour)
+def lab(color, vision):
+    rgb = np.array(color)
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     linear = np.clip(vision @ linear, 0, 1)
     xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ linear
@@ -73,34 +73,34 @@ def lab(colour, vision):
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def over(colour, ground, alpha):
-    return colours.blend(ground, colour, alpha)
+def over(color, ground, alpha):
+    return colors.blend(ground, color, alpha)
 
 
-CAMERAS = {f"camera {name}": colours.camera_colour(name) for name in ("red", "green", "blue", "robot")}
-GROUND = colours.rgb(30, 34, 42)  # of the words, rviz/smart_display.rviz
+CAMERAS = {f"camera {name}": colors.camera_color(name) for name in ("red", "green", "blue", "robot")}
+GROUND = colors.rgb(30, 34, 42)  # of the words, rviz/smart_display.rviz
 # what lies beside each other on the display and means different things
 GROUPS = {
-    "states": colours.STATE,
+    "states": colors.STATE,
     "cameras": CAMERAS,
     # RViz's costmap colours 98 and 200, at the alpha of the config, on white floor
     "areas": {
-        "saved": over((249 / 255, 0.0, 5 / 255), colours.WHITE, 0.6),
-        "preview": over((1.0, 145 / 255, 0.0), colours.WHITE, 0.6),
-        "floor": colours.WHITE,
-        "wall": colours.BLACK,
+        "saved": over((249 / 255, 0.0, 5 / 255), colors.WHITE, 0.6),
+        "preview": over((1.0, 145 / 255, 0.0), colors.WHITE, 0.6),
+        "floor": colors.WHITE,
+        "wall": colors.BLACK,
     },
     "lines": {
-        "drawn": colours.ORANGE,
-        "hard": colours.CRIMSON,
-        "soft": colours.blend(colours.CRIMSON, colours.WHITE, 0.33),
-        "off": colours.GREY,
-        "path": colours.rgb(117, 80, 160),
-        "floor": colours.WHITE,
-        "wall": colours.BLACK,
+        "drawn": colors.ORANGE,
+        "hard": colors.CRIMSON,
+        "soft": colors.blend(colors.CRIMSON, colors.WHITE, 0.33),
+        "off": colors.GRAY,
+        "path": colors.rgb(117, 80, 160),
+        "floor": colors.WHITE,
+        "wall": colors.BLACK,
     },
-    "discs": {"robot": colours.YELLOW, "seed": colours.SKY_BLUE, "floor": colours.WHITE, **CAMERAS},
-    "strip": {"ground": GROUND, "answer": colours.WHITE, "hint": colours.SKY_BLUE, "warning": colours.YELLOW},
+    "discs": {"robot": colors.YELLOW, "seed": colors.SKY_BLUE, "floor": colors.WHITE, **CAMERAS},
+    "strip": {"ground": GROUND, "answer": colors.WHITE, "hint": colors.SKY_BLUE, "warning": colors.YELLOW},
 }
 
 
@@ -108,26 +108,26 @@ GROUPS = {
 @pytest.mark.parametrize("vision", VISIONS)
 def test_colours_are_told_apart_by_any_eye(vision, group):
     # a difference of 2.3 in CIELAB is just noticed side by side, one of 10 at a glance
-    for (one, colour), (other, second) in itertools.combinations(GROUPS[group].items(), 2):
-        distance = np.linalg.norm(lab(colour, VISIONS[vision]) - lab(second, VISIONS[vision]))
+    for (one, color), (other, second) in itertools.combinations(GROUPS[group].items(), 2):
+        distance = np.linalg.norm(lab(color, VISIONS[vision]) - lab(second, VISIONS[vision]))
         assert distance > 15.0, f"{one} and {other}: {distance:.1f}"
 
 
-def luminance(colour):
-    linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in colour]
+def luminance(color):
+    linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in color]
     return float(np.dot((0.2126, 0.7152, 0.0722), linear))
 
 
 @pytest.mark.parametrize(
     "letters, ground",
     [
-        (colours.WHITE, GROUND),
-        (colours.PALE, GROUND),
-        (colours.SKY_BLUE, GROUND),
-        (colours.BLACK, colours.YELLOW),
-        (colours.BLACK, colours.WHITE),
-        *[(colour, GROUND) for colour in colours.STATE.values()],
-        *[(colours.blend(colour, colours.WHITE, 0.3), GROUND) for colour in CAMERAS.values()],
+        (colors.WHITE, GROUND),
+        (colors.PALE, GROUND),
+        (colors.SKY_BLUE, GROUND),
+        (colors.BLACK, colors.YELLOW),
+        (colors.BLACK, colors.WHITE),
+        *[(color, GROUND) for color in colors.STATE.values()],
+        *[(colors.blend(color, colors.WHITE, 0.3), GROUND) for color in CAMERAS.values()],
     ],
 )
 def test_letters_contrast_with_their_ground(letters, ground):
@@ -137,10 +137,10 @@ def test_letters_contrast_with_their_ground(letters, ground):
 
 
 def test_cameras_keep_their_colour():
-    assert colours.camera_colour("hall") == colours.camera_colour("hall")
-    assert colours.camera_colour("")
+    assert colors.camera_color("hall") == colors.camera_color("hall")
+    assert colors.camera_color("")
 
 
 def test_blend():
-    assert colours.blend((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.25) == (0.25, 0.25, 0.25)
-    assert colours.blend((0.2, 0.2, 0.2), (1.0, 1.0, 1.0), -3.0) == (0.2, 0.2, 0.2)
+    assert colors.blend((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.25) == (0.25, 0.25, 0.25)
+    assert colors.blend((0.2, 0.2, 0.2), (1.0, 1.0, 1.0), -3.0) == (0.2, 0.2, 0.2)

@@ -16,7 +16,7 @@ import yaml
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_evaluation.kit.recording import BAGS, RUN, SESSION
+from vb_evaluation.study_kit.recording import BAGS, RUN, SESSION
 from vb_evaluation.provenance import revision
 
 # everything that tells what happened; images have a separate option, they are a thousand times as large

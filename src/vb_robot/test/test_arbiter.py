@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driving.driver import Driver
+from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.gate import NAVIGATION, INPUT_TIMEOUT, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.spot_follower import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
@@ -33,14 +33,21 @@ def with_border(grid, x0, y0, x1, y1):
 
 
 class Rig:
-    """A driver on a unicycle in an empty room; what is `silent` does not come any more."""
+    """An arbiter on a unicycle in an empty room; what is `silent` does not come any more."""
 
     def __init__(
-        self, pose=(2.0, 2.5, 0.0), fov=360, grid=None, camera="robot", cameras=("robot",), leaves=False, stopped=False
+        self,
+        pose=(2.0, 2.5, 0.0),
+        fov=360,
+        grid=None,
+        camera="robot",
+        cameras=("robot",),
+        exit_borders=False,
+        stopped=False,
     ):
         self.now, self.pose, self.silent = 100.0, pose, set()
-        self.driver = Driver(PROFILE, camera, cameras, leaves, stopped)
-        self.driver.follower.view = VIEW
+        self.arbiter = Arbiter(PROFILE, camera, cameras, exit_borders, stopped)
+        self.arbiter.follower.view = VIEW
         self.set_grid(grid or empty())
         self.camera, self.fov, self.state, self.stopped = camera, fov, (DEFAULT, "", 0.0), False
         self.spot, self.confidence, self.navigation, self.teleop = None, 0.9, None, None
@@ -50,13 +57,13 @@ class Rig:
         self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
 
     def set_grid(self, grid):
-        self.driver.set_maps(Workspace(grid, empty(), PROFILE.radius, uncertainty=PoseUncertainty().metres))
+        self.arbiter.set_maps(Workspace(grid, empty(), PROFILE.radius, uncertainty=PoseUncertainty().meters))
 
     def set_state(self, state, interaction="a"):
         self.state, self._said = (state, interaction if state else "", self.now), -math.inf
 
     def see(self, place, camera, mobile, confidence=0.9):
-        self.driver.add(Sighting(self.now, tuple(place), camera, mobile, confidence))
+        self.arbiter.add(Sighting(self.now, tuple(place), camera, mobile, confidence))
 
     def step(self, seconds=DT):
         for _ in range(max(1, int(round(seconds / DT)))):
@@ -67,28 +74,28 @@ class Rig:
         self.now += DT
         if "state" not in self.silent and self.now - self._said >= 0.1 - 1e-9:
             self._said = self.now
-            self.driver.set_state(*self.state, self.now, self.stopped)
+            self.arbiter.set_state(*self.state, self.now, self.stopped)
         if "pose" not in self.silent:
             if "localisation" not in self.silent:
                 self.correction = self.now + 0.3  # dated ahead, as AMCL does
             x, y, yaw = self.pose
             believed = x - self.off * math.cos(yaw), y - self.off * math.sin(yaw), yaw
-            self.driver.gate.set_pose(believed, self.now, self.correction)
+            self.arbiter.gate.set_pose(believed, self.now, self.correction)
         if "scan" not in self.silent:
             step = math.radians(1.0)
             scan = Scan(self.ranges, -0.5 * step * (self.fov - 1), step, 0.12, 8.0, np.eye(4), 0.18)
-            self.driver.gate.set_scan(scan, self.now)
+            self.arbiter.gate.set_scan(scan, self.now)
         if self.spot is not None and VIEW.sees(to_base(np.array([self.spot]), self.pose))[0]:
             self.see(self.spot, self.camera, True, self.confidence)
         for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
             if wish is not None:
-                self.driver.request(who, *wish, self.now)
+                self.arbiter.request(who, *wish, self.now)
         if "clock" in self.silent:
             self._stood += DT  # its clock stands, and the world goes on
         else:
             self._stood = 0.0
-        self.driver.gate.clock_age = self._stood
-        command = self.driver.step(self.now)
+        self.arbiter.gate.clock_age = self._stood
+        command = self.arbiter.step(self.now)
         self.cancelled += command.cancel
         self.commands.append(command)
         middle = self.pose[2] + 0.5 * command.w * DT
@@ -103,23 +110,23 @@ class Rig:
         self.set_state(GUIDE)
         self.spot = (self.pose[0] + distance, self.pose[1])
         self.step(0.8)
-        assert self.commands[-1].driver == "follow" and self.commands[-1].v > 0.1
+        assert self.commands[-1].source == "follow" and self.commands[-1].v > 0.1
         return self
 
 
 # ------------------------------------------------------------ who drives
 def test_the_first_that_wants_to_drives():
     rig = Rig()
-    assert rig.step().driver == "none" and not rig.commands[-1].publish
+    assert rig.step().source == "none" and not rig.commands[-1].publish
     rig.navigation = (0.3, 0.1)
     command = rig.step()
-    assert (command.driver, command.v, command.w) == ("navigation", 0.3, 0.1)
+    assert (command.source, command.v, command.w) == ("navigation", 0.3, 0.1)
     rig.follows()
     rig.teleop = (-0.1, 0.0)
-    assert rig.step().driver == "teleop" and rig.commands[-1].v == -0.1
+    assert rig.step().source == "teleop" and rig.commands[-1].v == -0.1
     rig.stopped = True
     command = rig.step(0.6)
-    assert (command.driver, command.v, command.publish) == ("stop", 0.0, True)
+    assert (command.source, command.v, command.publish) == ("stop", 0.0, True)
 
 
 def test_navigation_that_falls_silent_is_told_to_stop_once():
@@ -128,18 +135,18 @@ def test_navigation_that_falls_silent_is_told_to_stop_once():
     rig.step(0.5)
     rig.navigation = None
     rig.step(0.6)
-    last = [command for command in rig.commands if command.driver == "none" and command.publish]
+    last = [command for command in rig.commands if command.source == "none" and command.publish]
     assert len(last) == 1 and last[0].v == 0.0
 
 
 def test_two_never_drive_at_once_also_if_the_task_sends_its_goal_again():
     rig = Rig().follows()
     rig.navigation = (0.5, 1.0)
-    rig.driver.goal_active = True
+    rig.arbiter.goal_active = True
     before = rig.cancelled
     rig.spot = None
     rig.step(3.0)
-    assert all(command.driver == "follow" for command in rig.commands[-60:])
+    assert all(command.source == "follow" for command in rig.commands[-60:])
     assert rig.commands[-1].v == rig.commands[-1].w == 0.0, "it waits for the spot where it is"
     assert rig.cancelled - before == 3, "and cancels the goal again each second"
 
@@ -148,9 +155,9 @@ def test_somebody_who_commands_past_the_driver_stops_it_and_is_named():
     rig = Rig()
     rig.navigation = (0.3, 0.0)
     rig.step(0.5)
-    rig.driver.gate.note_other_publisher("/move_base", rig.now)
+    rig.arbiter.gate.record_other_publisher("/move_base", rig.now)
     assert rig.step().code == "other_cmd_vel_publisher" and rig.commands[-1].v == 0.0
-    assert rig.driver.gate.other_publishers == "/move_base"
+    assert rig.arbiter.gate.other_publishers == "/move_base"
     assert rig.step(1.2).v == 0.3
 
 
@@ -161,13 +168,13 @@ def test_stop_is_latched_until_released(by):
     rig.step()
     if by == "state":
         rig.stopped = True
-    rig.driver.set_stop(True, rig.now)
+    rig.arbiter.set_stop(True, rig.now)
     rig.step(5.0)
-    assert rig.commands[-1].driver == "stop"
+    assert rig.commands[-1].source == "stop"
     if by == "state":
         rig.stopped = False  # `resume`
     else:
-        rig.driver.set_stop(False, rig.now)
+        rig.arbiter.set_stop(False, rig.now)
     assert rig.step(0.6).v == 0.3
 
 
@@ -177,11 +184,11 @@ def test_an_interaction_manager_that_starts_again_releases_no_stop_that_it_did_n
     rig.step(0.5)
     rig.silent.add("state")
     rig.step(0.2)
-    rig.driver.set_stop(True, rig.now)
+    rig.arbiter.set_stop(True, rig.now)
     rig.step(1.0)
     rig.silent.clear()  # it is back, and says that nobody is stopped
-    assert rig.step(5.0).driver == "stop"
-    rig.driver.set_stop(False, rig.now)
+    assert rig.step(5.0).source == "stop"
+    rig.arbiter.set_stop(False, rig.now)
     assert rig.step(0.6).v == 0.3
 
 
@@ -189,11 +196,11 @@ def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(
     rig = Rig(stopped=True)
     rig.silent.add("state")
     rig.navigation = rig.teleop = (0.3, 0.0)
-    assert rig.step(1.0).driver == "stop"
+    assert rig.step(1.0).source == "stop"
     rig.silent.clear()  # the manager is back, and has not heard of the stop either
-    assert rig.step(1.0).driver == "stop" and rig.driver.stopped
-    rig.driver.set_stop(False, rig.now)  # `resume`
-    assert rig.step(0.6).v == 0.3 and not rig.driver.stopped
+    assert rig.step(1.0).source == "stop" and rig.arbiter.stopped
+    rig.arbiter.set_stop(False, rig.now)  # `resume`
+    assert rig.step(0.6).v == 0.3 and not rig.arbiter.stopped
 
 
 def test_a_resume_that_is_older_than_the_stop_does_not_release_it():
@@ -202,10 +209,10 @@ def test_a_resume_that_is_older_than_the_stop_does_not_release_it():
     rig.step(0.5)
     resumed = rig.now
     rig.step(0.1)
-    rig.driver.set_stop(True, rig.now)
+    rig.arbiter.set_stop(True, rig.now)
     rig.silent.add("state")
-    rig.driver.set_state(DEFAULT, "", 0.0, resumed, stopped=False)  # comes on another topic, and late
-    assert rig.step().driver == "stop"
+    rig.arbiter.set_state(DEFAULT, "", 0.0, resumed, stopped=False)  # comes on another topic, and late
+    assert rig.step().source == "stop"
 
 
 # ------------------------------------------------------------ the gate
@@ -260,7 +267,7 @@ def test_what_is_dated_ahead_grows_old_all_the_same():
     rig.navigation = (0.5, 0.0)
     rig.step(1.0)
     rig.silent.add("pose")
-    rig.driver.gate.set_pose(rig.pose, rig.now + 0.3)
+    rig.arbiter.gate.set_pose(rig.pose, rig.now + 0.3)
     assert rig.step(INPUT_TIMEOUT).v == 0.0
 
 
@@ -288,13 +295,13 @@ def test_within_a_border_a_person_may_drive_it_and_navigation_may_not():
     rig.navigation = (0.3, 0.0)
     assert rig.step(0.2).code == "inside_border" and rig.commands[-1].v == 0.0
     rig.teleop = (0.3, 0.0)
-    assert rig.step(0.2).driver == "teleop" and rig.commands[-1].v > 0.0
+    assert rig.step(0.2).source == "teleop" and rig.commands[-1].v > 0.0
 
 
 def test_contact_lets_it_only_back_up():
     rig = Rig()
     rig.navigation = (0.3, 0.0)
-    rig.driver.gate.contacts["bumper"] = True
+    rig.arbiter.gate.contacts["bumper"] = True
     assert rig.step(0.2).code == "contact" and rig.commands[-1].v == 0.0
     rig.navigation = (-0.2, 0.0)
     assert rig.step().v == -0.2
@@ -303,7 +310,7 @@ def test_contact_lets_it_only_back_up():
 def test_speed_limits_hold_for_navigation():
     rig = Rig()
     rig.navigation = (0.5, 0.5)
-    rig.driver.gate.speed_limits = SpeedLimits(empty().with_data(np.full(empty().shape, 20, np.int8)))
+    rig.arbiter.gate.speed_limits = SpeedLimits(empty().with_data(np.full(empty().shape, 20, np.int8)))
     command = rig.step(0.2)
     assert command.code == "speed_zone" and command.v == pytest.approx(0.2) and command.w == pytest.approx(0.2)
 
@@ -371,7 +378,7 @@ def test_a_reflection_leads_nobody():
     rig.set_state(GUIDE)
     rig.spot, rig.confidence = (3.6, 2.5), 0.3
     rig.step(2.0)
-    assert all(command.driver == "none" for command in rig.commands)
+    assert all(command.source == "none" for command in rig.commands)
 
 
 def test_one_weak_sighting_of_a_ceiling_camera_does_not_stop_it():
@@ -380,32 +387,32 @@ def test_one_weak_sighting_of_a_ceiling_camera_does_not_stop_it():
     rig.spot = (3.6, 2.5)
     rig.step(2.0)
     rig.see((3.6, 2.5), "red", False, confidence=0.2)
-    assert rig.step(0.3).driver == "follow"
+    assert rig.step(0.3).source == "follow"
     rig.see((3.6, 2.5), "red", False, confidence=0.9)
-    assert rig.step(0.3).driver == "none", "from here on robots are sent"
+    assert rig.step(0.3).source == "none", "from here on robots are sent"
 
 
 def test_guide_leaves_robots_alone_that_do_not_see_the_spot():
     far = Rig(pose=(6.0, 2.5, 0.0), camera="robot2", cameras=("robot1", "robot2"))
     far.navigation = (0.3, 0.0)
-    far.driver.goal_active = True
+    far.arbiter.goal_active = True
     far.set_state(GUIDE)
     for _ in range(100):
         far.see((2.0, 2.5), "robot1", True)
         far.step()
     far.step(3.0)  # the laser is off
-    assert far.cancelled == 0 and all(command.driver == "navigation" for command in far.commands)
+    assert far.cancelled == 0 and all(command.source == "navigation" for command in far.commands)
 
 
 def test_the_robot_that_has_seen_the_spot_longest_follows_and_stays_so_while_nobody_sees_it():
     rig = Rig(cameras=("robot", "other"))
     rig.follows()
     rig.see((3.0, 2.5), "other", True)
-    assert rig.step().driver == "follow"
+    assert rig.step().source == "follow"
     rig.spot = None
-    assert rig.step(5.0).driver == "follow"
+    assert rig.step(5.0).source == "follow"
     rig.see((3.0, 2.5), "other", True)
-    assert rig.step().driver == "none", "another robot sees it now"
+    assert rig.step().source == "none", "another robot sees it now"
 
 
 # ------------------------------------------------------------ following
@@ -423,7 +430,7 @@ def drag(path, speed, pose, latency=0.12, noise=0.0, extra=4.0, grid=None):
             waiting.append((rig.now, spot + rng.normal(0.0, noise, 2) if noise else spot))
         while waiting and waiting[0][0] <= rig.now - latency:
             stamp, place = waiting.pop(0)
-            rig.driver.add(Sighting(stamp, tuple(place), "robot", True, 0.9))
+            rig.arbiter.add(Sighting(stamp, tuple(place), "robot", True, 0.9))
         command = rig.step()
         rows.append((*rig.pose[:2], command.v, command.w, visible, math.dist(rig.pose[:2], spot)))
     return np.array(rows)

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_laser_detect.detection.bodies import Body
+from vb_laser_detect.detection.robot_cylinders import RobotCylinder
 from vb_laser_detect.detection.image_geometry import ImageGeometry
 from vb_laser_detect.detection.projection import FloorProjection, pixels_of
 
-ROBOT = Body(2.0, 1.0, 0.2, 0.4)
+ROBOT = RobotCylinder(2.0, 1.0, 0.2, 0.4)
 ASLANT = np.array([0.0, 1.0, 2.8])  # of a camera that sees it from the left
 ABOVE = np.array([2.0, 1.0, 2.8])
 
@@ -37,7 +37,7 @@ ABOVE = np.array([2.0, 1.0, 2.8])
     ],
 )
 def test_a_ray_that_passes_through_a_robot(origin, floor, hidden):
-    assert ROBOT.hides(np.array(origin), np.array([*floor, 0.0])) is hidden
+    assert ROBOT.occludes(np.array(origin), np.array([*floor, 0.0])) is hidden
 
 
 @settings(max_examples=200, deadline=None)
@@ -48,7 +48,7 @@ def test_agrees_with_points_along_the_ray(x, y, u, v, height):
     low = points[points[:, 2] <= ROBOT.height]
     off = np.hypot(low[:, 0] - ROBOT.x, low[:, 1] - ROBOT.y).min() - ROBOT.radius
     if abs(off) > 0.01:  # nearer than the points are to each other nothing is decided
-        assert ROBOT.hides(origin, floor) is bool(off < 0.0)
+        assert ROBOT.occludes(origin, floor) is bool(off < 0.0)
 
 
 def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
@@ -56,11 +56,11 @@ def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
     asked = []
 
-    def bodies():
+    def cylinders():
         asked.append(1)
         return [ROBOT]
 
-    frame = ImageGeometry(camera, lambda: pose, FloorProjection(), bodies=bodies)
+    frame = ImageGeometry(camera, lambda: pose, FloorProjection(), cylinders=cylinders)
     assert not asked
     on, beside = pixels_of(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]]))
     assert (frame.rejection_at(*on), frame.rejection_at(*beside)) == ("on_robot", "")

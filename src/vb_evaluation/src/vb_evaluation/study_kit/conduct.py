@@ -16,9 +16,9 @@ import yaml
 
 from vb_core.errors import CodedError
 from vb_core.map_files import write_atomically
-from vb_evaluation.kit import protocol
-from vb_evaluation.kit.measure import deviations, last_attempt
-from vb_evaluation.kit.recording import EVENTS, RUN, SESSION, Recording
+from vb_evaluation.study_kit import protocol
+from vb_evaluation.study_kit.measure import deviations, last_attempt
+from vb_evaluation.study_kit.recording import EVENTS, RUN, SESSION, Recording
 from vb_evaluation.provenance import revision
 
 SETTINGS = "kit.yaml"
