@@ -2,7 +2,7 @@
 
 A figure that comes from a file is followed by a comment that names file, row and column, counted from 1:
 
-    .868<!-- docs/results/study_hand.md "Carpet exclusion | people | robust" 6 -->
+    .868<!-- docs/results/study/hand.md "Carpet exclusion | people | robust" 6 -->
 
 The row is the first line that begins with these cells; the figure is the cell's first number, rounded as it is written.
 """
