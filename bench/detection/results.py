@@ -254,7 +254,7 @@ def main() -> None:
         "# Seeing the spot: results",
         "",
         "Written by `bench/detection/results.py` from the `*.csv` beside it; its docstring "
-        "names the commands. What the figures mean for a lab: [How a spot is detected](../explanation/detection.md).",
+        "names the commands. What the figures mean for a lab: [How a spot is detected](../../explanation/detection.md).",
         "",
     ]
     for part in (clips, left_out, scenes, cameras, robots, times):

@@ -28,8 +28,8 @@ from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import Image
 
 from vb_core import names
-from vb_core.ros.messages import message_from_grid, transform_message
-from vb_evaluation.live.screenshots import PATIENCE_S, still_picture
+from vb_core.ros.messages import message_from_grid, message_from_transform
+from vb_evaluation.live.screenshots import TIMEOUT, still_picture
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port, start_screen
 from vb_laser_detect.detection.exposure import saturated_share
@@ -83,11 +83,11 @@ def photograph_rviz(world, out: Path) -> None:
         folder = Path(name)
         os.environ["ROS_LOG_DIR"] = f"{folder}/log"
         stack.callback(Child(["rosmaster", "--core", "-p", str(port)], folder / "master.txt").stop)
-        wait_until(rosgraph.is_master_online, PATIENCE_S)
+        wait_until(rosgraph.is_master_online, TIMEOUT)
         rospy.init_node("tutorial_pictures", disable_signals=True, log_level=rospy.ERROR)
         stack.callback(rospy.signal_shutdown, "the picture is taken")
         frames = tf2_ros.StaticTransformBroadcaster()
-        frames.sendTransform(transform_message(np.eye(4), names.MAP_FRAME, "floor", rospy.Time.now()))
+        frames.sendTransform(message_from_transform(np.eye(4), names.MAP_FRAME, "floor", rospy.Time.now()))
         publisher = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGrid, queue_size=1, latch=True)
         publisher.publish(message_from_grid(floor_plan.physical_map(world), rospy.Time.now()))
         for camera in world.cameras:
@@ -99,7 +99,7 @@ def photograph_rviz(world, out: Path) -> None:
         stack.callback(screen.stop)
         shown = Child(["rosrun", "rviz", "rviz", "-d", str(TOP / "rviz/engineer.rviz")], folder / "rviz.txt")
         stack.callback(shown.stop)
-        wait_until(lambda: publisher.get_num_connections() > 0, PATIENCE_S)
+        wait_until(lambda: publisher.get_num_connections() > 0, TIMEOUT)
         picture = still_picture(os.environ["DISPLAY"], folder / "screen.png", [])
     cv2.rectangle(picture, *TOOL, ORANGE, 4)
     cv2.circle(picture, CORNER, 22, ORANGE, 4)

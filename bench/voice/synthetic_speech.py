@@ -7,7 +7,7 @@ Near misses are words that sound like commands, from a dictionary by phonetic di
 Formant voices are from espeak-ng (accents and variants), recorded people's from flite (diphones and clusters) and
 festival (diphones, hidden Markov model), all Debian packages: apt-get install espeak-ng flite festival festvox-kdlpc16k
 festvox-kallpc16k festvox-us-slt-hts. A voice "recorded" is a folder out/bench/recordings/NAME with WAV files
-TEXT-NUMBER.wav: voice_recordings.py fills some with neural voices; people may fill others.
+TEXT-NUMBER.wav: recordings.py fills some with neural voices; people may fill others.
 """
 
 from __future__ import annotations
