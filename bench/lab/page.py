@@ -531,6 +531,7 @@ def carpet():
                     page.wait("!document.getElementById('toast').textContent")
                     page.click("#health summary")
                     page.wait_text("#cameras", "robot")
+                    page.run("document.getElementById('panel').scrollTo(0, 0)")
                     take()
                 page.click("#undo")
                 page.wait_text("#borders", none)
