@@ -37,7 +37,7 @@ WARM_S = 3.0  # of drawing before anything is counted
 PORT = 12871
 FIELDS = (
     "cameras hosts cores searched_share spots_per_s latency_ms latency_p95_ms detector_core_share "
-    "detector_ms_per_image fusion_core_share player_core_share others_core_share cable_kB_per_s"
+    "detector_ms_per_image fusion_core_share player_core_share others_core_share cable_kB_per_s revision"
 ).split()
 
 
@@ -264,33 +264,32 @@ def live_apart() -> bool:
 
 
 # ---------------------------------------------------------------------- table, picture, model
-def read_table() -> List[Dict[str, float]]:
+def read_table() -> List[Dict[str, Any]]:
+    """Reads the table: figures, and the revision at which each row was measured."""
     with open(str(TABLE)) as stream:
-        lines = [line for line in stream if not line.startswith("#")]
-    return [
-        {key: float(value) if value else float("nan") for key, value in row.items()} for row in csv.DictReader(lines)
-    ]
+        rows = csv.DictReader(line for line in stream if not line.startswith("#"))
+        return [{key: _value(key, text) for key, text in row.items()} for row in rows]
+
+
+def _value(key: str, text: str) -> Any:
+    if key == "revision":
+        return text
+    value = float(text or "nan")
+    return int(value) if value.is_integer() else value
 
 
 def add_rows(rows: List[Dict[str, Any]]) -> None:
     """Adds rows to the table; a row of the same cameras and hosts is replaced."""
     from vb_evaluation.provenance import revision
-    from vb_evaluation.result_table import write_table
 
-    old = read_table() if TABLE.exists() else []
-    new = {(row["cameras"], row["hosts"]) for row in rows}
-    kept = [
-        {key: int(value) if value == int(value) else value for key, value in row.items() if value == value}
-        for row in old
-        if (row["cameras"], row["hosts"]) not in new
-    ]
-    merged = sorted([*kept, *rows], key=lambda row: (row["hosts"], row["cameras"]))
-    write_table(
-        "lab/scale",
-        "lab/scale.py --cameras ... --hosts ...",
-        revision(),
-        [{key: row.get(key) for key in FIELDS} for row in merged],
-    )
+    made_by = revision()
+    table = {(row["cameras"], row["hosts"]): row for row in read_table()} if TABLE.exists() else {}
+    table.update({(row["cameras"], row["hosts"]): {**row, "revision": made_by} for row in rows})
+    with open(str(TABLE), "w", newline="") as stream:
+        stream.write("# python3 bench/lab/scale.py --cameras ... --hosts ...; each row with its own revision\n")
+        writer = csv.DictWriter(stream, FIELDS, extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(sorted(table.values(), key=lambda row: (row["hosts"], row["cameras"])))
 
 
 def model(rows: List[Dict[str, float]]) -> Dict[str, float]:
