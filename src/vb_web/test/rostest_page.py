@@ -262,8 +262,8 @@ class PageTest(unittest.TestCase):
         until(lambda: not self.borders()[0].enabled, "the border to be off")
         self.browser.wait_text("#borders", "Switched off")
         self.browser.click("#borders .name")
-        self.browser.click("#dialog button", "Times of day")
-        self.browser.wait_text("#dialog", "Rug: times of day")
+        self.browser.click("#dialog button", "Schedule")
+        self.browser.wait_text("#dialog", "Rug: schedule")
         self.browser.click("#dialog button", "Weekdays")
         self.browser.click("#dialog button", "Save")  # nobody's times are made up
         self.browser.wait_text("#toast", "both times")
@@ -280,7 +280,7 @@ class PageTest(unittest.TestCase):
         # what changes nothing is no step of undo
         revision = self.browser.run("return window.virtualBorders.view.borders.revision")
         self.browser.click("#borders .name")
-        self.browser.click("#dialog button", "Times of day")
+        self.browser.click("#dialog button", "Schedule")
         self.browser.click("#dialog button", "Save")
         self.browser.wait("!document.getElementById('dialog').open", what="the dialog to close")
         self.browser.click("#borders .name")
@@ -730,7 +730,7 @@ class PageTest(unittest.TestCase):
             small.tap([4.0, 1.4])
             small.wait_text("#dialog", "Ausschalten")
             self.assertTrue(small.run(within))
-            small.click("#dialog button", "Uhrzeiten")
+            small.click("#dialog button", "Zeitplan")
             small.wait_text("#dialog", "Werktage")
             self.assertTrue(small.run(within))
             # on its side too
@@ -796,7 +796,7 @@ class PageTest(unittest.TestCase):
         self.browser.run("document.getElementById('health').open = true")
         try:
             self.browser.wait_text("#drivers", "one has stopped: something is in its way.")
-            self.assertIn("Driven by its navigation", self.browser.text("#drivers"))
+            self.assertIn("Driven by navigation", self.browser.text("#drivers"))
             for camera in ("south", "north"):
                 self.browser.click(f"#cameras [data-key='see {camera}']")
             self.browser.wait(
