@@ -24,26 +24,12 @@ from typing import Tuple
 import numpy as np
 
 CLOSED = {"circle", "rectangle", "square", "triangle", "0"}
-OPEN = {
-    "caret",
-    "check",
-    "vmark",
-    "v",
-    "zig-zag",
-    "square-braket-left",
-    "square-braket-right",
-    "curly-braket-left",
-    "curly-braket-right",
-    "left-swipe",
-    "right-swipe",
-    "1",
-    "2",
-    "3",
-    "5",
-    "7",
-    "c",
-    "j",
-}
+OPEN = set(
+    (
+        "caret check vmark v zig-zag square-braket-left square-braket-right curly-braket-left "
+        "curly-braket-right left-swipe right-swipe 1 2 3 5 7 c j"
+    ).split()
+)
 EACH = 2
 SIZE = 200.0  # [px] of a figure's diagonal
 

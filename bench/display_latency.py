@@ -27,6 +27,7 @@ import xmlrpc.client
 from pathlib import Path
 
 import numpy as np
+import psutil
 import rosgraph
 import rospy
 from geometry_msgs.msg import Point, Pose2D
@@ -36,7 +37,7 @@ from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_core.ros.messages import OccupancyGridArray
 from vb_evaluation.observer import wait_until
-from vb_evaluation.processes import Child, free_port, start_screen
+from vb_evaluation.processes import free_port, roslaunch, start_screen
 from vb_feedback.display_markers_node import RESTRICTED
 from vb_msgs.msg import BorderPreview, DetectorStatus, LabState, LaserSpot, ParticipantState
 from vb_msgs.srv import Command
@@ -106,9 +107,7 @@ def pid_of(node: str) -> int:
 
 def cpu_seconds(node: str) -> float:
     """Returns the CPU time [s] that a node has taken."""
-    pid = pid_of(node)
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return sum(psutil.Process(pid_of(node)).cpu_times()[:2])
 
 
 def summary(values) -> dict:
@@ -194,22 +193,15 @@ def main() -> int:
     with contextlib.ExitStack() as stack:
         screen, os.environ["DISPLAY"] = start_screen(folder / "xvfb.txt", 1280, 720)
         stack.callback(screen.stop)
-        state = folder / f"state_{port}"
-        more = [f"projector:={TOP}/src/vb_sim/config/lab_projector.yaml"] if given.projector else []
-        launch = Child(
-            [
-                "roslaunch",
-                "-p",
-                str(port),
-                str(TOP / "launch/simulation.launch"),
-                f"state:={state}",
-                "page:=false",
-                f"cameras:={given.cameras}",
-                f"rviz:={'false' if given.no_rviz else 'true'}",
-                *more,
-            ],
-            folder / "roslaunch.txt",
-        )
+        arguments = {
+            "state": folder / f"state_{port}",
+            "page": False,
+            "cameras": given.cameras,
+            "rviz": not given.no_rviz,
+        }
+        if given.projector:
+            arguments["projector"] = TOP / "src/vb_sim/config/lab_projector.yaml"
+        launch = roslaunch([TOP / "launch/simulation.launch"], folder / "roslaunch.txt", port, **arguments)
         stack.callback(launch.stop)
         if not wait_until(rosgraph.is_master_online, 60.0):
             print("the master did not come up", file=sys.stderr)

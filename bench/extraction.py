@@ -36,6 +36,7 @@ TOP = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
 import people  # noqa: E402
 from disturbances import beside, held, timed, with_fixed_place  # noqa: E402
+from result_table import revision  # noqa: E402
 from strokes import SHAPES, Setting, Stroke, draw, hausdorff, jaccard  # noqa: E402
 
 from vb_core import geometry  # noqa: E402
@@ -367,12 +368,11 @@ def figures(folder: Path) -> None:
 
 def write(path: Path, rows: List[Dict[str, object]]) -> None:
     """Writes the table, with what made it."""
-    revision = subprocess.run(
-        ["git", "-C", str(TOP), "rev-parse", "--short", "HEAD"], stdout=subprocess.PIPE, universal_newlines=True
-    ).stdout.strip()
     path.parent.mkdir(parents=True, exist_ok=True)
     with open(str(path), "w", encoding="utf-8", newline="") as file:
-        file.write(f"# python3 bench/extraction.py {' '.join(sys.argv[1:])}; {time.strftime('%Y-%m-%d')}; {revision}\n")
+        file.write(
+            f"# python3 bench/extraction.py {' '.join(sys.argv[1:])}; {time.strftime('%Y-%m-%d')}; {revision()}\n"
+        )
         table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         table.writeheader()
         table.writerows(rows)

@@ -20,43 +20,32 @@ import time
 from pathlib import Path
 from typing import Dict, List
 
-from vb_evaluation.processes import Child
+import psutil
+
+from vb_evaluation.processes import roslaunch
 
 TOP = Path(__file__).resolve().parent.parent
 SIMULATOR = ("map_server", "lab_simulator", "ceiling_cameras", "robot_camera", "move_base", "participant", "rviz")
 QUIET_S = 15.0  # [s] that every node has been up before it is measured: by then images and maps have passed through
 
 
-def memory(process: int) -> Dict[str, float]:
+def memory(process: psutil.Process) -> Dict[str, float]:
     """Returns the process's resident, proportional and private memory [MiB]."""
-    sizes = {}
-    for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()[1:]:
-        name, value = line.split()[:2]
-        sizes[name.rstrip(":")] = int(value) / 1024.0
-    return {"rss": sizes["Rss"], "pss": sizes["Pss"], "private": sizes["Private_Clean"] + sizes["Private_Dirty"]}
+    found = process.memory_full_info()
+    return {"rss": found.rss / 2**20, "pss": found.pss / 2**20, "private": found.uss / 2**20}
 
 
-def session(leader: int) -> Dict[str, int]:
+def session(leader: int) -> Dict[str, psutil.Process]:
     """Finds everything below the process, name to process: nodes by their ROS names, others by their programs'."""
-    parents = {}
-    for folder in Path("/proc").glob("[0-9]*"):
+    found, first = {}, psutil.Process(leader)
+    for process in (first, *first.children(recursive=True)):
         try:
-            parents[int(folder.name)] = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-        except (OSError, IndexError):
+            words = process.cmdline()
+        except psutil.NoSuchProcess:  # it has just ended
             continue
-    found = {}
-    for process in parents:
-        above = process
-        while above not in (0, leader):
-            above = parents.get(above, 0)
-        if above == leader:
-            try:
-                words = Path(f"/proc/{process}/cmdline").read_text().split("\0")
-            except OSError:  # it has just ended
-                continue
-            names = [word.partition(":=")[2] for word in words if word.startswith("__name:=")]
-            programs = [Path(word).name for word in words if word and not word.startswith("-") and "python" not in word]
-            found[names[0] if names else (programs or words)[0]] = process
+        names = [word.partition(":=")[2] for word in words if word.startswith("__name:=")]
+        programs = [Path(word).name for word in words if word and not word.startswith("-") and "python" not in word]
+        found[(names or programs or words or [""])[0]] = process
     return found
 
 
@@ -68,19 +57,9 @@ def main() -> int:
     options = parser.parse_args()
     folder = tempfile.mkdtemp(prefix="lab_memory_")
     environment = {**os.environ, "ROS_MASTER_URI": f"http://127.0.0.1:{options.port}", "ROS_LOG_DIR": folder}
-    lab = Child(
-        [
-            "roslaunch",
-            "-p",
-            str(options.port),
-            str(TOP / "launch" / "simulation.launch"),
-            "rviz:=false",
-            "page_port:=0",
-            f"state:={folder}/state",
-        ],
-        Path(folder, "roslaunch.txt"),
-        environment,
-    )
+    arguments = {"rviz": False, "page_port": 0, "state": f"{folder}/state"}
+    file, log = TOP / "launch" / "simulation.launch", Path(folder, "roslaunch.txt")
+    lab = roslaunch([file], log, options.port, environment, **arguments)
     try:
         before: List[str] = []
         quiet_since = time.monotonic()

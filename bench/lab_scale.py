@@ -12,6 +12,7 @@ what the network costs and where the cores end, not what more computers would br
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import os
 import signal
@@ -20,7 +21,9 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any, Dict, Iterator, List
+
+import psutil
 
 from vb_evaluation.processes import Child
 
@@ -32,21 +35,10 @@ FRAMES = 25  # of each view, played back and forth
 LEARN_S = 4.0  # without a laser before, for the background
 WARM_S = 3.0  # of drawing before anything is counted
 PORT = 12871
-FIELDS = [
-    "cameras",
-    "hosts",
-    "cores",
-    "searched_share",
-    "spots_per_s",
-    "latency_ms",
-    "latency_p95_ms",
-    "detector_core_share",
-    "detector_ms_per_image",
-    "fusion_core_share",
-    "player_core_share",
-    "others_core_share",
-    "cable_kB_per_s",
-]
+FIELDS = (
+    "cameras hosts cores searched_share spots_per_s latency_ms latency_p95_ms detector_core_share "
+    "detector_ms_per_image fusion_core_share player_core_share others_core_share cable_kB_per_s"
+).split()
 
 
 def address(host: int) -> str:
@@ -57,37 +49,12 @@ def address(host: int) -> str:
 # ---------------------------------------------------------------------- images
 def render(path: Path) -> None:
     """Writes FRAMES images of each of the lab's cameras, with a laser and two people, and each camera's empty view first."""
-    import math
-
     import numpy as np
-    from spot_scenes import (
-        CARPET,
-        DARK,
-        RATE as SCENE_RATE,
-        WHITE,
-        Rooms,
-        Walk,
-        along,
-        lab,
-        place_and_velocity,
-        walking,
-    )
+    from spot_scenes import Rooms, draw_round_carpet, lab
 
-    from vb_sim.lab_history import Snapshot
     from vb_sim.room.camera_models import CameraModels
 
-    room, rooms = lab(), Rooms(CameraModels(), 1)
-    border, people = along(CARPET, 0.4), walking(Walk(room, 3, WHITE, DARK), Walk(room, 4, (150, 40, 40), WHITE))
-    pictures = []
-    for camera in room.cameras:
-        view = rooms.view(room, camera.name)
-        pictures.append([view.frame(Snapshot(0.0, {})).copy()])
-        for number in range(FRAMES):
-            now = number / SCENE_RATE
-            laser, velocity = place_and_velocity(border, now)
-            person = (4.6, 2.9, math.atan2(laser[1] - 2.9, laser[0] - 4.6))
-            pictures[-1].append(view.frame(Snapshot(now, {}, laser, "red", velocity, person, people(now))).copy())
-    np.save(str(path), np.array(pictures))
+    np.save(str(path), np.array(draw_round_carpet(lab(), Rooms(CameraModels(), 1), FRAMES)))
 
 
 def play(cameras: List[str], path: Path) -> None:
@@ -142,17 +109,13 @@ def play(cameras: List[str], path: Path) -> None:
 # ---------------------------------------------------------------------- measuring
 def used(processes: List[int]) -> float:
     """Returns the processor time [s] that some processes have taken so far."""
-    ticks = 0
-    for process in processes:
-        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-        ticks += int(fields[11]) + int(fields[12])
-    return ticks / os.sysconf("SC_CLK_TCK")
+    return sum(sum(psutil.Process(process).cpu_times()[:2]) for process in processes)
 
 
 def busy() -> float:
     """Returns the processor time [s] that all processes of the computer have taken so far."""
-    fields = [int(word) for word in Path("/proc/stat").read_text().splitlines()[0].split()[1:]]
-    return (sum(fields) - fields[3] - fields[4]) / os.sysconf("SC_CLK_TCK")
+    times = psutil.cpu_times()
+    return sum(times) - times.idle - times.iowait
 
 
 def called(word: str, space: str) -> List[int]:
@@ -167,41 +130,42 @@ def called(word: str, space: str) -> List[int]:
     return found
 
 
-def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) -> Dict[str, Any]:
-    """Measures one row of the table."""
-    import numpy as np
+def lay_cable(host: int, keeper: int) -> None:
+    """Connects the namespace of a process, which is another host, to the switch."""
+    within = ["nsenter", "-t", str(keeper), "-n"]
+    for words in (
+        ["ip", "link", "add", f"port{host}", "type", "veth", "peer", "name", "cable", "netns", str(keeper)],
+        ["ip", "link", "set", f"port{host}", "master", "switch", "up"],
+        [*within, "ip", "address", "add", f"{address(host)}/24", "dev", "cable"],
+        [*within, "ip", "link", "set", "cable", "up"],
+        [*within, "ip", "link", "set", "lo", "up"],
+    ):
+        subprocess.run(words, check=True)
+
+
+@contextlib.contextmanager
+def lab_of(cameras: List[str], hosts: int, images: Path, folder: Path) -> Iterator[None]:
+    """Runs a master, the fusion, and on each host the players and detectors of its share of the cameras."""
     import rosgraph
     import rospy
 
-    from vb_core import names
-    from vb_msgs.msg import DetectorStatus, LaserSpot
-
-    cameras = [f"c{number}" for number in range(count)]
-    space = os.readlink("/proc/self/ns/mnt")
     children: List[Child] = []
+    spaces = [0]
 
     def start(host: int, *words: str) -> Child:
         environment = {**os.environ, "ROS_IP": address(host)}
         prefix = ["nsenter", "-t", str(spaces[host]), "-n"] if host else []
-        children.append(Child([*prefix, *words], folder / f"log_{count}_{hosts}_{len(children)}.txt", environment))
+        log = folder / f"log_{len(cameras)}_{hosts}_{len(children)}.txt"
+        children.append(Child([*prefix, *words], log, environment))
         return children[-1]
 
-    spaces = [0]
     try:
         for host in range(1, hosts):
             keeper = start(0, "unshare", "--net", "sleep", "1000")
             while os.readlink(f"/proc/{keeper.pid}/ns/net") == os.readlink("/proc/self/ns/net"):
                 time.sleep(0.02)
             spaces.append(keeper.pid)
-            within = ["nsenter", "-t", str(keeper.pid), "-n"]
-            for words in (
-                ["ip", "link", "add", f"port{host}", "type", "veth", "peer", "name", "cable", "netns", str(keeper.pid)],
-                ["ip", "link", "set", f"port{host}", "master", "switch", "up"],
-                [*within, "ip", "address", "add", f"{address(host)}/24", "dev", "cable"],
-                [*within, "ip", "link", "set", "cable", "up"],
-                [*within, "ip", "link", "set", "lo", "up"],
-            ):
-                subprocess.run(words, check=True)
+            lay_cable(host, keeper.pid)
         start(0, "roscore", "-p", str(PORT))
         while not rosgraph.is_master_online():
             time.sleep(0.1)
@@ -212,28 +176,36 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
             own = cameras[host::hosts]
             if own:
                 start(host, sys.executable, __file__, "--play", str(images), "--cameras", *[name[1:] for name in own])
-                start(
-                    host,
-                    "roslaunch",
-                    str(TOP / "launch/parts/detectors.launch"),
-                    f"cameras:={' '.join(own)}",
-                    f"config:={TOP}/src/vb_laser_detect/config/stationary.yaml",
-                    "image_transport:=raw",
-                )
-        delays: List[float] = []
-        statuses: Dict[str, Any] = {}
+                config = f"config:={TOP}/src/vb_laser_detect/config/stationary.yaml"
+                file = str(TOP / "launch/parts/detectors.launch")
+                start(host, "roslaunch", file, f"cameras:={' '.join(own)}", config, "image_transport:=raw")
+        yield
+    finally:
+        for child in reversed(children):  # the networks last
+            child.stop(30.0)
 
-        def on_spot(message: LaserSpot) -> None:
-            delays.append(time.time() - message.header.stamp.to_sec())
 
+def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) -> Dict[str, Any]:
+    """Measures one row of the table."""
+    import numpy as np
+    import rospy
+
+    from vb_core import names
+    from vb_msgs.msg import DetectorStatus, LaserSpot
+
+    cameras = [f"c{number}" for number in range(count)]
+    space = os.readlink("/proc/self/ns/mnt")
+    delays: List[float] = []
+    statuses: Dict[str, Any] = {}
+
+    def on_spot(message: LaserSpot) -> None:
+        delays.append(time.time() - message.header.stamp.to_sec())
+
+    with lab_of(cameras, hosts, images, folder):
         if not rospy.core.is_initialized():
             rospy.init_node("lab_scale", disable_signals=True)
-        subscribers = [
-            rospy.Subscriber(names.SPOTS, LaserSpot, on_spot, queue_size=1000),
-            rospy.Subscriber(
-                names.DETECTORS, DetectorStatus, lambda m: statuses.__setitem__(m.camera, m), queue_size=100
-            ),
-        ]
+        rospy.Subscriber(names.SPOTS, LaserSpot, on_spot, queue_size=1000)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: statuses.update({m.camera: m}), queue_size=100)
         deadline = time.monotonic() + 120.0
         while len(statuses) < count:
             if time.monotonic() > deadline:
@@ -252,8 +224,7 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
         everybody = (busy() - before_all) / lasted
         found = np.array(delays) * 1e3
         images_searched = sum(statuses[name].processed - searched[name] for name in cameras)
-        for subscriber in subscribers:
-            subscriber.unregister()
+        detectors = shares["__name:=spot_detector_"]
         return {
             "cameras": count,
             "hosts": hosts,
@@ -262,18 +233,13 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
             "spots_per_s": round(len(found) / lasted, 1),
             "latency_ms": round(float(np.median(found)), 1) if len(found) else None,
             "latency_p95_ms": round(float(np.percentile(found, 95)), 1) if len(found) else None,
-            "detector_core_share": round(shares["__name:=spot_detector_"] / count, 3),
-            "detector_ms_per_image": round(
-                1e3 * shares["__name:=spot_detector_"] * lasted / max(images_searched, 1), 2
-            ),
+            "detector_core_share": round(detectors / count, 3),
+            "detector_ms_per_image": round(1e3 * detectors * lasted / max(images_searched, 1), 2),
             "others_core_share": round(everybody - sum(shares.values()), 2),
             "fusion_core_share": round(shares["border_fusion"], 3),
             "player_core_share": round(shares["--play"] / count, 3),
             "cable_kB_per_s": round((cable() - sent) / lasted / 1e3, 1) if hosts > 1 else 0.0,
         }
-    finally:
-        for child in reversed(children):  # the networks last
-            child.stop(30.0)
 
 
 def cable() -> int:

@@ -29,10 +29,13 @@ import sys
 import tempfile
 import time
 import urllib.request
+from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
+import psutil
+from result_table import revision
 
 TOP = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(TOP / "src" / "vb_web" / "test"))
@@ -95,8 +98,7 @@ def page_pid():
 
 
 def cpu_seconds(pid):
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return sum(psutil.Process(pid).cpu_times()[:2])
 
 
 class Pointer:
@@ -276,14 +278,71 @@ def large():
         return [told, *(f"4000 x 4000 cells, {line}" for line in links(port, (BROWSERS,)))]
 
 
-def hostile():
-    import http.client
+HOSTILE_PATHS = [
+    "/",
+    "/../../etc/passwd",
+    "/picture/map/" + "a" * 16 + ".png",
+    "/camera/x.jpg",
+    "/words/%s.json",
+    "/link",
+    "/login",
+    "/" + "A" * 3000,
+    "/%00",
+    "/floor.webp?" + "x" * 500,
+]
 
-    from hostile import hostile_messages
+
+async def send_hostile_messages(port, texts):
+    """Sends texts over WebSockets; returns how many were sent."""
     from tornado.httpclient import HTTPRequest
     from tornado.websocket import WebSocketClosedError, websocket_connect
+
+    sent = 0
+    while texts:
+        link = await websocket_connect(
+            HTTPRequest(f"ws://127.0.0.1:{port}/link", headers={"Origin": f"http://127.0.0.1:{port}"})
+        )
+        with contextlib.suppress(WebSocketClosedError):
+            for _ in range(25):  # the server hangs up after 20 faults
+                if texts:
+                    await link.write_message(texts.pop().encode("utf-8", "replace"), binary=random.random() < 0.1)
+                    sent += 1
+        link.close()
+        await asyncio.sleep(0.03)  # else the limit of requests answers instead of what is tested
+    return sent
+
+
+def send_hostile_requests(port, count):
+    """Sends HTTP requests as from elsewhere; returns how many got each status, 0 for none."""
+    import http.client
+
+    draw, answers = random.Random(3), Counter()
+    for _ in range(count):
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        headers = {
+            "Host": draw.choice(["evil.example", "127.0.0.1.evil", "", "localhost:1"]),
+            "Origin": draw.choice(["null", "http://evil.example"]),
+            "Cookie": "virtual_borders_page="
+            + "".join(chr(draw.randrange(33, 126)) for _ in range(draw.randrange(300))),
+            "X-Forwarded-For": "127.0.0.1",
+        }
+        method = draw.choice(["GET", "POST", "PUT", "DELETE", "OPTIONS", "TRACE"])
+        path, body = draw.choice(HOSTILE_PATHS), draw.choice([None, "{}", "x" * 3000])
+        try:
+            connection.request(method, path, body=body, headers=headers)
+            answers[connection.getresponse().status] += 1
+        except (OSError, http.client.HTTPException):
+            answers[0] += 1
+        connection.close()
+        time.sleep(0.02)
+    return answers
+
+
+def hostile():
+    from hostile import hostile_messages
     from vb_core import names
     from vb_core.errors import CodedError
+    from vb_msgs.msg import InteractionState
     from vb_msgs.srv import ListBorders
     from vb_web import requests
 
@@ -298,83 +357,23 @@ def hostile():
             return False
         return True
 
-    async def messages(port, texts):
-        sent = 0
-        while texts:
-            link = await websocket_connect(
-                HTTPRequest(f"ws://127.0.0.1:{port}/link", headers={"Origin": f"http://127.0.0.1:{port}"})
-            )
-            try:
-                for _ in range(25):  # the server hangs up after 20 faults
-                    if texts:
-                        text = texts.pop()
-                        await link.write_message(text.encode("utf-8", "replace"), binary=random.random() < 0.1)
-                        sent += 1
-            except WebSocketClosedError:
-                pass
-            link.close()
-            await asyncio.sleep(0.03)  # else the limit of requests answers instead of what is tested
-        return sent
-
-    def plain(port, count):
-        draw, answers = random.Random(3), {}
-        paths = [
-            "/",
-            "/../../etc/passwd",
-            "/picture/map/" + "a" * 16 + ".png",
-            "/camera/x.jpg",
-            "/words/%s.json",
-            "/link",
-            "/login",
-            "/" + "A" * 3000,
-            "/%00",
-            "/floor.webp?" + "x" * 500,
-        ]
-        for _ in range(count):
-            connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-            headers = {
-                "Host": draw.choice(["evil.example", "127.0.0.1.evil", "", "localhost:1"]),
-                "Origin": draw.choice(["null", "http://evil.example"]),
-                "Cookie": "virtual_borders_page="
-                + "".join(chr(draw.randrange(33, 126)) for _ in range(draw.randrange(300))),
-                "X-Forwarded-For": "127.0.0.1",
-            }
-            try:
-                connection.request(
-                    draw.choice(["GET", "POST", "PUT", "DELETE", "OPTIONS", "TRACE"]),
-                    draw.choice(paths),
-                    body=draw.choice([None, "{}", "x" * 3000]),
-                    headers=headers,
-                )
-                status = connection.getresponse().status
-            except (OSError, http.client.HTTPException):
-                status = 0
-            connection.close()
-            answers[status] = answers.get(status, 0) + 1
-            time.sleep(0.02)
-        return answers
-
     with ExitStack() as stack:
         port, folder = start(stack)
-        pid = page_pid()
+        pid, state, file = page_pid(), {}, folder / "e.jsonl"
         listing = rospy.ServiceProxy(names.LIST_BORDERS, ListBorders)
-        state = {}
-        from vb_msgs.msg import InteractionState
-
         rospy.Subscriber(names.STATE, InteractionState, lambda message: state.__setitem__("now", message))
         wait(lambda: "now" in state, "the state")
 
-        def history():
-            file = folder / "e.jsonl"
-            return file.read_text() if file.exists() else ""  # it is made with the first event
+        def kept():
+            history = file.read_text() if file.exists() else ""  # it is made with the first event
+            return listing().borders.revision, state["now"].last_command, history
 
-        before = (listing().borders.revision, state["now"].last_command, history())
+        before = kept()
         texts = [text for text in hostile_messages(7600, seed=11) if not is_request(text)][:7000]
         total = len(texts)
-        sent = asyncio.run(messages(port, texts))
-        answers = plain(port, 3000)
-        after = (listing().borders.revision, state["now"].last_command, history())
-        alive = page_pid() == pid
+        sent = asyncio.run(send_hostile_messages(port, texts))
+        answers = send_hostile_requests(port, 3000)
+        after, alive = kept(), page_pid() == pid
         return [
             f"{sent} of {total} hostile messages over WebSockets as an operator, {sum(answers.values())} requests from elsewhere "
             f"(answers {dict(sorted(answers.items()))}): page alive with the same process: {alive}, "
@@ -548,9 +547,7 @@ def main():
     if given.what == "pictures":
         print(*lines)
         return
-    revision = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True
-    ).stdout.strip()
+    made_by = revision()
     load = os.getloadavg()[0]
     RESULTS.parent.mkdir(parents=True, exist_ok=True)
     if not RESULTS.exists():
@@ -563,7 +560,7 @@ def main():
         for line in lines:
             print(line)
             file.write(
-                f"| `bench/page.py {given.what}` | {time.strftime('%Y-%m-%d %H:%M')}, {revision}, {load:.1f} | {line} |\n"
+                f"| `bench/page.py {given.what}` | {time.strftime('%Y-%m-%d %H:%M')}, {made_by}, {load:.1f} | {line} |\n"
             )
 
 

@@ -52,7 +52,7 @@ from vb_core.ros.services import call
 from vb_core import names
 from vb_evaluation.goal_runs import GoalRunner
 from vb_evaluation.observer import Observer, wait_until
-from vb_evaluation.processes import Child, free_port
+from vb_evaluation.processes import free_port, roslaunch
 from vb_evaluation.statistics import proportion
 from vb_map_integration.border import VirtualBorder as Border
 from vb_map_integration.integration import integrate
@@ -161,24 +161,20 @@ class Lab:
         x, y, yaw = self.world.robots[0].start_pose()
         port = free_port()
         os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
-        self.child = Child(
-            [
-                "roslaunch",
-                "-p",
-                str(port),
-                str(TOP / "bench" / "robot_drives.launch"),
-                f"world:={path}",
-                f"state:={state}",
-                f"robot_type:={robot}",
-                "amcl:=true",
-                f"seed:={seed}",
-                f"lockstep:={str(lockstep).lower()}",
-                f"x:={x}",
-                f"y:={y}",
-                f"yaw:={yaw}",
-            ],
+        self.child = roslaunch(
+            [TOP / "bench" / "robot_drives.launch"],
             folder / "roslaunch.txt",
+            port,
             {**os.environ, "ROS_LOG_DIR": str(folder / "log")},
+            world=path,
+            state=state,
+            robot_type=robot,
+            amcl=True,
+            seed=seed,
+            lockstep=lockstep,
+            x=x,
+            y=y,
+            yaw=yaw,
         )
         if not wait_until(rosgraph.is_master_online, 60.0):
             raise CodedError("not_ready", "no master")

@@ -40,7 +40,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_pose2d
 from vb_evaluation.observer import wait_until
-from vb_evaluation.processes import Child, free_port
+from vb_evaluation.processes import Child, free_port, roslaunch
 from vb_evaluation.study import config
 from vb_evaluation.study.result import RunTask
 from vb_evaluation.study.runner import LiveRun
@@ -254,22 +254,17 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
     def on_lab(_message: LabState) -> None:
         seen["lab"] += 1
 
-    launched = Child(
-        [
-            "roslaunch",
-            "-p",
-            str(port),
-            str(TOP / "launch" / "simulation.launch"),
-            f"world:={world_path}",
-            f"seed:={seed}",
-            f"cameras:={' '.join(cameras) or 'none'}",
-            f"method:={method}",
-            f"state:={state}",
-            "rviz:=false",
-            "page:=false",
-        ],
+    task = {"world": world_path, "method": method, "seed": seed}
+    launched = roslaunch(
+        [TOP / "launch" / "simulation.launch"],
         log / "roslaunch.txt",
+        port,
         environment,
+        **task,
+        cameras=" ".join(cameras) or "none",
+        state=state,
+        rviz=False,
+        page=False,
     )
     person = bag = None
     try:
@@ -290,20 +285,8 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
             raise CodedError("not_ready", f"not all detectors came up, only {sorted(detectors)}; see {log}")
         if record:
             bag = Child(["rosbag", "record", "-O", str(log / "run.bag"), *BAG_TOPICS], log / "rosbag.txt", environment)
-        person = Child(
-            [
-                "roslaunch",
-                "-p",
-                str(port),
-                str(TOP / "launch" / "parts" / "participant.launch"),
-                f"world:={world_path}",
-                f"scenario:={scenario}",
-                f"method:={method}",
-                f"seed:={seed}",
-            ],
-            log / "participant.txt",
-            environment,
-        )
+        file = TOP / "launch" / "parts" / "participant.launch"
+        person = roslaunch([file], log / "participant.txt", port, environment, **task, scenario=scenario)
         wait_until(lambda: judge.outcome or not launched.running, RUN_S)
         until = rospy.get_time() + AFTER_S  # a robot that the border enclosed leaves it now
         wait_until(lambda: rospy.get_time() >= until, 30.0)

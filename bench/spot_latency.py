@@ -17,7 +17,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import math
 import os
 import signal
 import sys
@@ -32,16 +31,15 @@ TOP = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(TOP / "bench"))
 
 from display_latency import cpu_seconds, summary  # noqa: E402
-from spot_scenes import CARPET, DARK, RATE, WHITE, Rooms, Walk, along, lab, place_and_velocity, walking  # noqa: E402
+from spot_scenes import Rooms, draw_round_carpet, lab  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 from vb_core import names  # noqa: E402
 from vb_core.ros.cameras import info_from_camera  # noqa: E402
 from vb_core.ros.images import message_from_image  # noqa: E402
 from vb_core.ros import messages  # noqa: E402
 from vb_evaluation.observer import wait_until  # noqa: E402
-from vb_evaluation.processes import Child, free_port  # noqa: E402
+from vb_evaluation.processes import Child, free_port, roslaunch  # noqa: E402
 from vb_msgs.msg import DetectorStatus, LaserSpot  # noqa: E402
-from vb_sim.lab_history import Snapshot  # noqa: E402
 from vb_sim.room.camera_models import CameraModels  # noqa: E402
 
 FRAMES = 50  # of each camera, played to and fro
@@ -51,18 +49,10 @@ LEARN_S = 4.0  # without a laser before, for the background
 def play(seconds: float, rate: float) -> None:
     """Renders, then sends the images of all cameras, evenly spread over the time between two frames."""
     room, rooms = lab(), Rooms(CameraModels(), 1)
-    border, people = along(CARPET, 0.4), walking(Walk(room, 3, WHITE, DARK), Walk(room, 4, (150, 40, 40), WHITE))
-    cameras = []
-    for camera in room.cameras:
-        view = rooms.view(room, camera.name)
-        empty = view.frame(Snapshot(0.0, {})).copy()
-        drawn = []
-        for k in range(FRAMES):
-            t = k / RATE
-            laser, velocity = place_and_velocity(border, t)
-            person = (4.6, 2.9, math.atan2(laser[1] - 2.9, laser[0] - 4.6))
-            drawn.append(view.frame(Snapshot(t, {}, laser, "red", velocity, person, people(t))).copy())
-        cameras.append((camera, view, empty, drawn + drawn[::-1]))
+    cameras = [
+        (camera, rooms.view(room, camera.name), empty, drawn + drawn[::-1])
+        for camera, (empty, *drawn) in zip(room.cameras, draw_round_carpet(room, rooms, FRAMES))
+    ]
     rospy.init_node("player", disable_signals=True)
     signal.signal(signal.SIGINT, lambda *_: rospy.signal_shutdown("ended"))
     poses = tf2_ros.StaticTransformBroadcaster()
@@ -109,16 +99,8 @@ def main() -> int:
     os.environ.update({"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_LOG_DIR": str(folder / "log")})
     cameras = [camera.name for camera in lab().cameras]
     with contextlib.ExitStack() as stack:
-        launch = Child(
-            [
-                "roslaunch",
-                "-p",
-                str(port),
-                str(TOP / "launch/parts/perception.launch"),
-                f"cameras:={' '.join(cameras)}",
-            ],
-            folder / "roslaunch.txt",
-        )
+        file = TOP / "launch/parts/perception.launch"
+        launch = roslaunch([file], folder / "roslaunch.txt", port, cameras=" ".join(cameras))
         stack.callback(launch.stop)
         if not wait_until(rosgraph.is_master_online, 60.0):
             print("the master did not come up", file=sys.stderr)

@@ -391,6 +391,21 @@ def lab(**changes: Any) -> World:
     return replace(load_world(str(TOP / "src/vb_sim/worlds/lab.yaml")), **changes)
 
 
+def draw_round_carpet(room: World, rooms: Rooms, count: int) -> List[List[np.ndarray]]:
+    """Renders for each ceiling camera the empty room, then so many frames: a person draws, two walk about."""
+    border, people = along(CARPET, 0.4), walking(Walk(room, 3, WHITE, DARK), Walk(room, 4, (150, 40, 40), WHITE))
+    found = []
+    for camera in room.cameras:
+        view = rooms.view(room, camera.name)
+        frames = [view.frame(Snapshot(0.0, {})).copy()]
+        for now in np.arange(count) / RATE:
+            laser, velocity = place_and_velocity(border, now)
+            person = (4.6, 2.9, math.atan2(laser[1] - 2.9, laser[0] - 4.6))
+            frames.append(view.frame(Snapshot(now, {}, laser, "red", velocity, person, people(now))).copy())
+        found.append(frames)
+    return found
+
+
 def with_camera(world: World, name: str = "green", **changes: Any) -> World:
     """Changes one of a world's ceiling cameras."""
     return replace(world, cameras=tuple(replace(c, **changes) if c.name == name else c for c in world.cameras))

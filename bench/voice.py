@@ -21,7 +21,6 @@ import csv
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 import zlib
@@ -34,6 +33,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import voice_speech as speech
+from result_table import revision
 from voice_speech import MUSIC, NOISES, RATE, TOP
 
 from vb_evaluation.statistics import proportion
@@ -275,15 +275,10 @@ def main() -> int:
     if not results:
         print("no voice could be synthesised: install espeak-ng", file=sys.stderr)
         return 1
-    revision = (
-        subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE)
-        .stdout.decode()
-        .strip()
-    )
     report = {
         "command": " ".join(["bench/voice.py", *sys.argv[1:]]),
         "date": time.strftime("%Y-%m-%d"),
-        "revision": revision,
+        "revision": revision(),
         **plan,
         "utterances": results,
     }

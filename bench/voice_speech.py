@@ -132,9 +132,9 @@ NOISES = {
     "evaluation": ("rain", "train", "kettle"),
 }
 MUSIC = {
-    "development": ("piano", "strings", "organ", "band", "guitar", "brass", "marimba", "choir"),
-    "ordinary": ("flute", "banjo"),
-    "evaluation": ("harp", "accordion"),
+    "development": "piano strings organ band guitar brass marimba choir".split(),
+    "ordinary": "flute banjo".split(),
+    "evaluation": "harp accordion".split(),
 }
 
 

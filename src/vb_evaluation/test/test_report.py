@@ -99,8 +99,8 @@ def test_every_section_of_a_simulation_has_its_caveat(full):
 
 
 def test_the_worlds_tell_what_decides(full):
-    blocks = sensitivity.plausible_worlds_section(read_study(full[0])).blocks
-    assert "All 3 assumptions" in blocks[0].words[0] and "60 draws" in blocks[0].words[0]
+    blocks = sensitivity.plausible_worlds_section(read_study(full[0]))
+    assert "All 3 assumptions" in blocks[0].words and "60 draws" in blocks[0].words
     conclusions, deciding = (
         next(block.rows for block in blocks if getattr(block, "name", "") == name) for name in ("worlds", "deciding")
     )
@@ -135,10 +135,7 @@ def test_order_effects_are_found(tmp_path):
             row["time_total_s"] = str(float(row["time_total_s"]) - 20.0)
     study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows)
     found = [
-        row
-        for block in background.order_section(read_study(folder)).blocks
-        if hasattr(block, "rows")
-        for row in block.rows
+        row for block in background.order_section(read_study(folder)) if hasattr(block, "rows") for row in block.rows
     ]
     period, carried = [row for row in found if row["measure"] == "time [s]"]
     assert float(period["difference"].split()[0].replace("−", "-")) == pytest.approx(-20.0, abs=3.0)

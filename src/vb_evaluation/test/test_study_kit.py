@@ -15,7 +15,6 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
 from vb_evaluation.study_kit import conduct, forms, measure, protocol
-from vb_evaluation.study import rehearsal
 from vb_evaluation.study_kit.__main__ import main
 from vb_evaluation.study_kit.ground_truth import find_ground_truths, read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
@@ -430,14 +429,14 @@ def test_a_dry_run_with_simulated_people(tmp_path, monkeypatch):
     """Plan, all runs in their order, measures, report, for one scenario: the same figures as in the simulated study."""
     study = config.load().changed({"design/scenarios": ["room"]})
     # with the robot alone a run is three times as long, and leaves nothing else for the kit
-    brief, results = study.changed({"timing/time_limit_s": 1.0}), []
+    brief, results, carry_out = study.changed({"timing/time_limit_s": 1.0}), [], runner.run
 
     def run(_study, task):
-        results.append(runner.run(study if task.method == "nrs" else brief, task))
+        results.append(carry_out(study if task.method == "nrs" else brief, task))
         return results[-1]
 
-    monkeypatch.setattr(rehearsal, "default_study", lambda: study)
-    monkeypatch.setattr(rehearsal, "run", run)
+    monkeypatch.setattr(config, "load", lambda: study)
+    monkeypatch.setattr(runner, "run", run)
     path = tmp_path / "protocol.csv"
     assert main(["plan", "--participants", "1", "--scenarios", "room", "--out", str(path)]) == 0
     for _ in range(2):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import sys
+from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +12,9 @@ from vb_feedback.display import colors, scene
 from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
 from vb_feedback.display.text_panel import PanelContent, words
+
+sys.path.insert(0, str(Path(__file__).parent))
+from shape_boxes import text_boxes  # noqa: E402
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
@@ -38,11 +43,11 @@ def test_labels_of_borders_stay_on_the_map():
     layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     stored = [border(name=f"Border {number}", seed=(0.0, 0.0)) for number in range(4)]
     shapes = scene.borders(layout, stored)
-    plates = [box for box in scene.text_boxes([shape for shape in shapes if shape.kind == scene.PLATE])]
+    plates = [box for box in text_boxes([shape for shape in shapes if shape.kind == scene.PLATE])]
     for one, other in itertools.combinations(plates, 2):
         assert not one.overlaps(other)
     assert all(layout.map.contains(plate) for plate in plates)
-    texts = scene.text_boxes([shape for shape in shapes if shape.kind == scene.TEXT])
+    texts = text_boxes([shape for shape in shapes if shape.kind == scene.TEXT])
     assert all(any(plate.contains(text) for plate in plates) for text in texts)
 
 
@@ -50,7 +55,7 @@ def test_long_names_are_cut_and_stay_on_the_map():
     layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     for name in ("Carpet in front of the fireplace and behind the sofa where the dog sleeps at night", "X" * 200, ""):
         shapes = scene.borders(layout, [border(name=name, seed=(7.9, 0.1))])
-        assert all(layout.map.contains(box) for box in scene.text_boxes(shapes))
+        assert all(layout.map.contains(box) for box in text_boxes(shapes))
         assert any(shape.text for shape in shapes)
 
 

@@ -9,7 +9,7 @@ import threading
 import time
 from collections import defaultdict
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import rosgraph
@@ -133,20 +133,7 @@ def observe_lab(seconds: float) -> List[CheckLine]:
         for node in [*running, *_missing_detectors(running)]
     }
     images = {node: _image_topic(graph, node, found) for node, found in detectors.items()}
-    streams: Dict[str, ObservedTopic] = {}
-    for topic, kind in images.values():
-        streams[topic] = ObservedTopic(topic, kind)
-        streams[_info_topic(topic)] = ObservedTopic(_info_topic(topic), CameraInfo)
-    for robot in robots:
-        streams[_within(robot, "scan")] = ObservedTopic(_within(robot, "scan"), LaserScan)
-        for name in ("camera/rgb/image_raw", "camera/depth_registered/image_raw"):
-            streams.setdefault(_within(robot, name), ObservedTopic(_within(robot, name), Image))
-    for topic, kind in (
-        (names.PHYSICAL_MAP, OccupancyGrid),
-        (names.MAP_WITH_BORDERS, OccupancyGrid),
-        (names.BORDERS, VirtualBorderArray),
-    ):
-        streams[topic] = ObservedTopic(topic, kind)
+    streams = {topic: ObservedTopic(topic, kind) for topic, kind in _wanted_topics(images.values(), robots).items()}
     wait_for_publishers([listener.subscriber, *(stream.subscriber for stream in streams.values())], _CONNECTION_TIMEOUT)
     rospy.rostime.wallsleep(seconds)
 
@@ -165,23 +152,44 @@ def observe_lab(seconds: float) -> List[CheckLine]:
         move_base = _within(robot, "move_base")
         if driven or move_base in graph.nodes:
             lines += check_navigation(_navigation(graph, move_base))
-    voice = any(node.split("/")[-1] == "voice_commands" for node in graph.nodes)
-    lines.append(CheckLine("voice", CheckState.OK, "lab_voice_ok" if voice else "lab_voice_off"))
-    display = next((node for node in sorted(graph.nodes) if node.split("/")[-1] in ("smart_display", "rviz")), "")
-    waits = display and rospy.get_param(f"{display}/waits_for_screen", False)
-    if waits:
-        code = "lab_display_waits"
-    else:
-        code = "lab_display_ok" if display else "lab_display_off"
-    lines.append(CheckLine("display", CheckState.WARNING if waits else CheckState.OK, code, {"node": display}))
-    place = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
-    while not place.exists():
-        place = place.parent
-    lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20, os.access(str(place), os.W_OK)))
+    lines += _check_output(graph)
     for stream in streams.values():
         stream.close()
     listener.close()
     return lines + lines_from_notices(listener.current(), lines)
+
+
+def _wanted_topics(images: Iterable[Tuple[str, type]], robots: Sequence[str]) -> Dict[str, type]:
+    """What is listened to: detectors' images, robots' sensors, maps and borders, each topic with its type."""
+    found: Dict[str, type] = {}
+    for topic, kind in images:
+        found.update({topic: kind, _info_topic(topic): CameraInfo})
+    for robot in robots:
+        found[_within(robot, "scan")] = LaserScan
+        for name in ("camera/rgb/image_raw", "camera/depth_registered/image_raw"):
+            found.setdefault(_within(robot, name), Image)
+    return {
+        **found,
+        names.PHYSICAL_MAP: OccupancyGrid,
+        names.MAP_WITH_BORDERS: OccupancyGrid,
+        names.BORDERS: VirtualBorderArray,
+    }
+
+
+def _check_output(graph: NodeGraph) -> List[CheckLine]:
+    """Judges voice and display, and the folder that borders are stored in."""
+    voice = any(node.split("/")[-1] == "voice_commands" for node in graph.nodes)
+    lines = [CheckLine("voice", CheckState.OK, "lab_voice_ok" if voice else "lab_voice_off")]
+    display = next((node for node in sorted(graph.nodes) if node.split("/")[-1] in ("smart_display", "rviz")), "")
+    state, code = CheckState.OK, "lab_display_ok" if display else "lab_display_off"
+    if display and rospy.get_param(f"{display}/waits_for_screen", False):
+        state, code = CheckState.WARNING, "lab_display_waits"
+    lines.append(CheckLine("display", state, code, {"node": display}))
+    place = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
+    while not place.exists():
+        place = place.parent
+    lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20, os.access(str(place), os.W_OK)))
+    return lines
 
 
 def _robots() -> List[str]:

@@ -83,6 +83,14 @@ class Child:
                 continue
 
 
+def roslaunch(
+    files: Sequence[Path], log: Path, port: int = 0, env: Optional[Dict[str, str]] = None, **arguments: Any
+) -> Child:
+    """Starts launch files with these arguments, under a master of their own if a port is given."""
+    words = [f"{name}:={str(value).lower() if isinstance(value, bool) else value}" for name, value in arguments.items()]
+    return Child(["roslaunch", *(["-p", str(port)] if port else []), *map(str, files), *words], log, env)
+
+
 def start_screen(log: Path, width: int, height: int) -> "tuple[Child, str]":
     """Starts a virtual screen; returns the process and its DISPLAY.
 

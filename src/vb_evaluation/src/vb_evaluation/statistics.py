@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Callable
+from typing import Callable, Tuple
 
 import numpy as np
 from scipy import stats
@@ -166,26 +166,21 @@ def mean(values: np.ndarray) -> Interval:
     return bootstrap(np.mean, values)
 
 
-@dataclass(frozen=True)
-class UnpairedComparison:
-    """Two independent samples: Mann-Whitney p (exact without ties), and the shift first minus second."""
+def compare_unpaired(first: np.ndarray, second: np.ndarray) -> Tuple[float, Interval]:
+    """Compares two independent samples (N,), (M,): Mann-Whitney p, exact without ties, and the shift, first minus second.
 
-    p: float
-    shift: Interval
-
-
-def compare_unpaired(first: np.ndarray, second: np.ndarray) -> UnpairedComparison:
-    """Compares two independent samples (N,), (M,); the interval is Moses' (Hollander, Wolfe & Chicken 2014, Sect. 4.3)."""
+    The interval is Moses' (Hollander, Wolfe & Chicken 2014, Sect. 4.3).
+    """
     first, second = _sample(first), _sample(second)
     if not len(first) or not len(second):
-        return UnpairedComparison(math.nan, UNKNOWN)
+        return math.nan, UNKNOWN
     n, m = len(first), len(second)
     differences = np.sort((first[:, None] - second[None, :]).ravel())
     spread = math.sqrt(n * m * (n + m + 1) / 12.0)
     cut = int(math.floor(n * m / 2.0 - stats.norm.ppf((1.0 + CONFIDENCE) / 2.0) * spread))
     p = float(stats.mannwhitneyu(first, second, alternative="two-sided").pvalue)
     low, high = (differences[cut], differences[-1 - cut]) if cut >= 0 else (math.nan, math.nan)
-    return UnpairedComparison(p, Interval(float(np.median(differences)), float(low), float(high), CONFIDENCE))
+    return p, Interval(float(np.median(differences)), float(low), float(high), CONFIDENCE)
 
 
 def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method: str = "BCa") -> Interval:

@@ -168,45 +168,170 @@ def restricted_area(
         IntegrationError: "no_separation", "seed_on_both_sides", "empty_region", "outside_map",
             "seed_outside_map", "seed_on_obstacle", "too_complex".
     """
-    params = params or _DEFAULT
-    issues: List[Issue] = []
-    grid = prior.world_to_grid(np.concatenate([border.points, [border.seed]]))
-    points, seed = grid[:-1], grid[-1]
-    # as bytes unknown is 255: one comparison finds obstacles and unknown
-    cells = np.ascontiguousarray(prior.data).view(np.uint8)
+    task = _Task(prior, border, params or _DEFAULT)
     try:
-        _check_shape(prior, border, points, seed, issues)
+        return task.area(places or {})
+    except IntegrationError as error:
+        error.issues = (*task.issues, *error.issues)
+        raise
+
+
+class _Task:
+    """A border to be put on a map, and what was found to warn of.
+
+    Attributes:
+        points, seed: (N, 2), (2,) [cells] of the border, column first.
+        cells: (H, W) uint8 of the map: as bytes unknown is 255, and one comparison finds obstacles and unknown.
+    """
+
+    def __init__(self, prior: GridMap, border: VirtualBorder, params: IntegrationParams) -> None:
+        self.prior, self.border, self.params = prior, border, params
+        grid = prior.world_to_grid(np.concatenate([border.points, [border.seed]]))
+        self.points, self.seed = grid[:-1], grid[-1]
+        self.cells = np.ascontiguousarray(prior.data).view(np.uint8)
+        self.issues: List[Issue] = []
+
+    def warn(self, code: str, **values: str) -> None:
+        """Adds a warning."""
+        self.issues.append(make_issue(WARNING, code, **values))
+
+    def area(self, places: Places) -> Area:
+        """Computes what the border restricts."""
+        prior, border, params = self.prior, self.border, self.params
+        self.check_shape()
+        line = border.points
         if border.wall:
-            window, mask = _wall(prior, points, cells, params)
-            line = border.points
+            window, mask = self.wall()
         elif border.closed:
-            window, mask = _polygon(prior, points, seed, cells, params, issues)
-            line = border.points
+            window, mask = self.polygon()
         else:
-            window, mask, line = _curve(prior, points, seed, cells, params, issues)
+            window, mask, line = self.curve()
         restricted = cv2.countNonZero(mask)
         if restricted == 0:
             raise IntegrationError("empty_region")
-        if restricted > params.max_area_share * _count_free(cells, params.occupied_threshold):
-            issues.append(make_issue(WARNING, "covers_nearly_all"))
+        if restricted > params.max_area_share * _count_free(self.cells, params.occupied_threshold):
+            self.warn("covers_nearly_all")
         if border.value == 0 and border.zone != SLOW:
-            issues.append(make_issue(WARNING, "no_effect"))
-        for name, place in (places or {}).items():
+            self.warn("no_effect")
+        for name, place in places.items():
             row, column = prior.world_to_cell(place)[0] - (window[0].start, window[1].start)
             if 0 <= row < mask.shape[0] and 0 <= column < mask.shape[1] and mask[row, column]:
-                issues.append(make_issue(WARNING, f"{name}_inside"))
-    except IntegrationError as error:
-        error.issues = (*issues, *error.issues)
-        raise
-    return Area(
-        window=window,
-        mask=mask,
-        value=border.value,
-        over_unknown=border.closed is True and border.value >= params.occupied_threshold,
-        area_m2=restricted * prior.resolution**2,
-        line=line,
-        issues=tuple(issues),
-    )
+                self.warn(f"{name}_inside")
+        return Area(
+            window=window,
+            mask=mask,
+            value=border.value,
+            over_unknown=border.closed is True and border.value >= params.occupied_threshold,
+            area_m2=restricted * prior.resolution**2,
+            line=line,
+            issues=tuple(self.issues),
+        )
+
+    def check_shape(self) -> None:
+        """Warns of a border that leaves the map or crosses itself; refuses a seed off the map."""
+        border, limit = self.border, np.array(self.prior.shape[::-1]) - 0.5
+        if ((self.points < -0.5) | (self.points >= limit)).any():
+            self.warn("outside_map")
+        if not border.wall and ((self.seed < -0.5) | (self.seed >= limit)).any():
+            raise IntegrationError("seed_outside_map")
+        chain = np.concatenate([border.points, border.points[:1]]) if border.closed else border.points
+        if not border.wall and not shapely.linestrings(chain).is_simple:
+            self.warn("border_self_intersects")
+
+    def polygon(self) -> Tuple[raster.Window, np.ndarray]:
+        """The area on the seed's side of a polygon: a window, and a (h, w) uint8 mask of it."""
+        cells, threshold = self.cells, self.params.occupied_threshold
+        window, inner = raster.polygon_mask(self.points, cells.shape)
+        if not inner.any():
+            raise IntegrationError("empty_region")
+        row, column = (int(value) for value in np.floor(self.seed[::-1] + 0.5))
+        rows, columns = window
+        is_inner = (
+            rows.start <= row < rows.stop
+            and columns.start <= column < columns.stop
+            and (inner[row - rows.start, column - columns.start] != 0)
+        )
+        if is_inner:
+            mask, part = inner, cells[window]
+            for block in raster.row_blocks(mask.shape):  # less the obstacles; unknown, 255, stays
+                cv2.subtract(mask[block], cv2.inRange(part[block], threshold, 127), dst=mask[block])
+            if threshold <= cells[row, column] <= 127:
+                barred = raster.filled(cells.shape, 255)
+                np.invert(mask, out=barred[window])
+                self.free_cell(barred)
+            return window, mask
+        # the outer area is all that is connected with the seed, also behind the polygon
+        self.warn("restricts_outside")
+        start = row, column
+        blocked = masks.threshold_mask(cells, threshold - 1, cv2.CMP_GT)
+        if blocked[start]:
+            barred = blocked.copy()
+            barred[window] = np.bitwise_or(barred[window], inner)
+            start = self.free_cell(barred)
+        _, _, _, (left, top, width, depth) = cv2.floodFill(blocked, None, start[::-1], _FILLED, flags=4)
+        blocked[window] = cv2.subtract(blocked[window], inner)
+        outer = slice(top, top + depth), slice(left, left + width)
+        return outer, masks.threshold_mask(blocked[outer], _FILLED, cv2.CMP_EQ)
+
+    def wall(self) -> Tuple[raster.Window, np.ndarray]:
+        """The free cells of a band along a chain: a window, and a (h, w) uint8 mask of it."""
+        cells = self.cells
+        trace = raster.trace_chain(self.points, cells.shape)
+        inside = (trace.rows >= 0) & (trace.columns >= 0) & (trace.rows < cells.shape[0])
+        inside &= trace.columns < cells.shape[1]
+        rows, columns = trace.rows[inside], trace.columns[inside]
+        if len(rows) == 0:
+            raise IntegrationError("outside_map")
+        reach = int(WALL_WIDTH / 2.0 / self.prior.resolution + 1e-6)
+        top, left = max(0, int(rows.min()) - reach), max(0, int(columns.min()) - reach)
+        window = slice(top, int(rows.max()) + reach + 1), slice(left, int(columns.max()) + reach + 1)
+        mask = raster.filled(cells[window].shape, 0)
+        mask[rows - top, columns - left] = 255
+        if reach:
+            mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+        free = masks.threshold_mask(cells[window], self.params.occupied_threshold, cv2.CMP_LT)
+        return window, cv2.bitwise_and(mask, free)
+
+    def curve(self) -> Tuple[raster.Window, np.ndarray, np.ndarray]:
+        """The area on the seed's side of a separating curve: a window, a (h, w) uint8 mask of it, and the line [m]."""
+        prior, params = self.prior, self.params
+        fit, tolerance = params.extension_fit_length / prior.resolution, params.wall_snap_distance / prior.resolution
+        framed = _framed(self.cells, params.occupied_threshold)
+        cut = curve.separate(framed, self.points, fit, tolerance, self.seed, self.free_cell)
+        if cut is None:
+            raise IntegrationError("outside_map")
+        if cut.left >= curve.TOUCHES and cut.right >= curve.TOUCHES:
+            raise IntegrationError("seed_on_both_sides")
+        if not cut.separates:
+            raise IntegrationError("no_separation")
+        for row, column in cut.stops:
+            on_map = 0 <= row < prior.shape[0] and 0 <= column < prior.shape[1]
+            if not on_map or self.cells[row, column] > 127:
+                self.warn("no_wall_found")
+        return cut.window, cut.region, prior.grid_to_world(cut.line)
+
+    def free_cell(self, barred: np.ndarray, away: Optional[np.ndarray] = None) -> Tuple[int, int]:
+        """The cell (row, column) of the seed, or the nearest one that is not barred, in a direction if one is given.
+
+        Raises:
+            IntegrationError: "seed_on_obstacle" if there is none within the radius.
+        """
+        column, row = (int(value) for value in np.floor(self.seed + 0.5))
+        if not barred[row, column]:
+            return row, column
+        radius = self.params.max_seed_shift / self.prior.resolution
+        reach = int(radius) + 1
+        top, left = max(0, row - reach), max(0, column - reach)
+        rows, columns = np.nonzero(barred[top : row + reach + 1, left : column + reach + 1] == 0)
+        offset = np.column_stack([columns + left, rows + top]) - self.seed
+        distance = np.hypot(offset[:, 0], offset[:, 1])
+        if away is not None:
+            distance[offset @ away <= 0.0] = np.inf
+        if len(distance) == 0 or distance.min() > radius:
+            raise IntegrationError("seed_on_obstacle", radius=self.params.max_seed_shift)
+        best = int(np.argmin(distance))
+        self.warn("seed_moved", distance=f"{distance[best] * self.prior.resolution:.2f}")
+        return int(rows[best] + top), int(columns[best] + left)
 
 
 def _count_free(cells: np.ndarray, occupied_threshold: int) -> int:
@@ -220,140 +345,3 @@ def _framed(cells: np.ndarray, occupied_threshold: int) -> np.ndarray:
     framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
     masks.threshold_mask(cells, occupied_threshold - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
     return framed
-
-
-def _check_shape(
-    prior: GridMap, border: VirtualBorder, points: np.ndarray, seed: np.ndarray, issues: List[Issue]
-) -> None:
-    rows, columns = prior.shape
-    limit = np.array([columns, rows]) - 0.5
-    if ((points < -0.5) | (points >= limit)).any():
-        issues.append(make_issue(WARNING, "outside_map"))
-    if not border.wall and ((seed < -0.5) | (seed >= limit)).any():
-        raise IntegrationError("seed_outside_map")
-    chain = np.concatenate([border.points, border.points[:1]]) if border.closed else border.points
-    if not border.wall and not shapely.linestrings(chain).is_simple:
-        issues.append(make_issue(WARNING, "border_self_intersects"))
-
-
-def _polygon(
-    prior: GridMap,
-    points: np.ndarray,
-    seed: np.ndarray,
-    cells: np.ndarray,
-    params: IntegrationParams,
-    issues: List[Issue],
-) -> Tuple[raster.Window, np.ndarray]:
-    """The area on the seed's side of a polygon: a window, and a (h, w) uint8 mask of it."""
-    window, inner = raster.polygon_mask(points, prior.shape)
-    if not inner.any():
-        raise IntegrationError("empty_region")
-    row, column = (int(value) for value in np.floor(seed[::-1] + 0.5))
-    rows, columns = window
-    is_inner = (
-        rows.start <= row < rows.stop
-        and columns.start <= column < columns.stop
-        and (inner[row - rows.start, column - columns.start] != 0)
-    )
-    if is_inner:
-        mask, part = inner, cells[window]
-        for block in raster.row_blocks(mask.shape):  # less the obstacles; unknown, 255, stays
-            cv2.subtract(mask[block], cv2.inRange(part[block], params.occupied_threshold, 127), dst=mask[block])
-        if params.occupied_threshold <= cells[row, column] <= 127:
-            barred = raster.filled(prior.shape, 255)
-            np.invert(mask, out=barred[window])
-            _free_cell(barred, seed, prior, params, issues)
-        return window, mask
-    # the outer area is all that is connected with the seed, also behind the polygon
-    issues.append(make_issue(WARNING, "restricts_outside"))
-    start = row, column
-    blocked = masks.threshold_mask(cells, params.occupied_threshold - 1, cv2.CMP_GT)
-    if blocked[start]:
-        barred = blocked.copy()
-        barred[window] = np.bitwise_or(barred[window], inner)
-        start = _free_cell(barred, seed, prior, params, issues)
-    _, _, _, (left, top, width, depth) = cv2.floodFill(blocked, None, start[::-1], _FILLED, flags=4)
-    blocked[window] = cv2.subtract(blocked[window], inner)
-    outer = slice(top, top + depth), slice(left, left + width)
-    return outer, masks.threshold_mask(blocked[outer], _FILLED, cv2.CMP_EQ)
-
-
-def _wall(
-    prior: GridMap, points: np.ndarray, cells: np.ndarray, params: IntegrationParams
-) -> Tuple[raster.Window, np.ndarray]:
-    """The free cells of a band along a chain: a window, and a (h, w) uint8 mask of it."""
-    trace = raster.trace_chain(points, prior.shape)
-    inside = (trace.rows >= 0) & (trace.columns >= 0) & (trace.rows < prior.shape[0]) & (trace.columns < prior.shape[1])
-    rows, columns = trace.rows[inside], trace.columns[inside]
-    if len(rows) == 0:
-        raise IntegrationError("outside_map")
-    reach = int(WALL_WIDTH / 2.0 / prior.resolution + 1e-6)
-    top, left = max(0, int(rows.min()) - reach), max(0, int(columns.min()) - reach)
-    window = slice(top, int(rows.max()) + reach + 1), slice(left, int(columns.max()) + reach + 1)
-    mask = raster.filled(cells[window].shape, 0)
-    mask[rows - top, columns - left] = 255
-    if reach:
-        mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-    return window, cv2.bitwise_and(mask, masks.threshold_mask(cells[window], params.occupied_threshold, cv2.CMP_LT))
-
-
-def _curve(
-    prior: GridMap,
-    points: np.ndarray,
-    seed: np.ndarray,
-    cells: np.ndarray,
-    params: IntegrationParams,
-    issues: List[Issue],
-) -> Tuple[raster.Window, np.ndarray, np.ndarray]:
-    """The area on the seed's side of a separating curve: a window, a (h, w) uint8 mask of it, and the line [m]."""
-
-    def find_seed(barred: np.ndarray, away: Optional[np.ndarray]) -> Tuple[int, int]:
-        return _free_cell(barred, seed, prior, params, issues, away)
-
-    fit, tolerance = params.extension_fit_length / prior.resolution, params.wall_snap_distance / prior.resolution
-    framed = _framed(cells, params.occupied_threshold)
-    cut = curve.separate(framed, points, fit, tolerance, seed, find_seed)
-    if cut is None:
-        raise IntegrationError("outside_map")
-    if cut.left >= curve.TOUCHES and cut.right >= curve.TOUCHES:
-        raise IntegrationError("seed_on_both_sides")
-    if not cut.separates:
-        raise IntegrationError("no_separation")
-    for row, column in cut.stops:
-        on_map = 0 <= row < prior.shape[0] and 0 <= column < prior.shape[1]
-        if not on_map or cells[row, column] > 127:
-            issues.append(make_issue(WARNING, "no_wall_found"))
-    return cut.window, cut.region, prior.grid_to_world(cut.line)
-
-
-def _free_cell(
-    barred: np.ndarray,
-    seed: np.ndarray,
-    prior: GridMap,
-    params: IntegrationParams,
-    issues: List[Issue],
-    away: Optional[np.ndarray] = None,
-) -> Tuple[int, int]:
-    """The cell (row, column) of the seed, or the nearest one that is not barred, in a direction if one is given.
-
-    Raises:
-        IntegrationError: "seed_on_obstacle" if there is none within the radius.
-    """
-    column, row = (int(value) for value in np.floor(seed + 0.5))
-    if not barred[row, column]:
-        return row, column
-    radius = params.max_seed_shift / prior.resolution
-    reach = int(radius) + 1
-    top, left = max(0, row - reach), max(0, column - reach)
-    window = barred[top : row + reach + 1, left : column + reach + 1]
-    rows, columns = np.nonzero(window == 0)
-    offset = np.column_stack([columns + left, rows + top]) - seed
-    distance = np.hypot(offset[:, 0], offset[:, 1])
-    if away is not None:
-        distance[offset @ away <= 0.0] = np.inf
-    if len(distance) == 0 or distance.min() > radius:
-        raise IntegrationError("seed_on_obstacle", radius=params.max_seed_shift)
-    best = int(np.argmin(distance))
-    moved = distance[best] * prior.resolution
-    issues.append(make_issue(WARNING, "seed_moved", distance=f"{moved:.2f}"))
-    return int(rows[best] + top), int(columns[best] + left)

@@ -146,6 +146,17 @@ class RobotDriverNode:
         self._plans = rospy.Publisher(names.PLANS, MarkerArray, queue_size=5) if params.robot else None
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
+        self._subscribe(profile)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stops the robot."""
+        self._timer.close()
+        self._thread.join(1.0)
+        self._cmd_vel.publish(Twist())
+
+    def _subscribe(self, profile: RobotProfile) -> None:
         listen = rospy.Subscriber
         self._subscribers = [
             listen("cmd_vel/navigation", Twist, self._on_request, NAVIGATION, queue_size=1, tcp_nodelay=True),
@@ -177,14 +188,6 @@ class RobotDriverNode:
                 # a robot whose bumper cannot be heard must not drive as if it had none
                 raise ParameterError("robot_profile/contacts", f"the message type {contact.type} is not installed")
             self._subscribers.append(listen(contact.topic, kind, functools.partial(self._on_contact, contact)))
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stops the robot."""
-        self._timer.close()
-        self._thread.join(1.0)
-        self._cmd_vel.publish(Twist())
 
     # ------------------------------------------------------------- callbacks: only store
     def _on_request(self, message: Twist, source: str) -> None:

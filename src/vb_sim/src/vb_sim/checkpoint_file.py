@@ -43,12 +43,12 @@ class CheckpointFile:
             pass
         return None
 
-    def forget_others(self, older_than: float = 86400.0) -> None:
-        """Removes files of runs that ended long ago [s]: each leaves one behind."""
+    def forget_others(self) -> None:
+        """Removes files of runs that ended more than a day ago: each leaves one behind."""
         prefix = self._path.name.split("-", 1)[0]
         for path in self._path.parent.glob(f"{prefix}-*"):
             try:
-                if path != self._path and time.time() - path.stat().st_mtime > older_than:
+                if path != self._path and time.time() - path.stat().st_mtime > 86400.0:
                     path.unlink()
             except OSError:
                 pass  # another process was quicker

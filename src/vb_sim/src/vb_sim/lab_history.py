@@ -16,6 +16,7 @@ Point2 = Tuple[float, float]
 
 # [m] a spot that is further away a moment later was moved with the beam off, not swept over the floor
 _MAX_JUMP = 0.4
+_AHEAD = 0.03  # [s] how far motion is extrapolated beyond the newest snapshot
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,10 @@ class History:
 
     Args:
         stale_s: [s] a scene without an update for this long is empty.
-        ahead_s: [s] how far motion is extrapolated beyond the newest snapshot.
     """
 
-    def __init__(self, stale_s: float = 1.0, ahead_s: float = 0.03) -> None:
+    def __init__(self, stale_s: float = 1.0) -> None:
         self._stale_s = stale_s
-        self._ahead_s = ahead_s
         self._lock = threading.Lock()
         self._snapshots: Deque[Snapshot] = deque(maxlen=64)
 
@@ -78,7 +77,7 @@ class History:
         if interval > self._stale_s:
             # the node that describes the scene was away: nothing moved steadily in between
             return replace(second if stamp >= second.stamp else first, stamp=stamp)
-        at = min(max(stamp, first.stamp), second.stamp + self._ahead_s)
+        at = min(max(stamp, first.stamp), second.stamp + _AHEAD)
         return _between(first, second, (at - first.stamp) / interval, interval, stamp)
 
 

@@ -6,6 +6,9 @@ import threading
 from collections import deque
 from typing import Deque, Set, Tuple
 
+CATCH_UP = 0.3  # [s] the most that is caught up
+QUICKEST = 0.7  # the minimum wait, as a share of the period
+
 
 class Pacer:
     """Says how long to wait between equal steps of simulated time.
@@ -16,27 +19,22 @@ class Pacer:
     Args:
         period: [s] simulated time per step.
         now: [s] a monotonic clock's time.
-        catch_up: [s] the most that is caught up.
-        quickest: the minimum wait, as a share of the period.
 
     Attributes:
         pace: simulated seconds per real second, at most.
     """
 
-    def __init__(self, period: float, now: float, catch_up: float = 0.3, quickest: float = 0.7) -> None:
+    def __init__(self, period: float, now: float) -> None:
         self._period = period
         self.pace = 1.0
         self._due = now + period
-        self._catch_up = catch_up
-        self._quickest = quickest
         self._stepped = now
 
     def wait(self, now: float) -> float:
         """Returns how long [s] to wait, at `now`, before the next step; call it once per step."""
-        if now - self._due > self._catch_up:
-            self._due = now - self._catch_up
+        self._due = max(self._due, now - CATCH_UP)
         period = self._period / self.pace
-        moment = max(self._due, self._stepped + self._quickest * period, now)
+        moment = max(self._due, self._stepped + QUICKEST * period, now)
         self._due += period
         self._stepped = moment
         return moment - now

@@ -160,7 +160,21 @@ class PageNode:
         self._view.put("events", self._history.shown())
         self._recall_study()
         self._subscribe()
+        self._serve()
+        # wall time goes on when simulated time stops; each looks on its own, as an answer of the manager may take long
+        looks = (
+            (node.WakeTimer(_POSE_PERIOD), self._look_at_robots),
+            (node.WakeTimer(_HEALTH_PERIOD), self._look_at_health),
+            (node.WakeTimer(_HEALTH_PERIOD), self._actions.repeat_stop),
+            (self._notices_due, self._show_notices),
+        )
+        self._beats = [beat for beat, _ in looks]
+        for beat, look in looks:
+            node.Worker(beat, lambda _woken, look=look: look())
 
+    def _serve(self) -> None:
+        """Starts the server and says where the page is."""
+        params = self._params
         local = access.is_loopback(params.address)
         codes = Path(params.codes_file).expanduser()
         self._keys = None if local else access.load_codes(codes)
@@ -180,17 +194,6 @@ class PageNode:
             " or ".join(self._addresses),
             "" if local else f"; its codes are in {codes}",
         )
-        # wall time goes on when simulated time stops
-        self._beats = [
-            node.WakeTimer(_POSE_PERIOD),
-            node.WakeTimer(_HEALTH_PERIOD),
-            node.WakeTimer(_HEALTH_PERIOD),
-            self._notices_due,
-        ]
-        # one of them waits for the manager's answer, which may take long: the others go on
-        looks = (self._look_at_robots, self._look_at_health, self._actions.repeat_stop, self._show_notices)
-        for beat, look in zip(self._beats, looks):
-            node.Worker(beat, lambda _woken, look=look: look())
 
     def close(self) -> None:
         """Ends threads and server."""

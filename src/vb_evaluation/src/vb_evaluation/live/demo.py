@@ -35,7 +35,7 @@ from vb_evaluation import metrics
 from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
 from vb_evaluation.live import before_after_figure
 from vb_evaluation.observer import Observer, wait_until
-from vb_evaluation.processes import Child, free_port, screenshot, start_screen
+from vb_evaluation.processes import Child, free_port, roslaunch, screenshot, start_screen
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
@@ -148,7 +148,7 @@ class Demo:
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
         if self._screen and not screenshot(self._screen, options.out / "smart_display.png"):
             self._print("no picture of the smart display could be taken")
-        return self._conclude(observer, before, after, driven, saved)
+        return self._conclude(observer, {"before": before, "after": after}, driven, saved)
 
     # ------------------------------------------------------------- starting
     def _launch(self) -> None:
@@ -167,36 +167,28 @@ class Demo:
             self._stack.callback(screen.stop)
             os.environ.update(DISPLAY=self._screen, LIBGL_ALWAYS_SOFTWARE="1")
         os.environ.setdefault("QT_X11_NO_MITSHM", "1")
+        models = {"models": options.models} if options.models else {}
         self._launched = self._roslaunch(
-            "simulation.launch",
-            [str(_LAUNCH / "parts" / "models.launch"), f"models:={options.models}"] if options.models else [],
+            ["simulation.launch", *(["parts/models.launch"] if models else [])],
+            **models,
             navigation=options.navigation,
             cameras=" ".join(self._cameras) or "none",
             state=state,
             maps=options.out,
             page_port=page,
-            rviz=str(options.rviz).lower(),
+            rviz=options.rviz,
         )
         # rospy would complain about a master that is not up yet
         if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT):
             raise CodedError("not_ready", "the ROS master did not come up")
         self._print(f"watch it, and take part, at http://127.0.0.1:{page}/")
 
-    def _roslaunch(self, name: str, more: List[str], **arguments: Any) -> Child:
-        """Starts a launch file for this world, method and seed."""
+    def _roslaunch(self, files: List[str], **arguments: Any) -> Child:
+        """Starts launch files for this world, method and seed."""
         options = self.options
         arguments.update(world=options.world_path, method=options.method, seed=options.seed)
-        child = Child(
-            [
-                "roslaunch",
-                "-p",
-                str(self._port),
-                str(_LAUNCH / name),
-                *(f"{key}:={value}" for key, value in arguments.items()),
-                *more,
-            ],
-            options.out / "log" / f"{Path(name).stem}.txt",
-        )
+        log = options.out / "log" / f"{Path(files[0]).stem}.txt"
+        child = roslaunch([_LAUNCH / name for name in files], log, self._port, **arguments)
         self._stack.callback(child.stop)
         return child
 
@@ -229,7 +221,7 @@ class Demo:
 
     def _follow(self, observer: Observer) -> None:
         """Lets the participant come, and tells what happens until the person is done."""
-        self._roslaunch("parts/participant.launch", [], scenario=self.options.scenario.key)
+        self._roslaunch(["parts/participant.launch"], scenario=self.options.scenario.key)
         if not wait_until(
             lambda: self._print_progress(observer) or observer.outcome is not None or not self._launched.running,
             INTERACTION_TIMEOUT,
@@ -287,15 +279,16 @@ class Demo:
             self._print(f"the map could not be saved: {failed}")
 
     # ------------------------------------------------------------- the end
-    def _conclude(
-        self, observer: Observer, before: np.ndarray, after: np.ndarray, driven: GoalOutcome, saved: bool
-    ) -> int:
+    def _conclude(self, observer: Observer, plans: Dict[str, np.ndarray], driven: GoalOutcome, saved: bool) -> int:
+        """Writes summary and picture, and says whether the border is respected; returns what `main` does."""
         options, state, prior = self.options, observer.state, observer.prior
-        truth = floor_plan.ground_truth(options.world, options.scenario)
         region = metrics.restricted_cells(prior, observer.posterior)
-        score = metrics.jaccard(truth, region) if saved and truth.shape == region.shape else 0.0
+        truth: Optional[np.ndarray] = floor_plan.ground_truth(options.world, options.scenario)
+        if truth.shape != region.shape:
+            truth = None
+        score = metrics.jaccard(truth, region) if saved and truth is not None else 0.0
         times = {"guide": state.guide_s, "border": state.border_s, "seed": state.seed_s}
-        ways = {"before": before, "after": after, "driven": driven.path}
+        ways = {**plans, "driven": driven.path}
         summary = {
             "scenario": options.scenario.key,
             "method": options.method,
@@ -311,44 +304,31 @@ class Demo:
             "drive_s": round(driven.seconds, 1),
         }
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-        before_after_figure.draw_before_after(
-            options.out / "before_after.png",
-            prior,
-            region,
-            truth if truth.shape == region.shape else None,
-            before,
-            after,
-            _chain(observer, state.last_border_id),
-            driven.path,
-            f"{options.scenario.title}, {METHODS[options.method]}: Jaccard index {score:.3f}",
-        )
+        title = f"{options.scenario.title}, {METHODS[options.method]}: Jaccard index {score:.3f}"
+        lines = {**ways, "border": _chain(observer, state.last_border_id)}
+        before_after_figure.draw_before_after(options.out / "before_after.png", title, prior, region, truth, lines)
         table = Table(title="result", show_header=False)
         for key, value in summary.items():
-            entries = value.items() if isinstance(value, dict) else [("", value)]
-            for part, entry in entries:
+            for part, entry in value.items() if isinstance(value, dict) else [("", value)]:
                 table.add_row(f"{key} {part}".strip().replace("_", " "), "none" if entry is None else str(entry))
         self.console.print(table, f"written to {options.out}")
-        verdict = (
-            "no border came out"
-            if not saved
-            else "the way still crosses the border"
-            if summary["path_after_crosses_border"]
-            else "the robot entered the border"
-            if summary["path_driven_crosses_border"]
-            else f"the robot did not get to the goal: {driven.outcome}"
-            if len(after) and driven.outcome != "reached"
-            else ""
-        )
-        if verdict:
-            self.console.print(verdict, style="bold red")
-            return 1
-        self.console.print(
-            "the robot went round the border"
-            if len(after)
-            else "no way crosses the border: the goal is out of " "reach now",
-            style="bold green",
-        )
-        return 0
+        fault, gone = _fault(summary), "no way crosses the border: the goal is out of reach now"
+        praise = gone if summary["path_after_m"] is None else "the robot went round the border"
+        self.console.print(fault or praise, style="bold red" if fault else "bold green")
+        return 1 if fault else 0
+
+
+def _fault(summary: Dict[str, Any]) -> str:
+    """Says what is wrong with a result; empty if the border is respected."""
+    if not summary["completed"]:
+        return "no border came out"
+    if summary["path_after_crosses_border"]:
+        return "the way still crosses the border"
+    if summary["path_driven_crosses_border"]:
+        return "the robot entered the border"
+    if summary["path_after_m"] is not None and summary["drive_outcome"] != "reached":
+        return f"the robot did not get to the goal: {summary['drive_outcome']}"
+    return ""
 
 
 def _chain(observer: Observer, border_id: str) -> np.ndarray:

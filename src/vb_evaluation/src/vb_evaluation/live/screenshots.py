@@ -20,7 +20,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -38,7 +38,7 @@ from vb_core.ros import commands, services
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, points_from_array, message_from_transform
 from vb_core.ros.notices import message_from_notice
 from vb_evaluation.observer import Observer, wait_until
-from vb_evaluation.processes import Child, free_port, screenshot, start_screen
+from vb_evaluation.processes import Child, free_port, roslaunch, screenshot, start_screen
 from vb_msgs.msg import LaserSpot, NoticeArray, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest
 from vb_sim.room import floor_plan
@@ -90,86 +90,76 @@ def _take(lab: "StagedLab", folder: Path, top: Path, size: Tuple[int, int], out:
         screen, os.environ["DISPLAY"] = start_screen(folder / "xvfb.txt", *size)
         stack.callback(screen.stop)
         parts = top / "launch" / "parts"
-        launched = Child(
-            [
-                "roslaunch",
-                str(parts / "borders.launch"),
-                str(parts / "feedback.launch"),
-                f"state:={folder}",
-                "record:=false",
-                f"language:={language}",
-            ],
-            folder / "launch.txt",
-        )
+        files = [parts / "borders.launch", parts / "feedback.launch"]
+        launched = roslaunch(files, folder / "launch.txt", state=folder, record=False, language=language)
         stack.callback(launched.stop)
         seen = Observer()
         if not wait_until(lambda: lab.is_watched() and seen.state is not None and seen.posterior is not None, TIMEOUT):
             raise CodedError("not_ready", f"the system did not come up: {launched.tail()}")
         last: List[np.ndarray] = []
-
-        def shoot(name: str) -> None:
+        for name in _play(lab, seen):
             path = out / f"{name}_{size[1]}.png"
-            last[:] = [still_picture(os.environ["DISPLAY"], path, last)]
+            last = [still_picture(os.environ["DISPLAY"], path, last)]
             if shutil.which("convert"):  # a palette: a quarter of the size, and invisible in an image of flat colours
                 subprocess.run(["convert", str(path), "-strip", "-colors", "128", f"PNG8:{path}"], check=False)
             print(f"wrote {path}", flush=True)
 
-        _play(lab, seen, shoot)
 
-
-def _play(lab: "StagedLab", seen: Observer, shoot: Callable[[str], None]) -> None:
-    """Draws a border as a person does, with a picture in each state."""
-    world = lab.world
-    start, drawn = world.robots[0].start_pose(), min(world.scenarios.values(), key=lambda scenario: not scenario.closed)
-    cameras = [*(camera.name for camera in world.cameras)][-2:] + ["robot"]
-    line = geometry.resample_chain(np.vstack([drawn.border, drawn.border[:1]]) if drawn.closed else drawn.border, STEP)
-    shown, inside = int(0.62 * len(line)), (*(0.25 * drawn.seed + 0.75 * drawn.border[0]), 0.6)
-    away = np.array(start[:2]) - line[shown]
-    stored = _stored(world, drawn)
+def _play(lab: "StagedLab", seen: Observer) -> Iterator[str]:
+    """Draws a border as a person does; yields the name of each picture once it is to be taken."""
+    drawn = min(lab.world.scenarios.values(), key=lambda scenario: not scenario.closed)
+    inside = (*(0.25 * drawn.seed + 0.75 * drawn.border[0]), 0.6)
+    stored = _stored(lab.world, drawn)
     for border in stored:
-        services.call(
-            names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="screenshots"), "$map_integrator"
-        )
+        request = AddBorderRequest(border=border, source="screenshots")
+        services.call(names.ADD_BORDER, AddBorder, request, "$map_integrator")
     _until(lambda: len(seen.borders) == len(stored), "the stored borders")
-    lab.show(start)
-    shoot("default")
-    _send_command(seen, "define_border", "border")
-    lab.show((*(line[shown] + away / np.linalg.norm(away)), start[2]), way=True)
-    lab.point(line[:shown], cameras)
-    shoot("border")
-    lab.rest()
-    _send_command(seen, "save", "border")
-    shoot("refusal")
-    lab.point(line[shown:], cameras)
+    lab.show(lab.start)
+    yield "default"
+    yield from _draw(lab, seen, drawn)
     _send_command(seen, "define_seed", "seed")
     lab.show(inside)
-    lab.point(drawn.seed + np.linspace((0.1, 0.1), (0.12, 0.1), 60), cameras[:2])
-    shoot("seed_mind")
-    lab.show(start)
-    lab.point(drawn.seed + np.linspace((-0.04, 0.02), (0.0, 0.0), 60), cameras[:2])
-    shoot("seed")
+    lab.point(drawn.seed + np.linspace((0.1, 0.1), (0.12, 0.1), 60), lab.cameras[:2])
+    yield "seed_mind"
+    lab.show(lab.start)
+    lab.point(drawn.seed + np.linspace((-0.04, 0.02), (0.0, 0.0), 60), lab.cameras[:2])
+    yield "seed"
     lab.rest()
     _send_command(seen, "save", "default")
     _until(lambda: len(seen.borders) == len(stored) + 1, "the new border")
-    shoot("saved")
+    yield "saved"
     # the robot's driver says this; here is no robot that could drive
-    lab.show(
-        inside,
-        Notice(
-            "robot_inside_border",
-            Severity.WARNING,
-            values={"who": sentences.robot_value(""), "border": seen.borders[-1].name},
-        ),
-    )
-    shoot("robot_in_border")
-    along = geometry.resample_chain(np.array([start[:2], drawn.guide[0] if len(drawn.guide) else drawn.stand]), STEP)
+    values = {"who": sentences.robot_value(""), "border": seen.borders[-1].name}
+    lab.show(inside, Notice("robot_inside_border", Severity.WARNING, values=values))
+    yield "robot_in_border"
+    yield from _guide(lab, seen, drawn.guide[0] if len(drawn.guide) else drawn.stand)
+
+
+def _draw(lab: "StagedLab", seen: Observer, drawn: Scenario) -> Iterator[str]:
+    """Draws most of a border, tries to save it, and draws the rest; the robot stands beside it and sees it too."""
+    line = geometry.resample_chain(np.vstack([drawn.border, drawn.border[:1]]) if drawn.closed else drawn.border, STEP)
+    shown = int(0.62 * len(line))
+    away = np.array(lab.start[:2]) - line[shown]
+    _send_command(seen, "define_border", "border")
+    lab.show((*(line[shown] + away / np.linalg.norm(away)), lab.start[2]), way=True)
+    lab.point(line[:shown], lab.cameras)
+    yield "border"
+    lab.rest()
+    _send_command(seen, "save", "border")
+    yield "refusal"
+    lab.point(line[shown:], lab.cameras)
+
+
+def _guide(lab: "StagedLab", seen: Observer, place: np.ndarray) -> Iterator[str]:
+    """Guides the robot from its start towards a place (2,) [m], and stops it."""
+    along = geometry.resample_chain(np.array([lab.start[:2], place]), STEP)
     _send_command(seen, "guide_robot", "guide")
     lab.show((*along[len(along) // 2], float(np.arctan2(*(along[-1] - along[0])[::-1]))))
     lab.point(along[len(along) // 2 :], ["robot"])
-    shoot("guide")
+    yield "guide"
     lab.rest()
     _send_command(seen, "stop", "guide")
-    shoot("stopped")
+    yield "stopped"
     for command, state in (("resume", "guide"), ("cancel", "default")):
         _send_command(seen, command, state)
 
@@ -245,7 +235,9 @@ class StagedLab:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self._robot, self._notices = world.robots[0].start_pose(), []  # type: ignore[var-annotated]
+        self.cameras = [camera.name for camera in world.cameras][-2:] + ["robot"]
+        self.start = world.robots[0].start_pose()
+        self._robot, self._notices = self.start, []  # type: ignore[var-annotated]
         self._line: List[np.ndarray] = []
         self._cameras: Sequence[str] = ()
         self._map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)

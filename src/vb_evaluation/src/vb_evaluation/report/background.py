@@ -9,11 +9,11 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, questionnaire
-from vb_evaluation.report.blocks import Grid, Section, Text
+from vb_evaluation.report.blocks import Block, Bullets, Grid, Text
 from vb_evaluation.report.data import RUNS, StudyResults, read_sheet
 
 
-def order_section(study: StudyResults) -> Section:
+def order_section(study: StudyResults) -> List[Block]:
     """Tests whether it matters which method came first (a two-period crossover), and whether people learn."""
     rows: List[Dict[str, Any]] = []
     for column, words, digits in (("time_total_s", "time [s]", 1), ("error_mean_cm", "mean boundary error [cm]", 2)):
@@ -26,18 +26,18 @@ def order_section(study: StudyResults) -> Section:
             ("period: second minus first", (second[:, 0] - second[:, 1]) / 2, (first[:, 0] - first[:, 1]) / 2),
             ("carry-over", first.sum(axis=1), second.sum(axis=1)),
         ):
-            found = statistics.compare_unpaired(a, b)
+            p, shift = statistics.compare_unpaired(a, b)
             rows.append(
                 {
                     "measure": words,
                     "effect": effect,
-                    "difference": found.shift.text(digits),
-                    "p": statistics.format_p(found.p) if study.people else "",
+                    "difference": shift.text(digits),
+                    "p": statistics.format_p(p) if study.people else "",
                     "groups": f"{len(first)} + {len(second)}",
                 }
             )
     if not rows:
-        return Section("order", "Order", [])
+        return []
     words = (
         "Half of the people began with one method, half with the other. Differences between the two groups, Hodges-Lehmann with "
         "95 % interval, means over each person's scenarios. The test of carry-over is weak: not finding any does not rule it out."
@@ -45,14 +45,10 @@ def order_section(study: StudyResults) -> Section:
     if not study.people:
         words += " Simulated people neither learn nor tire: an interval without 0 would be chance or a fault."
     columns = {"measure": "Measure", "effect": "Effect", "difference": "Difference", "groups": "People"}
-    return Section(
-        "order",
-        "Order",
-        [
-            Text((words,), "caveat"),
-            Grid("order", {**columns, "p": "p (Mann-Whitney)"} if study.people else columns, rows),
-        ],
-    )
+    return [
+        Text(words, caveat=True),
+        Grid("order", {**columns, "p": "p (Mann-Whitney)"} if study.people else columns, rows),
+    ]
 
 
 def _by_first(study: StudyResults, column: str) -> List[np.ndarray]:
@@ -68,10 +64,10 @@ def _by_first(study: StudyResults, column: str) -> List[np.ndarray]:
     ]
 
 
-def participants_section(study: StudyResults) -> Section:
+def participants_section(study: StudyResults) -> List[Block]:
     """Says who took part and what they answered; empty for simulated people."""
     path, about = study.folder / "questionnaire.csv", study.folder / "demographics.csv"
-    blocks: List[Any] = []
+    blocks: List[Block] = []
     if study.people and about.is_file():
         asked = read_sheet(about, ("participant",)).drop(columns="participant")
         blocks.append(
@@ -113,30 +109,28 @@ def participants_section(study: StudyResults) -> Section:
         }
         blocks += [
             Text(
-                (
-                    "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
-                    "Wilcoxon signed-rank test.",
-                )
+                "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
+                "Wilcoxon signed-rank test."
             ),
             Grid("questionnaire", columns, rows, {"z": 3}),
-            Text((f"{questionnaire.QUESTION} Yes: {found.helped} of {found.asked}.",)),
+            Text(f"{questionnaire.QUESTION} Yes: {found.helped} of {found.asked}."),
         ]
-    return Section("experience", "People and their experience", blocks)
+    return blocks
 
 
-def assumptions_section(study: StudyResults) -> Section:
+def assumptions_section(study: StudyResults) -> List[Block]:
     """Lists everything that was put in, with where it comes from."""
     entries = study.meta.get("assumptions") or []
-    blocks: List[Any] = []
+    blocks: List[Block] = []
     if study.meta.get("caveats"):
-        blocks.append(Text(tuple(study.meta["caveats"]), "list"))
+        blocks.append(Bullets(study.meta["caveats"]))
     if entries:
         counts = pandas.Series([entry["source"] for entry in entries]).value_counts()
         counted = ", ".join(
             f"{counts.get(source, 0)} {source}" for source in ("paper", "data", "literature", "assumed")
         )
         blocks += [
-            Text((f"{len(entries)} figures: {counted}.",)),
+            Text(f"{len(entries)} figures: {counted}."),
             Grid(
                 "assumptions",
                 {
@@ -152,17 +146,17 @@ def assumptions_section(study: StudyResults) -> Section:
                 words="Every figure",
             ),
         ]
-    return Section("assumptions", "What was assumed, and where the simulation is too optimistic", blocks)
+    return blocks
 
 
-def runs_section(study: StudyResults) -> Section:
+def runs_section(study: StudyResults) -> List[Block]:
     """Lists every row."""
     sheet = read_sheet(study.folder / RUNS, ()).loc[study.runs.index]
     rows = [{**row, "line": line} for line, row in sheet.to_dict("index").items()]
-    blocks: List[Any] = []
+    blocks: List[Block] = []
     if study.meta.get("rerun"):
         blocks.append(
-            Text((f"A row again, alone, with its own columns in place of the names in braces: {study.meta['rerun']}",))
+            Text(f"A row again, alone, with its own columns in place of the names in braces: {study.meta['rerun']}")
         )
     blocks.append(Grid("runs", {column: column for column in sheet.columns}, rows, folded=True, words="All runs"))
-    return Section("runs", "Every run", blocks)
+    return blocks

@@ -1,20 +1,27 @@
-"""The parts of a page: sections of text, figures and tables. A table is both shown and written as CSV."""
+"""What a section of the page consists of: text, figures and tables. A table is both shown and written as CSV."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Any, Dict, List, Sequence, Tuple, Union
 
 from vb_evaluation.statistics import Interval, format_number
 
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph, or with several entries a list."""
+    """A paragraph."""
 
-    words: Tuple[str, ...]
-    kind: str = "p"  # p | caveat | list
+    words: str
+    caveat: bool = False
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list of sentences."""
+
+    entries: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -73,10 +80,4 @@ class Grid:
         }
 
 
-@dataclass(frozen=True)
-class Section:
-    """A part of the page with its heading."""
-
-    id: str
-    title: str
-    blocks: List[Any]
+Block = Union[Text, Bullets, Figure, Grid]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import io
-from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, NamedTuple, Sequence, Tuple
 
 import matplotlib
 import numpy as np
@@ -42,15 +41,6 @@ _STYLE = {
 }
 
 
-@contextlib.contextmanager
-def _drawing(width: float, height: float, into: List[str]) -> Iterator[Tuple[Any, Any]]:
-    """A figure with one axis, appended as a data URI once it is drawn."""
-    with plt.rc_context(_STYLE):
-        figure, axis = plt.subplots(figsize=(width, height))
-        yield figure, axis
-        into.append(_svg(figure))
-
-
 def _svg(figure: Any) -> str:
     stream = io.BytesIO()
     # no date: the same study gives the same page
@@ -84,83 +74,77 @@ def _columns(axis: Any, titles: Sequence[str], label: str) -> None:
     axis.set_ylabel(label)
 
 
+@plt.rc_context(_STYLE)
 def time_bars(cells: Sequence[Cell], limit_s: float) -> str:
     """Draws the paper's bars of interaction time, one per method, stacked by state; all scenarios' axes end at `limit_s`."""
-    found: List[str] = []
-    with _drawing(WIDTH_IN, 0.75 + 0.62 * len(cells), found) as (_, axis):
-        for place, cell in enumerate(cells):
-            left, color = 0.0, color_of(cell.method, place)
-            for state, state_color in STATE_COLORS.items():
-                seconds = np.nan_to_num(cell.runs[f"time_{state}_s"].mean())
-                axis.barh(place, seconds, left=left, height=0.44, color=state_color, edgecolor="white", linewidth=0.5)
-                if seconds > 0.05 * limit_s:
-                    axis.text(left + seconds / 2, place, f"{seconds:.1f}", ha="center", va="center", fontsize=9)
-                left += seconds
-            axis.barh(place, left, height=0.44, fill=False, edgecolor=color, linewidth=2)
-            axis.plot(
-                cell.runs.time_total_s,
-                np.full(len(cell.runs), place + 0.34),
-                "|",
-                ms=6,
-                color=color,
-                alpha=0.8,
-                mew=1.2,
-            )
-        _rows(axis, [cell.title for cell in cells], "interaction time [s]; a stroke is one run")
-        axis.set_xlim(0.0, limit_s)
-        axis.grid(axis="y", visible=False)
-    return found[0]
+    figure, axis = plt.subplots(figsize=(WIDTH_IN, 0.75 + 0.62 * len(cells)))
+    for place, cell in enumerate(cells):
+        left, color = 0.0, color_of(cell.method, place)
+        for state, state_color in STATE_COLORS.items():
+            seconds = np.nan_to_num(cell.runs[f"time_{state}_s"].mean())
+            axis.barh(place, seconds, left=left, height=0.44, color=state_color, edgecolor="white", linewidth=0.5)
+            if seconds > 0.05 * limit_s:
+                axis.text(left + seconds / 2, place, f"{seconds:.1f}", ha="center", va="center", fontsize=9)
+            left += seconds
+        axis.barh(place, left, height=0.44, fill=False, edgecolor=color, linewidth=2)
+        axis.plot(
+            cell.runs.time_total_s, np.full(len(cell.runs), place + 0.34), "|", ms=6, color=color, alpha=0.8, mew=1.2
+        )
+    _rows(axis, [cell.title for cell in cells], "interaction time [s]; a stroke is one run")
+    axis.set_xlim(0.0, limit_s)
+    axis.grid(axis="y", visible=False)
+    return _svg(figure)
 
 
+@plt.rc_context(_STYLE)
 def boxes(cells: Sequence[Cell], column: str, label: str, published: bool = False) -> str:
     """Boxplots of a measure by method with every value beside the box; if wanted, the paper's median Jaccard index as a diamond."""
-    found: List[str] = []
-    with _drawing(PANEL_IN, 3.3, found) as (_, axis):
-        for place, cell in enumerate(cells):
-            color, values = color_of(cell.method, place), known(cell.runs, column)
-            if len(values):
-                line = {"color": color}
-                axis.boxplot(
-                    [values],
-                    positions=[place],
-                    widths=0.36,
-                    showfliers=False,
-                    patch_artist=True,
-                    whiskerprops=line,
-                    capprops=line,
-                    boxprops={"facecolor": matplotlib.colors.to_rgba(color, 0.25), "edgecolor": color},
-                    medianprops={"color": color, "linewidth": 2.2},
-                )
-                spread = np.linspace(-0.06, 0.06, len(values)) if len(values) > 1 else np.zeros(1)
-                axis.plot(place + 0.31 + spread, values, "o", ms=3, color=color, alpha=0.7, mew=0)
-            if published and cell.published:
-                axis.plot(place - 0.3, cell.published.jaccard[cell.method], **PUBLISHED)
-        _columns(axis, [cell.title for cell in cells], label)
-        axis.set_xlim(-0.6, len(cells) - 0.4)
-        axis.margins(y=0.08)
-    return found[0]
+    figure, axis = plt.subplots(figsize=(PANEL_IN, 3.3))
+    for place, cell in enumerate(cells):
+        color, values = color_of(cell.method, place), known(cell.runs, column)
+        if len(values):
+            line = {"color": color}
+            axis.boxplot(
+                [values],
+                positions=[place],
+                widths=0.36,
+                showfliers=False,
+                patch_artist=True,
+                whiskerprops=line,
+                capprops=line,
+                boxprops={"facecolor": matplotlib.colors.to_rgba(color, 0.25), "edgecolor": color},
+                medianprops={"color": color, "linewidth": 2.2},
+            )
+            spread = np.linspace(-0.06, 0.06, len(values)) if len(values) > 1 else np.zeros(1)
+            axis.plot(place + 0.31 + spread, values, "o", ms=3, color=color, alpha=0.7, mew=0)
+        if published and cell.published:
+            axis.plot(place - 0.3, cell.published.jaccard[cell.method], **PUBLISHED)
+    _columns(axis, [cell.title for cell in cells], label)
+    axis.set_xlim(-0.6, len(cells) - 0.4)
+    axis.margins(y=0.08)
+    return _svg(figure)
 
 
+@plt.rc_context(_STYLE)
 def rates(groups: Sequence[Tuple[str, Sequence[Tuple[Cell, Interval]]]]) -> str:
     """Draws success rates [%] as bars with intervals: of each scenario by its title, the cells with their rates."""
-    found: List[str] = []
-    with _drawing(WIDTH_IN, 3.0, found) as (figure, axis):
-        handles: Dict[str, Any] = {}
-        width = 0.8 / max(1, max((len(bars) for _, bars in groups), default=1))
-        for place, (_, bars) in enumerate(groups):
-            for index, (cell, share) in enumerate(bars):
-                x = place + (index - (len(bars) - 1) / 2) * width
-                handles[cell.title] = axis.bar(
-                    x, share.estimate, width * 0.86, color=color_of(cell.method, index), alpha=0.75
-                )
-                axis.plot([x, x], [share.low, share.high], color="#222222", lw=1.2)
-                if cell.published:
-                    (handles["the paper"],) = axis.plot(x, 100 * cell.published.completeness, **PUBLISHED)
-        _columns(axis, [title for title, _ in groups], "completed [%]")
-        axis.set_ylim(0, 104)
-        words = sorted(handles, key=lambda title: title == "the paper")
-        figure.legend([handles[title] for title in words], words, loc="outside upper center", ncol=3, fontsize=9)
-    return found[0]
+    figure, axis = plt.subplots(figsize=(WIDTH_IN, 3.0))
+    handles: Dict[str, Any] = {}
+    width = 0.8 / max(1, max((len(bars) for _, bars in groups), default=1))
+    for place, (_, bars) in enumerate(groups):
+        for index, (cell, share) in enumerate(bars):
+            x = place + (index - (len(bars) - 1) / 2) * width
+            handles[cell.title] = axis.bar(
+                x, share.estimate, width * 0.86, color=color_of(cell.method, index), alpha=0.75
+            )
+            axis.plot([x, x], [share.low, share.high], color="#222222", lw=1.2)
+            if cell.published:
+                (handles["the paper"],) = axis.plot(x, 100 * cell.published.completeness, **PUBLISHED)
+    _columns(axis, [title for title, _ in groups], "completed [%]")
+    axis.set_ylim(0, 104)
+    words = sorted(handles, key=lambda title: title == "the paper")
+    figure.legend([handles[title] for title in words], words, loc="outside upper center", ncol=3, fontsize=9)
+    return _svg(figure)
 
 
 class Line(NamedTuple):
@@ -173,51 +157,47 @@ class Line(NamedTuple):
     y: Sequence[Interval]
 
 
+@plt.rc_context(_STYLE)
 def lines(curves: Sequence[Line], x_label: str, y_label: str) -> str:
     """Curves with their intervals as bands."""
-    found: List[str] = []
-    with _drawing(PANEL_IN, 3.3, found) as (figure, axis):
-        handles: Dict[str, Any] = {}
-        kinds = [kind for kind in dict.fromkeys(curve.kind for curve in curves) if kind]
-        for curve in curves:
-            style = {
-                "color": SERIES[(curve.color + 2) % len(SERIES)],
-                "marker": MARKERS[curve.color % len(MARKERS)],
-                "ms": 5,
-                "lw": 1.8,
-            }
-            dash = "--" if curve.kind in kinds[1:] else "-"
-            axis.plot(curve.x, [y.estimate for y in curve.y], ls=dash, **style)
-            axis.fill_between(
-                curve.x, [y.low for y in curve.y], [y.high for y in curve.y], color=style["color"], alpha=0.13, lw=0
-            )
-            handles.setdefault(curve.group, Line2D([], [], **style))
-            if curve.kind:
-                handles.setdefault(curve.kind, Line2D([], [], color="#222222", ls=dash, lw=1.5))
-        axis.set_xlabel(x_label)
-        axis.set_ylabel(y_label)
-        figure.legend(
-            list(handles.values()),
-            list(handles),
-            loc="outside upper center",
-            ncol=min(3, len(handles) or 1),
-            fontsize=8.5,
+    figure, axis = plt.subplots(figsize=(PANEL_IN, 3.3))
+    handles: Dict[str, Any] = {}
+    kinds = [kind for kind in dict.fromkeys(curve.kind for curve in curves) if kind]
+    for curve in curves:
+        style = {
+            "color": SERIES[(curve.color + 2) % len(SERIES)],
+            "marker": MARKERS[curve.color % len(MARKERS)],
+            "ms": 5,
+            "lw": 1.8,
+        }
+        dash = "--" if curve.kind in kinds[1:] else "-"
+        axis.plot(curve.x, [y.estimate for y in curve.y], ls=dash, **style)
+        axis.fill_between(
+            curve.x, [y.low for y in curve.y], [y.high for y in curve.y], color=style["color"], alpha=0.13, lw=0
         )
-    return found[0]
+        handles.setdefault(curve.group, Line2D([], [], **style))
+        if curve.kind:
+            handles.setdefault(curve.kind, Line2D([], [], color="#222222", ls=dash, lw=1.5))
+    axis.set_xlabel(x_label)
+    axis.set_ylabel(y_label)
+    figure.legend(
+        list(handles.values()), list(handles), loc="outside upper center", ncol=min(3, len(handles) or 1), fontsize=8.5
+    )
+    return _svg(figure)
 
 
+@plt.rc_context(_STYLE)
 def rank_bars(rows: Sequence[Tuple[str, Interval]], label: str, noise: float) -> str:
     """Correlations with their intervals, drawn from top to bottom.
 
     Args:
         noise: band about 0 that the largest of as many correlations of pure chance stays in.
     """
-    found: List[str] = []
-    with _drawing(WIDTH_IN, 1.0 + 0.3 * len(rows), found) as (_, axis):
-        axis.axvspan(-noise, noise, color="#dddddd", alpha=0.6, lw=0)
-        for place, (_, rho) in enumerate(rows):
-            axis.barh(place, rho.estimate, height=0.55, color=ORANGE if rho.estimate > 0 else SKY)
-            axis.plot([rho.low, rho.high], [place, place], color="#222222", lw=1.2)
-        axis.axvline(0.0, color="#222222", lw=1)
-        _rows(axis, [name for name, _ in rows], label, fontsize=8.5)
-    return found[0]
+    figure, axis = plt.subplots(figsize=(WIDTH_IN, 1.0 + 0.3 * len(rows)))
+    axis.axvspan(-noise, noise, color="#dddddd", alpha=0.6, lw=0)
+    for place, (_, rho) in enumerate(rows):
+        axis.barh(place, rho.estimate, height=0.55, color=ORANGE if rho.estimate > 0 else SKY)
+        axis.plot([rho.low, rho.high], [place, place], color="#222222", lw=1.2)
+    axis.axvline(0.0, color="#222222", lw=1)
+    _rows(axis, [name for name, _ in rows], label, fontsize=8.5)
+    return _svg(figure)

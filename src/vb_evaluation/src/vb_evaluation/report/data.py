@@ -18,14 +18,8 @@ from vb_core.errors import CodedError
 from vb_evaluation.metrics import ERRORS
 from vb_evaluation.report import paper
 
-RUNS, CURVES, WORLDS, ALL_IMAGES, DRAWS, META = (
-    "runs.csv",
-    "curves.csv",
-    "worlds.csv",
-    "all_images.csv",
-    "draws.csv",
-    "study.json",
-)
+RUNS, CURVES, WORLDS, ALL_IMAGES = "runs.csv", "curves.csv", "worlds.csv", "all_images.csv"
+DRAWS, META = "draws.csv", "study.json"
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
 KEY = ("participant", "scenario", "method", "seed")
@@ -37,16 +31,8 @@ CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), ALL_IMAGES: (), CURVES: ("sw
 BASELINE = "robot_only"
 _FURTHER = ("order", "spots", "false_spots", "jaccard_enclosed", "too_bright")
 _FLAGS = {
-    "yes": True,
-    "y": True,
-    "1": True,
-    "true": True,
-    "ja": True,
-    "no": False,
-    "n": False,
-    "0": False,
-    "false": False,
-    "nein": False,
+    **dict.fromkeys(("yes", "y", "1", "true", "ja"), True),
+    **dict.fromkeys(("no", "n", "0", "false", "nein"), False),
 }
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Tuple
+from typing import List, Tuple
 
 import numpy as np
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report.blocks import Grid
+from vb_evaluation.report.blocks import Block, Grid
 from vb_evaluation.report.data import StudyResults, pairs, select
 from vb_evaluation.statistics import Interval
 
@@ -38,7 +38,7 @@ def mean_difference(table: pandas.DataFrame, column: str, methods: Tuple[str, st
     return statistics.mean(first - second)
 
 
-def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) -> List[Any]:
+def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) -> List[Block]:
     """Reports the paper's Wilcoxon test; of people only."""
     if not study.people or len(study.methods) < 2:
         return []
@@ -56,22 +56,11 @@ def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) ->
         "rank_biserial": "rank-biserial",
         "shift": f"Difference {f'[{unit}]' if unit else ''}",
     }
-    return (
-        [
-            Grid(
-                f"test_{column}",
-                columns,
-                rows,
-                {"z": 3, "shift": 3},
-                words=(
-                    "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity correction), "
-                    "exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference."
-                ),
-            )
-        ]
-        if rows
-        else []
+    words = (
+        "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity correction), "
+        "exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference."
     )
+    return [Grid(f"test_{column}", columns, rows, {"z": 3, "shift": 3}, words=words)] if rows else []
 
 
 def test_row(found: statistics.PairedComparison) -> dict:

@@ -7,17 +7,17 @@ from typing import Any, Dict, List
 
 from vb_evaluation import statistics
 from vb_evaluation.report import charts, effect_sizes, maps, paper
-from vb_evaluation.report.blocks import Figure, Grid, Section, Text
+from vb_evaluation.report.blocks import Block, Bullets, Figure, Grid, Text
 from vb_evaluation.report.data import ERRORS, STATES, StudyResults, known, pairs, select
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
 _WHICH = {"scenario": "Scenario", "method": "Method"}
 
 
-def summary_section(study: StudyResults) -> Section:
+def summary_section(study: StudyResults) -> List[Block]:
     """Effects of the method, each with its interval."""
     if len(study.methods) < 2:
-        return Section("summary", "Findings", [])
+        return []
     both, rows = study.comparison, []
     for scenario in study.scenarios:
         here = select(study.runs, scenario=scenario)
@@ -50,18 +50,16 @@ def summary_section(study: StudyResults) -> Section:
         "(accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. [?]: too few pairs.",
     )
     caveat = Text(
-        (
-            "Part of the speed-up is an input, not a result: with the robot as the only camera the spot moves at most at the "
-            "robot's 0.2 m/s (paper), with ceiling cameras at what is assumed for a hand, and the robot must first be led to the "
-            "border. The intervals say how people of these assumptions differ; they leave out that the assumptions may be wrong"
-            f"{', which the section on plausible worlds is about' if study.has_worlds else ''}.",
-        ),
-        "caveat",
+        "Part of the speed-up is an input, not a result: with the robot as the only camera the spot moves at most at the "
+        "robot's 0.2 m/s (paper), with ceiling cameras at what is assumed for a hand, and the robot must first be led to the "
+        "border. The intervals say how people of these assumptions differ; they leave out that the assumptions may be wrong"
+        f"{', which the section on plausible worlds is about' if study.has_worlds else ''}.",
+        caveat=True,
     )
-    return Section("summary", "Findings", [grid] if study.people else [grid, caveat])
+    return [grid] if study.people else [grid, caveat]
 
 
-def error_section(study: StudyResults) -> Section:
+def error_section(study: StudyResults) -> List[Block]:
     """Reports the boundary error in centimetres."""
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
@@ -78,36 +76,27 @@ def error_section(study: StudyResults) -> Section:
             )
         panels.append((charts.boxes(cells, "error_mean_cm", "mean boundary error [cm]"), title))
     if not any(row["runs"] for row in rows):
-        return Section("error", "Boundary error", [])
+        return []
     columns = {
         **_WHICH,
         **{key: f"{ERROR_TITLES[key]} [cm]" for key in ERRORS},
         "worst": "worst run's largest [cm]",
         "runs": "Runs",
     }
-    return Section(
-        "error",
-        "Boundary error",
-        [
-            Text(
-                (
-                    "How far the boundary that the robot respects lies from the one that was asked for, both ways, over completed runs. "
-                    "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
-                    "over runs with bootstrap intervals.",
-                )
-            ),
-            Figure(panels),
-            Grid("error", columns, rows, {key: 1 for key in (*ERRORS, "worst")}),
-            Text(
-                ("The map's cells are 2.5 cm wide, so that single distances come in steps of about one cell.",),
-                "caveat",
-            ),
-            *effect_sizes.test_blocks(study, "error_mean_cm", "cm", True),
-        ],
-    )
+    return [
+        Text(
+            "How far the boundary that the robot respects lies from the one that was asked for, both ways, over completed runs. "
+            "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
+            "over runs with bootstrap intervals."
+        ),
+        Figure(panels),
+        Grid("error", columns, rows, {key: 1 for key in (*ERRORS, "worst")}),
+        Text("The map's cells are 2.5 cm wide, so that single distances come in steps of about one cell.", caveat=True),
+        *effect_sizes.test_blocks(study, "error_mean_cm", "cm", True),
+    ]
 
 
-def time_section(study: StudyResults) -> Section:
+def time_section(study: StudyResults) -> List[Block]:
     """Reports interaction time by state."""
     rows, panels = [], []
     totals = known(study.runs, "time_total_s")
@@ -130,24 +119,18 @@ def time_section(study: StudyResults) -> Section:
         "total": "Total, mean [s]",
         "runs": "Runs",
     }
-    return Section(
-        "time",
-        "Interaction time",
-        [
-            Text(
-                (
-                    "From leaving the state Default to the border in the map, in the states Guide (orange), Border (blue) and Seed "
-                    "(green), attempts that were cancelled included (paper, Sect. 5.5).",
-                )
-            ),
-            Figure(panels, wide=True),
-            Grid("time", columns, rows, {key: 1 for key in (*STATES, "total")}),
-            *effect_sizes.test_blocks(study, "time_total_s", "s", False),
-        ],
-    )
+    return [
+        Text(
+            "From leaving the state Default to the border in the map, in the states Guide (orange), Border (blue) and Seed "
+            "(green), attempts that were cancelled included (paper, Sect. 5.5)."
+        ),
+        Figure(panels, wide=True),
+        Grid("time", columns, rows, {key: 1 for key in (*STATES, "total")}),
+        *effect_sizes.test_blocks(study, "time_total_s", "s", False),
+    ]
 
 
-def accuracy_section(study: StudyResults) -> Section:
+def accuracy_section(study: StudyResults) -> List[Block]:
     """Reports the paper's Jaccard index, with representative maps."""
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
@@ -167,14 +150,12 @@ def accuracy_section(study: StudyResults) -> Section:
         panels.append((charts.boxes(cells, "jaccard", "Jaccard index", True), f"{title} (diamond: the paper's median)"))
     images, notes = maps.representatives(study)
     columns = {**_WHICH, "median": "Median", "least": "Smallest", "paper": "Paper", "runs": "Runs"}
-    blocks: List[Any] = [
-        Text(("Restricted cells against those that were asked for, over completed runs.",)),
+    blocks: List[Block] = [
+        Text("Restricted cells against those that were asked for, over completed runs."),
         Text(
-            (
-                "The index saturates with the area's size: of the same error a large area shows little. A line across the 0.70 m "
-                "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart.",
-            ),
-            "caveat",
+            "The index saturates with the area's size: of the same error a large area shows little. A line across the 0.70 m "
+            "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart.",
+            caveat=True,
         ),
         Figure(panels),
         Grid("accuracy", columns, rows, {"median": 3, "least": 3, "paper": 3}),
@@ -183,17 +164,15 @@ def accuracy_section(study: StudyResults) -> Section:
     if images:
         blocks += [
             Text(
-                (
-                    "Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
-                    "(green), restricted beyond the ground truth (red), union (blue outline).",
-                )
+                "Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
+                "(green), restricted beyond the ground truth (red), union (blue outline)."
             ),
             Figure(images),
         ]
-    return Section("accuracy", "Jaccard index", [*blocks, Text(tuple(notes), "list")] if notes else blocks)
+    return [*blocks, Bullets(notes)] if notes else blocks
 
 
-def completeness_section(study: StudyResults) -> Section:
+def completeness_section(study: StudyResults) -> List[Block]:
     """Reports success rates."""
     rows: List[Dict[str, Any]] = []
     groups = []
@@ -215,24 +194,14 @@ def completeness_section(study: StudyResults) -> Section:
             bars.append((cell, share))
         groups.append((title, bars))
     caveat = Text(
-        (
-            "How often simulated people err (wrong side, slips, wrong words) is assumed, so that the level is an input; only the "
-            "difference between the methods is a result.",
-        ),
-        "caveat",
+        "How often simulated people err (wrong side, slips, wrong words) is assumed, so that the level is an input; only the "
+        "difference between the methods is a result.",
+        caveat=True,
     )
     columns = {**_WHICH, "completed": "Completed", "share": "Share [%]", "paper": "Paper [%]"}
-    return Section(
-        "completeness",
-        "Completeness",
-        [
-            Text(
-                (
-                    "Runs that ended with a saved border and a seed on the side that was asked for; Wilson's 95 % intervals.",
-                )
-            ),
-            *([] if study.people else [caveat]),
-            Figure([(charts.rates(groups), "Completed runs")], wide=True),
-            Grid("completeness", columns, rows, {"share": 0, "paper": 1}),
-        ],
-    )
+    return [
+        Text("Runs that ended with a saved border and a seed on the side that was asked for; Wilson's 95 % intervals."),
+        *([] if study.people else [caveat]),
+        Figure([(charts.rates(groups), "Completed runs")], wide=True),
+        Grid("completeness", columns, rows, {"share": 0, "paper": 1}),
+    ]

@@ -8,31 +8,32 @@ number is free, so that any effect can be made significant. For real people, the
 from __future__ import annotations
 
 from pathlib import Path
-from typing import List
+from typing import Callable, List, Tuple
 
 import jinja2
 from markupsafe import Markup
 
 from vb_core.errors import CodedError
 from vb_evaluation.report import background, outcomes, paper_comparison, sensitivity
-from vb_evaluation.report.blocks import Grid
+from vb_evaluation.report.blocks import Block, Grid
 from vb_evaluation.report.data import StudyResults, read_study, write_table
 
 PAGE, TABLES = "report.html", "tables"
-SECTIONS = (
-    outcomes.summary_section,
-    outcomes.error_section,
-    outcomes.time_section,
-    outcomes.accuracy_section,
-    outcomes.completeness_section,
-    paper_comparison.paper_comparison_section,
-    sensitivity.plausible_worlds_section,
-    sensitivity.curves_section,
-    sensitivity.all_images_section,
-    background.order_section,
-    background.participants_section,
-    background.assumptions_section,
-    background.runs_section,
+# id, title and what makes it; one without blocks is left out
+SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
+    ("summary", "Findings", outcomes.summary_section),
+    ("error", "Boundary error", outcomes.error_section),
+    ("time", "Interaction time", outcomes.time_section),
+    ("accuracy", "Jaccard index", outcomes.accuracy_section),
+    ("completeness", "Completeness", outcomes.completeness_section),
+    ("paper", "Beside the paper", paper_comparison.paper_comparison_section),
+    ("worlds", "Plausible worlds", sensitivity.plausible_worlds_section),
+    ("curves", "Curves", sensitivity.curves_section),
+    ("all_images", "Every image searched", sensitivity.all_images_section),
+    ("order", "Order", background.order_section),
+    ("experience", "People and their experience", background.participants_section),
+    ("assumptions", "What was assumed, and where the simulation is too optimistic", background.assumptions_section),
+    ("runs", "Every run", background.runs_section),
 )
 _SIZES = {
     "quick": "A quick run, to check that everything works: one person, hence no intervals.",
@@ -50,7 +51,8 @@ def write_report(folder: Path) -> Path:
         CodedError: "bad_study" naming the file, and the line or column; "cannot_write_into".
     """
     study, here = read_study(folder), Path(__file__).parent
-    sections = [section for section in (make(study) for make in SECTIONS) if section.blocks]
+    made = [(name, title, make(study)) for name, title, make in SECTIONS]
+    sections = [section for section in made if section[2]]
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(str(here)), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
     )
@@ -63,7 +65,7 @@ def write_report(folder: Path) -> Path:
     try:
         (study.folder / PAGE).write_text(text, encoding="utf-8")
         (study.folder / TABLES).mkdir(exist_ok=True)
-        for grid in (block for section in sections for block in section.blocks if isinstance(block, Grid)):
+        for grid in (block for _, _, blocks in sections for block in blocks if isinstance(block, Grid)):
             rows = [grid.plain(row) for row in grid.rows]
             if rows:
                 write_table(study.folder / TABLES / f"{grid.name}.csv", max((list(row) for row in rows), key=len), rows)

@@ -11,7 +11,7 @@ from scipy import stats
 
 from vb_evaluation import statistics
 from vb_evaluation.report import charts, effect_sizes, paper
-from vb_evaluation.report.blocks import Figure, Grid, Section, Text
+from vb_evaluation.report.blocks import Block, Figure, Grid, Text
 from vb_evaluation.report.data import ALL_IMAGES, CURVES, DRAWS, WORLDS, StudyResults, known, read_sheet, select
 from vb_evaluation.statistics import Interval
 
@@ -27,12 +27,12 @@ _RUN = ["participant", "scenario", "method"]
 
 
 # ---------------------------------------------------------------- plausible worlds
-def plausible_worlds_section(study: StudyResults) -> Section:
+def plausible_worlds_section(study: StudyResults) -> List[Block]:
     """Reports the conclusions over worlds in which all assumptions differ at once; empty where draws.csv or worlds.csv
     is missing.
     """
     if not study.has_worlds:
-        return Section("worlds", "Plausible worlds", [])
+        return []
     inputs = read_sheet(study.folder / DRAWS, ("draw",)).apply(pandas.to_numeric, errors="coerce").set_index("draw")
     table, (first, baseline) = study.tables[WORLDS], study.comparison
     both = select(table, method=first).merge(
@@ -45,48 +45,40 @@ def plausible_worlds_section(study: StudyResults) -> Section:
         panels.append(
             (charts.rank_bars(bars, f"rank correlation with {outcome}", by_chance), f"What decides: {outcome}")
         )
-    return Section(
-        "worlds",
-        "Plausible worlds",
-        [
-            Text(
-                (
-                    f"All {len(inputs.columns)} assumptions vary together over their plausible ranges (last section): a Latin hypercube of "
-                    f"{table.draw.nunique()} draws.",
-                )
-            ),
-            Grid(
-                "worlds",
-                {"conclusion": "Conclusion", "scenario": "Scenario", "holds": "holds in [%] of worlds", "n": "Worlds"},
-                conclusions(study, both),
-                {"holds": 0},
-                words="Wilson's 95 % intervals. A world is a draw of all assumptions, with one person who tries both methods. Too bright: "
-                "the lab's own check of the cameras asks for a shorter exposure before anybody draws.",
-            ),
-            Figure(panels, wide=True),
-            Text(
-                (
-                    f"Grey: what the largest of {len(inputs.columns)} correlations reaches by pure chance in 95 % of cases "
-                    f"(±{by_chance:.2f}); this number of draws cannot show that an assumption with a bar within it matters. The ranges are "
-                    "assumed, too; a share of worlds is no probability that a conclusion is true.",
-                ),
-                "caveat",
-            ),
-            Grid(
-                "deciding",
-                {
-                    "outcome": "Outcome",
-                    "assumption": "Assumption",
-                    "rho": "Rank correlation",
-                    "n": "Pairs",
-                    "clear": "beyond chance",
-                },
-                rows,
-                folded=True,
-                words="The assumptions with the largest correlations",
-            ),
-        ],
-    )
+    return [
+        Text(
+            f"All {len(inputs.columns)} assumptions vary together over their plausible ranges (last section): a Latin hypercube of "
+            f"{table.draw.nunique()} draws."
+        ),
+        Grid(
+            "worlds",
+            {"conclusion": "Conclusion", "scenario": "Scenario", "holds": "holds in [%] of worlds", "n": "Worlds"},
+            conclusions(study, both),
+            {"holds": 0},
+            words="Wilson's 95 % intervals. A world is a draw of all assumptions, with one person who tries both methods. Too bright: "
+            "the lab's own check of the cameras asks for a shorter exposure before anybody draws.",
+        ),
+        Figure(panels, wide=True),
+        Text(
+            f"Grey: what the largest of {len(inputs.columns)} correlations reaches by pure chance in 95 % of cases "
+            f"(±{by_chance:.2f}); this number of draws cannot show that an assumption with a bar within it matters. The ranges are "
+            "assumed, too; a share of worlds is no probability that a conclusion is true.",
+            caveat=True,
+        ),
+        Grid(
+            "deciding",
+            {
+                "outcome": "Outcome",
+                "assumption": "Assumption",
+                "rho": "Rank correlation",
+                "n": "Pairs",
+                "clear": "beyond chance",
+            },
+            rows,
+            folded=True,
+            words="The assumptions with the largest correlations",
+        ),
+    ]
 
 
 def _completed(both: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pandas.Series]:
@@ -183,23 +175,21 @@ def chance_level(count: int, dimensions: int) -> float:
 
 
 # ---------------------------------------------------------------- curves
-def curves_section(study: StudyResults) -> Section:
+def curves_section(study: StudyResults) -> List[Block]:
     """Plots speed-up, time and boundary error over coverage, distance, length and number of robots."""
     if CURVES not in study.tables or len(study.methods) < 2:
-        return Section("curves", "Curves", [])
+        return []
     table = study.tables[CURVES]
-    blocks: List[Any] = [
+    blocks: List[Block] = [
         Text(
-            (
-                f"All else is kept; {table.participant.nunique()} participants at each point, completed runs. Bands are "
-                "95 % bootstrap intervals over participants; with so few they are too narrow rather than too wide.",
-            ),
-            "caveat",
+            f"All else is kept; {table.participant.nunique()} participants at each point, completed runs. Bands are "
+            "95 % bootstrap intervals over participants; with so few they are too narrow rather than too wide.",
+            caveat=True,
         )
     ]
     for sweep in table.sweep.unique():
         blocks += _curve(study, select(table, sweep=sweep), sweep)
-    return Section("curves", "Curves", blocks)
+    return blocks
 
 
 def _curve(study: StudyResults, table: pandas.DataFrame, sweep: str) -> List[Any]:
@@ -238,11 +228,41 @@ def _curve(study: StudyResults, table: pandas.DataFrame, sweep: str) -> List[Any
 
 
 # ---------------------------------------------------------------- every image searched
-def all_images_section(study: StudyResults) -> Section:
+def all_images_section(study: StudyResults) -> List[Block]:
     """Compares a random part of the runs, with every image searched, with the same runs of the study."""
     if ALL_IMAGES not in study.tables:
-        return Section("all_images", "Every image searched", [])
-    both, rows = study.tables[ALL_IMAGES].merge(study.runs, on=_RUN, suffixes=("", "_cut")), []
+        return []
+    both = study.tables[ALL_IMAGES].merge(study.runs, on=_RUN, suffixes=("", "_cut"))
+    return [
+        Text(
+            f"To save time a run renders and searches only pictures, and parts of pictures, in which the true spot can be seen, so "
+            f"that false spots elsewhere cannot happen. {len(both)} runs, drawn at random over all scenarios and methods, were "
+            "repeated with every image of every camera rendered and searched as a whole."
+        ),
+        Grid(
+            "all_images",
+            {
+                "measure": "Measure",
+                "full": "Everything searched",
+                "cut": "As in the study",
+                "difference": "Difference",
+                "largest": "Largest difference",
+                "runs": "Runs",
+            },
+            _differences(both),
+            {"difference": 3, "largest": 3},
+        ),
+        Text(
+            "Which images are left out is decided by where the true spot is; a detector that is disturbed elsewhere at that moment "
+            "is not seen by the study, only by these runs.",
+            caveat=True,
+        ),
+    ]
+
+
+def _differences(both: pandas.DataFrame) -> List[Dict[str, Any]]:
+    """A row for each measure that runs have both with every image searched and, its name ending in "_cut", without."""
+    rows = []
     for column, words in (
         ("time_total_s", "time [s]"),
         ("error_mean_cm", "mean boundary error [cm]"),
@@ -264,36 +284,4 @@ def all_images_section(study: StudyResults) -> Section:
                     "largest": float(np.abs(difference).max()),
                 }
             )
-    return Section(
-        "all_images",
-        "Every image searched",
-        [
-            Text(
-                (
-                    f"To save time a run renders and searches only pictures, and parts of pictures, in which the true spot can be seen, so "
-                    f"that false spots elsewhere cannot happen. {len(both)} runs, drawn at random over all scenarios and methods, were "
-                    "repeated with every image of every camera rendered and searched as a whole.",
-                )
-            ),
-            Grid(
-                "all_images",
-                {
-                    "measure": "Measure",
-                    "full": "Everything searched",
-                    "cut": "As in the study",
-                    "difference": "Difference",
-                    "largest": "Largest difference",
-                    "runs": "Runs",
-                },
-                rows,
-                {"difference": 3, "largest": 3},
-            ),
-            Text(
-                (
-                    "Which images are left out is decided by where the true spot is; a detector that is disturbed elsewhere at that moment "
-                    "is not seen by the study, only by these runs.",
-                ),
-                "caveat",
-            ),
-        ],
-    )
+    return rows

@@ -138,15 +138,10 @@ def conduct(
         write_table(
             folder / DRAWS, ["draw", *drawn[0]], [{"draw": draw, **factors} for draw, factors in enumerate(drawn, 1)]
         )
-    files = {
-        file: RowFile(folder / file, columns(file), (*CONDITIONS[file], *KEY))
-        for file in dict.fromkeys(job.file for job in jobs)
-    }
-    names = [(job.file, files[job.file].name_of(job.columns(study.design.seed))) for job in jobs]
-    waiting = [job for job, (file, name) in zip(jobs, names) if name not in files[file].rows]
+    results = _Results(study, jobs, folder)
+    waiting = [job for job in jobs if not results.has(job)]
     if len(waiting) < len(jobs):
         console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
-    failed = 0
     # the few longest first, as others would wait for one that came last; then the study itself, person by person, so
     # that what an interrupted study has is balanced
     waiting.sort(key=lambda job: (not job.thorough, job.file != RUNS, job.file))
@@ -154,6 +149,7 @@ def conduct(
     alike: Dict[str, List[Job]] = {}
     for job in waiting:
         alike.setdefault(job.run, []).append(job)
+    failed = 0
     try:
         with _progress(console) as bar:
             ticker = bar.add_task("study", total=len(alike))
@@ -162,22 +158,48 @@ def conduct(
                     failed += 1
                     console.print(f"failed: {outcome.job.words}: {outcome.fault}", markup=False)
                 else:
-                    if outcome.grid is not None and outcome.row.get("map"):
-                        write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
-                    for job in alike[outcome.job.run]:
-                        files[job.file].append({**outcome.row, **job.columns(study.design.seed)})
+                    results.keep(outcome, alike[outcome.job.run])
                 bar.update(ticker, advance=1, description=outcome.job.words)
     except KeyboardInterrupt:
         # what is on the disk: an interruption may come while a row is written
-        there = {file: RowFile(rows.path, rows.columns, rows.key).rows for file, rows in files.items()}
-        done = sum(name in there[file] for file, name in names)
+        there = _Results(study, jobs, folder)
         console.print(
-            f"interrupted: {done} of {len(jobs)} runs are done and kept in {folder}; the same command goes on from there"
+            f"interrupted: {sum(map(there.has, jobs))} of {len(jobs)} runs are done and kept in {folder}; "
+            "the same command goes on from there"
         )
         raise
-    for file, rows in files.items():
-        rows.write([name for belongs, name in names if belongs == file])
+    results.sort(jobs)
     return failed
+
+
+class _Results:
+    """The CSV files of a study's folder that jobs write to, and the maps of its main runs."""
+
+    def __init__(self, study: Study, jobs: Sequence[Job], folder: Path) -> None:
+        self._seed, self._folder = study.design.seed, folder
+        self._files = {
+            file: RowFile(folder / file, columns(file), (*CONDITIONS[file], *KEY))
+            for file in dict.fromkeys(job.file for job in jobs)
+        }
+
+    def _name(self, job: Job) -> Tuple[str, ...]:
+        return self._files[job.file].name_of(job.columns(self._seed))
+
+    def has(self, job: Job) -> bool:
+        """Returns whether a job's row is there."""
+        return self._name(job) in self._files[job.file].rows
+
+    def keep(self, outcome: Outcome, jobs: Sequence[Job]) -> None:
+        """Writes a run's map and the rows of all jobs that the run belongs to."""
+        if outcome.grid is not None and outcome.row.get("map"):
+            write_map(self._folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
+        for job in jobs:
+            self._files[job.file].append({**outcome.row, **job.columns(self._seed)})
+
+    def sort(self, jobs: Sequence[Job]) -> None:
+        """Brings each file's rows into the order of the jobs."""
+        for file, rows in self._files.items():
+            rows.write([self._name(job) for job in jobs if job.file == file])
 
 
 def _carry_out(study: Study, jobs: Sequence[Job], processes: int, scheduler: str, work: Work) -> Iterator[Outcome]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple, Type, TypeVar
 
 import cv2
 import numpy as np
@@ -20,6 +20,7 @@ from vb_sim.robot_camera_node import RobotCameraNode
 from vb_sim.cameras.robot_view import RobotView
 from vb_sim.room.world import CeilingCamera, Robot, World
 
+View = TypeVar("View", CeilingView, RobotView)
 FLOOR_SEED = 1  # everybody draws on the same floor
 _SPOT_MARGIN_PX = 40.0  # a spot whose middle is outside the image by less may still shine into it
 _IDLE_EVERY = 5  # of a robot's images that cannot show the spot: how far it turns so that the next one can be matched
@@ -46,25 +47,18 @@ class RenderCache:
             self._floor, self._mesh = render_floor(world, FLOOR_SEED), world_mesh(world)
             self._floor_key = floor_key
             self._views.clear()
-        self._world, self._models = world, models
+        self.world, self.models = world, models
 
-    def ceiling_view(self, camera: CeilingCamera) -> CeilingView:
-        """Returns the view of a ceiling camera, before anything moved."""
-        return self._fresh("ceiling", camera, CeilingView)
-
-    def robot_view(self, robot: Robot) -> RobotView:
-        """Returns the view of a robot's camera, before anything moved."""
-        return self._fresh("robot", robot, RobotView)
-
-    def _fresh(self, what: str, whose: Any, kind: Any) -> Any:
+    def view(self, kind: Type[View], whose: Any) -> View:
+        """Returns the view of a ceiling camera, or of a robot's, before anything moved."""
         # the pointer's height differs with each body and is nothing that was drawn
-        radii = self._world.robot_radii()
-        key = repr((whose, self._models.optics, self._models.noise, self._models.robot_camera, sorted(radii.items())))
-        name = f"{what} {whose.name}"
+        models, radii = self.models, self.world.robot_radii()
+        key = repr((whose, models.optics, models.noise, models.robot_camera, sorted(radii.items())))
+        name = f"{kind.__name__} {whose.name}"
         if name not in self._views or self._views[name][0] != key:
-            self._views[name] = (key, kind(whose, radii, self._floor, self._mesh, self._models, FLOOR_SEED))
+            self._views[name] = (key, kind(whose, radii, self._floor, self._mesh, models, FLOOR_SEED))
         view = self._views[name][1]
-        view.restart(self._models)
+        view.restart(models)
         return view
 
 
@@ -86,25 +80,17 @@ class StudyCeilingCameras(CeilingCamerasNode):
         too_bright: whether a camera's image of the empty room is one that the lab's own check would have darkened.
     """
 
-    def __init__(
-        self,
-        world: World,
-        models: CameraModels,
-        cameras: List[CeilingCamera],
-        seed: int,
-        cache: RenderCache,
-        idle_every: int,
-    ) -> None:
+    def __init__(self, cache: RenderCache, cameras: List[CeilingCamera], seed: int, idle_every: int) -> None:
         self._seed, self._idle_every = seed, idle_every
         self._idle = [0] * len(cameras)
         self._from_map = [geometry.invert(camera.pose()) for camera in cameras]
         self.left_out = 0
-        views = [cache.ceiling_view(camera) for camera in cameras]
+        views = [cache.view(CeilingView, camera) for camera in cameras]
         self.too_bright = any(
             saturated_share(view.frame(Snapshot(0.0), frame_generator(seed, camera.name, 0.0))) > TOO_BRIGHT
             for camera, view in zip(cameras, views)
         )
-        super().__init__(world, models, cameras, seed, views)
+        super().__init__(cache.world, cache.models, cameras, seed, views)
 
     def _image(self, index: int, snapshot: Snapshot) -> Optional[np.ndarray]:
         if not self._is_relevant(index, snapshot):
@@ -152,19 +138,10 @@ class StudyRobotCamera(RobotCameraNode):
         whole: sends every image.
     """
 
-    def __init__(
-        self,
-        world: World,
-        models: CameraModels,
-        robot: Robot,
-        seed: int,
-        tf_prefix: str,
-        cache: RenderCache,
-        whole: bool,
-    ) -> None:
+    def __init__(self, cache: RenderCache, robot: Robot, seed: int, tf_prefix: str, whole: bool) -> None:
         self._seed, self._whole, self._idle = seed, whole, 0
         self.left_out = 0
-        super().__init__(world, models, robot, seed, tf_prefix, cache.robot_view(robot))
+        super().__init__(cache.world, cache.models, robot, seed, tf_prefix, cache.view(RobotView, robot))
 
     def _wanted(self, snapshot: Snapshot) -> bool:
         if not self._is_relevant(snapshot):

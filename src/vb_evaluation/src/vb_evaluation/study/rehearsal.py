@@ -17,7 +17,6 @@ from vb_core.files import append_line
 from vb_evaluation.study_kit.conduct import NextRun
 from vb_evaluation.study_kit.recording import LOG, MAPS, SESSION
 from vb_evaluation.provenance import revision
-from vb_evaluation.study import config
 from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.result import Result, RunTask
 from vb_map_integration.border import VirtualBorder
@@ -27,22 +26,17 @@ from vb_map_integration.storage.recording import MapRecording
 def person(study: Study, outcomes: List[bool]) -> Callable[[NextRun], Callable[[], None]]:
     """Returns the person that `conduct` starts instead of the system; appends to `outcomes` whether the run was completed."""
 
+    # only running needs ROS
+    from vb_evaluation.study import runner
+
     def start(planned: NextRun) -> Callable[[], None]:
         number = int(re.sub(r"\D", "", planned.entry.participant) or 1)
-        result = run(study, RunTask(number, planned.entry.scenario, planned.entry.method))
+        result = runner.run(study, RunTask(number, planned.entry.scenario, planned.entry.method))
         write_recording(result, planned.folder)
         outcomes.append(result.saved and result.seed_is_right)
         return lambda: None
 
     return start
-
-
-def run(study: Study, task: RunTask) -> Result:
-    """Performs a run of the simulated study."""
-    # the rest of the kit works without ROS
-    from vb_evaluation.study import runner
-
-    return runner.run(study, task)
 
 
 def write_recording(result: Result, folder: Path) -> None:
@@ -59,8 +53,3 @@ def write_recording(result: Result, folder: Path) -> None:
         append_line(folder / LOG, json.dumps(record))
     session = {"method": result.task.method, "cameras": cameras, "revision": revision(), "rehearsal": True}
     (folder / SESSION).write_text(yaml.safe_dump(session), encoding="utf-8")
-
-
-def default_study() -> Study:
-    """Returns the simulated study whose people rehearse."""
-    return config.load()

@@ -16,23 +16,11 @@ from vb_evaluation.study.people import Traits
 from vb_sim.room.world import Scenario, World
 
 MAX_SPOT_ERROR = 0.3  # [m] from the true spot beyond which a reported one is something else
-FURTHER = (
-    "outcome",
-    "reason",
-    "seed_is_right",
-    "tries",
-    "elapsed_s",
-    "border_m",
-    "chain_m",
-    "vertices",
-    "spots",
-    "spots_robot",
-    "false_spots",
-    "robot_goals",
-    "robot_way_m",
-    "robot_collisions",
-    "jaccard_enclosed",
-    "too_bright",
+FURTHER = tuple(
+    (
+        "outcome reason seed_is_right tries elapsed_s border_m chain_m vertices spots spots_robot "
+        "false_spots robot_goals robot_way_m robot_collisions jaccard_enclosed too_bright"
+    ).split()
 )
 COLUMNS = (*MEASURES, *FURTHER)
 

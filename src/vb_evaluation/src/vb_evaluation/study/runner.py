@@ -115,13 +115,10 @@ class LiveRun:
     """A lab with one participant, and the live system in it.
 
     Args:
-        cache: keeps what is expensive to make from one run to the next; None: the process's.
         thorough: every camera sends every image.
     """
 
-    def __init__(
-        self, study: Study, task: RunTask, cache: Optional[RenderCache] = None, thorough: bool = False
-    ) -> None:
+    def __init__(self, study: Study, task: RunTask, thorough: bool = False) -> None:
         self._study, self._task = study, task
         self._traits = study.traits(task.participant)
         self._world = study.world
@@ -131,7 +128,7 @@ class LiveRun:
             self._world, self._world.scenario(task.scenario), self._traits, self._prior, study.marks(task.scenario)
         )
         self._models: CameraModels = replace(study.cameras, body=self._traits.body)
-        self._cache, self._thorough = cache or _kept_cache(), thorough
+        self._cache, self._thorough = _kept_cache(), thorough
         self._lab = Lab(self._world, *(study.models[name] for name in ("robot", "localisation", "scan")), self._seed)
         self._robots = [robot.namespace.strip("/") for robot in self._world.robots]
         self._camera_nodes: List[Any] = []
@@ -208,23 +205,16 @@ class LiveRun:
             )
 
         def ceiling_cameras() -> None:
-            found = StudyCeilingCameras(
-                self._world,
-                self._models,
-                [self._world.camera(name) for name in cameras],
-                self._seed,
-                self._cache,
-                1 if self._thorough else self._study.timing.idle_every,
-            )
+            idle_every = 1 if self._thorough else self._study.timing.idle_every
+            shown = [self._world.camera(name) for name in cameras]
+            found = StudyCeilingCameras(self._cache, shown, self._seed, idle_every)
             self._camera_nodes.append(found)
             self._too_bright = found.too_bright
 
         def robot_camera() -> None:
             name, prefix = rospy.get_param("~robot", ""), rospy.get_param("~tf_prefix", "")
             robot = self._world.robot(name) if name else self._world.robots[0]
-            self._camera_nodes.append(
-                StudyRobotCamera(self._world, self._models, robot, self._seed, prefix, self._cache, self._thorough)
-            )
+            self._camera_nodes.append(StudyRobotCamera(self._cache, robot, self._seed, prefix, self._thorough))
 
         def map_server() -> None:
             MapServerNode(self._prior)
@@ -298,6 +288,6 @@ def _kept_cache() -> RenderCache:
     return RenderCache()
 
 
-def run(study: Study, task: RunTask, cache: Optional[RenderCache] = None, thorough: bool = False) -> Result:
+def run(study: Study, task: RunTask, thorough: bool = False) -> Result:
     """Carries out one run; the same result for the same arguments, whatever was run before."""
-    return LiveRun(study, task, cache, thorough).run()
+    return LiveRun(study, task, thorough).run()

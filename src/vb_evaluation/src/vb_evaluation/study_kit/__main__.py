@@ -104,11 +104,11 @@ def _run(given: argparse.Namespace) -> None:
     )
     say = lambda words: _console.print(words, markup=False)  # noqa: E731
     if given.rehearse:
-        # only here: the rest of the kit knows no simulator
-        from vb_evaluation.study import rehearsal
+        # only here: the rest of the kit knows no simulator and works without ROS
+        from vb_evaluation.study import config, rehearsal
 
         outcomes: List[bool] = []
-        start = rehearsal.person(rehearsal.default_study(), outcomes)
+        start = rehearsal.person(config.load(), outcomes)
         keys = ("b" if key else ("c" if outcomes[-1] else "f") for key in (1, 0))
     else:
         start, keys = conduct.roslaunch, conduct.read_keys()

@@ -50,7 +50,8 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     entries = protocol.read(protocol_file)
     if not entries:
         raise CodedError("bad_protocol", f"{protocol_file}: no run has a recording yet")
-    _refuse_foreign(out)
+    if (out / RUNS).exists() and not read_meta(out / META).get("people"):
+        raise CodedError("other_study", f"{out} holds another study: choose another --out, or move it away")
     recordings = {
         entry.recording: Recording(last_attempt(protocol_file.parent / Path(entry.recording).expanduser()))
         for entry in entries
@@ -102,16 +103,6 @@ def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
     elif entry.method == "robot_only" and session.get("cameras"):
         found.append(f"robot only, but with the cameras {' '.join(session['cameras'])}")
     return found
-
-
-def _refuse_foreign(out: Path) -> None:
-    """Makes sure that nothing else than an earlier result of this command is written over.
-
-    Raises:
-        CodedError: "other_study".
-    """
-    if (out / RUNS).exists() and not read_meta(out / META).get("people"):
-        raise CodedError("other_study", f"{out} holds another study: choose another --out, or move it away")
 
 
 def _row(

@@ -76,7 +76,7 @@ class _Topic:
 
 
 class Graph:
-    """All nodes of one run; `installed` makes rospy answer for it.
+    """All nodes of one run; `installed` makes rospy answer for it. What nodes say about connections has no meaning here.
 
     Args:
         scheduler: of its tasks.
@@ -248,17 +248,7 @@ _NOBODY = Node("/study", {})
 class Publisher:
     """rospy.Publisher."""
 
-    def __init__(
-        self,
-        graph: Graph,
-        name: str,
-        data_class: type,
-        subscriber_listener: Any = None,
-        tcp_nodelay: bool = False,
-        latch: bool = False,
-        headers: Any = None,
-        queue_size: Optional[int] = None,
-    ) -> None:
+    def __init__(self, graph: Graph, name: str, data_class: type, *_: Any, latch: bool = False, **__: Any) -> None:
         self._graph = graph
         self.resolved_name = self.name = graph.node.resolve(name)
         self.data_class, self.type = data_class, data_class._type
@@ -317,10 +307,8 @@ class Subscriber:
         callback: Optional[Callable] = None,
         callback_args: Any = None,
         queue_size: Optional[int] = None,
-        buff_size: int = 0,
-        tcp_nodelay: bool = False,
+        **_: Any,
     ) -> None:
-        self._graph = graph
         self.resolved_name = self.name = graph.node.resolve(name)
         self.kind, self._callback, self._extra = data_class, callback, callback_args
         size = queue_size if queue_size is not None and queue_size > 0 else None
@@ -364,15 +352,7 @@ class Subscriber:
 class Service:
     """rospy.Service."""
 
-    def __init__(
-        self,
-        graph: Graph,
-        name: str,
-        service_class: Any,
-        handler: Callable[[Any], Any],
-        buff_size: int = 0,
-        error_handler: Any = None,
-    ) -> None:
+    def __init__(self, graph: Graph, name: str, service_class: Any, handler: Callable[[Any], Any], **_: Any) -> None:
         self._graph, self.node = graph, graph.node
         self.resolved_name = graph.node.resolve(name)
         self.kind, self.handler = service_class, handler
@@ -386,9 +366,7 @@ class Service:
 class ServiceProxy:
     """rospy.ServiceProxy."""
 
-    def __init__(
-        self, graph: Graph, name: str, service_class: Any, persistent: bool = False, headers: Any = None
-    ) -> None:
+    def __init__(self, graph: Graph, name: str, service_class: Any, **_: Any) -> None:
         self._graph = graph
         self.resolved_name, self._kind = graph.node.resolve(name), service_class
 
@@ -445,7 +423,7 @@ class Timer:
     """rospy.Timer."""
 
     def __init__(
-        self, graph: Graph, period: Any, callback: Callable[[Any], Any], oneshot: bool = False, reset: bool = False
+        self, graph: Graph, period: Any, callback: Callable[[Any], Any], oneshot: bool = False, **_: Any
     ) -> None:
         self._graph, self._period, self._callback, self._once = graph, period, callback, oneshot
         self._over = False

@@ -100,18 +100,6 @@ def write(
     ]
 
 
-def text_boxes(shapes: Sequence[Shape]) -> List[Box]:
-    """Returns the boxes that texts and plates take, for tests and for placing."""
-    boxes = []
-    for shape in shapes:
-        x, y = shape.points[0] if shape.points else (0.0, 0.0)
-        if shape.kind == TEXT:
-            boxes.append(text_box(shape.text, x, y, shape.size[0]))
-        elif shape.kind == PLATE:
-            boxes.append(Box.centered(x, y, *shape.size))
-    return boxes
-
-
 # ----------------------------------------------------------------- borders
 @dataclass(frozen=True)
 class Border:

@@ -153,10 +153,10 @@ def draw_calibration_image(width: int, height: int, number: int) -> np.ndarray:
     return image
 
 
-def draw_grid_image(calibration: ProjectorCalibration, step: float = 0.5) -> np.ndarray:
-    """Draws lines of the map's grid, `step` [m] apart, to see whether a calibration fits: (height, width, 3) uint8 rgb."""
+def draw_grid_image(calibration: ProjectorCalibration) -> np.ndarray:
+    """Draws lines of the map's grid, half a metre apart, to see whether a calibration fits: (height, width, 3) uint8 rgb."""
     image = np.zeros((calibration.height, calibration.width, 3), np.uint8)
-    footprint = calibration.footprint()
+    footprint, step = calibration.footprint(), 0.5
     low, high = np.floor(footprint.min(axis=0) / step) * step, np.ceil(footprint.max(axis=0) / step) * step
     for axis in (0, 1):
         for value in np.arange(low[axis], high[axis] + step / 2, step)[:400]:

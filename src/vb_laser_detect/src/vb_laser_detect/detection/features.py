@@ -74,14 +74,10 @@ def measure(
     Returns:
         The blob; see its `problem`.
     """
-    height, width = image.shape[:2]
     left, top, right, bottom = seed
-    margin = 20
-    while True:
-        # even bounds keep each pixel's place in a Bayer image's pattern
-        x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
-        x1, y1 = min(width, right + margin), min(height, bottom + margin)
-        now, before = image[y0:y1, x0:x1], background[y0:y1, x0:x1]
+    margin, missing = 20, 1
+    while missing > 0:
+        x0, y0, now, before = _window(image, background, seed, margin)
         if widest < math.inf:
             before = cv2.max(before, relight(before, now, widest))
         # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
@@ -95,23 +91,46 @@ def measure(
             return Blob(*middle, float(max(right - left, bottom - top)), "too_faint" if peak < 4 else "too_large")
         # the blob's surroundings must be in the window too
         pad = int(math.ceil(0.6 * max(bw, bh))) + 4
+        (high, wide), (height, width) = now.shape[:2], image.shape[:2]
         missing = max(
             pad - bx if x0 > 0 else 0,
-            pad - (x1 - x0 - bx - bw) if x1 < width else 0,
+            pad - (wide - bx - bw) if x0 + wide < width else 0,
             pad - by if y0 > 0 else 0,
-            pad - (y1 - y0 - by - bh) if y1 < height else 0,
+            pad - (high - by - bh) if y0 + high < height else 0,
         )
-        if missing <= 0:
-            break
         margin += missing
     sx, sy = max(0, bx - pad) & ~1, max(0, by - pad) & ~1
     part = slice(sy, by + bh + pad), slice(sx, bx + bw + pad)
     mask = (labels[part] == label).view(np.uint8)
-    light, now, before = smooth[part], now[part], before[part]
+    moments = cv2.moments(cv2.copyTo(smooth[part], mask))
+    u, v = moments["m10"] / moments["m00"] + x0 + sx, moments["m01"] / moments["m00"] + y0 + sy
     area, elongation = _shape_of(mask)
     diameter = 2.0 * math.sqrt(area / math.pi)
-    moments = cv2.moments(cv2.copyTo(light, mask))
-    u, v = moments["m10"] / moments["m00"] + x0 + sx, moments["m01"] / moments["m00"] + y0 + sy
+    tint, features = _light_of(mask, diameter, smooth[part], now[part], before[part], camera)
+    return Blob(u, v, diameter, tint=tint, features={"elongation": elongation, **features})
+
+
+def _window(
+    image: np.ndarray, background: np.ndarray, seed: Region, margin: int
+) -> Tuple[int, int, np.ndarray, np.ndarray]:
+    """Cuts a region and its margin [px] out of both images: the first column, the first row, and the parts."""
+    left, top, right, bottom = seed
+    # even bounds keep each pixel's place in a Bayer image's pattern
+    x, y = max(0, left - margin) & ~1, max(0, top - margin) & ~1
+    part = slice(y, bottom + margin), slice(x, right + margin)
+    return x, y, image[part], background[part]
+
+
+def _light_of(
+    mask: np.ndarray, diameter: float, light: np.ndarray, now: np.ndarray, before: np.ndarray, camera: ImageTraits
+) -> Tuple[Optional[np.ndarray], Dict[str, float]]:
+    """Returns the tint of a blob's light, and the features that say how it differs from the floor beside it.
+
+    Args:
+        mask: (H, W) uint8, the blob.
+        light: (H, W) the rise of the brightest channel, smoothed.
+        now, before: image and background.
+    """
     levels, floor = means_over(mask, camera.mosaic, now, before)
     tint = tint_of(mask, light, now, before, levels, floor) if len(levels) > 1 else None
     level = cv2.minMaxLoc(max_channel(now), mask)[1]
@@ -122,26 +141,19 @@ def measure(
     hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
     rim = cv2.subtract(cv2.dilate(mask, _SQUARE), cv2.erode(mask, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
-    return Blob(
-        u,
-        v,
-        diameter,
-        tint=tint,
-        features={
-            "elongation": elongation,
-            "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.white),
-            "level": level / camera.white,
-            # of the outline, in the image and in the image and the reference together: a ghost's is in the reference
-            # alone; the longer it is, the less noise and a table's edge under the spot affect it
-            "edge": slope / max(1e-3, slope + slope_before) - 0.14 * min(1.0, max(0.0, diameter / 24.0 - 1.0)),
-            "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / max(1, cv2.countNonZero(ring)),
-            # a light darkens no channel, paint does
-            "fall": max(0.0, float((floor - levels).max())) / camera.white,
-            "diameter": math.log(diameter / camera.diagonal),
-            # many webcams make white of a spot, mosaics show its colour: only there it tells a single blob
-            "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if camera.mosaic else math.nan,
-        },
-    )
+    return tint, {
+        "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.white),
+        "level": level / camera.white,
+        # of the outline, in the image and in the image and the reference together: a ghost's is in the reference
+        # alone; the longer it is, the less noise and a table's edge under the spot affect it
+        "edge": slope / max(1e-3, slope + slope_before) - 0.14 * min(1.0, max(0.0, diameter / 24.0 - 1.0)),
+        "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / max(1, cv2.countNonZero(ring)),
+        # a light darkens no channel, paint does
+        "fall": max(0.0, float((floor - levels).max())) / camera.white,
+        "diameter": math.log(diameter / camera.diagonal),
+        # many webcams make white of a spot, mosaics show its colour: only there it tells a single blob
+        "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if camera.mosaic else math.nan,
+    }
 
 
 def relight(background: np.ndarray, image: np.ndarray, widest: float) -> np.ndarray:

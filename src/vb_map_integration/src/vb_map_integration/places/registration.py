@@ -231,31 +231,21 @@ class WallMap:
         return float(np.linalg.norm(points - center, axis=1).max()) if len(points) else 1.0
 
 
-def register(old: GridMap, new: GridMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
-    """Finds the old map in the new one.
-
-    Args:
-        guesses: transforms that are checked in any case.
-
-    Returns:
-        The best hypothesis; None if one of the maps has no walls.
-    """
-    return register_wall_maps(WallMap(old), WallMap(new), guesses)
+def register(old: GridMap, new: GridMap) -> Optional[Registration]:
+    """Finds the old map in the new one: the best hypothesis; None if one of the maps has no walls."""
+    return register_wall_maps(WallMap(old), WallMap(new), (IDENTITY,))
 
 
-def register_wall_maps(
-    old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,), search: bool = True
-) -> Optional[Registration]:
-    """Registers prepared maps as `register` does; without `search` only the guesses are refined, and the margin is 0."""
+def register_wall_maps(old: WallMap, new: WallMap, guesses: Sequence[Transform]) -> Optional[Registration]:
+    """Registers prepared maps as `register` does; guesses are transforms that are checked in any case."""
     if not len(old.walls) or not len(new.walls):
         return None
-    coarse = _search(old, new) if search else []
-    refined = [_refine(old, new, start) for start in [*guesses, *coarse]]
+    refined = [_refine(old, new, start) for start in [*guesses, *_search(old, new)]]
     scored = sorted(((_explained(old, new, one), one) for one in refined), key=lambda pair: -pair[0].balance)
     best, transform = scored[0]
     rest = [measure.balance for measure, other in scored[1:] if not _is_same(transform, other, old.center)]
     margin = 0.0
-    if search and best.balance > 0.0:
+    if best.balance > 0.0:
         margin = 1.0 - max([0.0, *rest]) / best.balance
     return Registration(transform, best.agreement, best.overlap, best.walls_m, margin)
 

@@ -65,22 +65,9 @@ CREATE TABLE requests (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, bord
 CREATE TABLE facts (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 """
 _MAP_COLUMNS = (
-    "id",
-    "place",
-    "name",
-    "fingerprint",
-    "x",
-    "y",
-    "yaw",
-    "resolution",
-    "origin_x",
-    "origin_y",
-    "origin_yaw",
-    "rows",
-    "columns",
-    "cells",
+    "id, place, name, fingerprint, x, y, yaw, resolution, origin_x, origin_y, origin_yaw, rows, columns, cells"
 )
-_PUT_MAP = f"INSERT OR REPLACE INTO maps VALUES ({', '.join('?' * (len(_MAP_COLUMNS) + 1))})"
+_PUT_MAP = f"INSERT OR REPLACE INTO maps ({_MAP_COLUMNS}, digest) VALUES ({', '.join('?' * 15)})"
 _PUT_BORDER = "INSERT OR REPLACE INTO borders VALUES (?, ?, ?, ?)"
 _PUT_FACT = "INSERT OR REPLACE INTO facts VALUES (?, ?)"
 
@@ -386,14 +373,12 @@ class Database:
     # ------------------------------------------------------------- maps
     def maps(self) -> List[KnownMap]:
         """Reads all maps, the oldest first."""
-        rows = self._main.execute(f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps ORDER BY id")
+        rows = self._main.execute(f"SELECT {_MAP_COLUMNS} FROM maps ORDER BY id")
         return [_map_from_row(row) for row in rows]
 
     def find_map(self, map_id: str) -> Optional[KnownMap]:
         """Reads the map of a fingerprint; None if it is not known."""
-        row = self._main.execute(
-            f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps WHERE fingerprint = ?", (map_id,)
-        ).fetchone()
+        row = self._main.execute(f"SELECT {_MAP_COLUMNS} FROM maps WHERE fingerprint = ?", (map_id,)).fetchone()
         return None if row is None else _map_from_row(row)
 
     def add_map(
@@ -431,7 +416,7 @@ class Database:
 
     def rename_place(self, place: int, name: str) -> None:
         """Names a place; raises CodedError "name_taken"."""
-        row = self._main.execute(f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps WHERE id = ?", (place,)).fetchone()
+        row = self._main.execute(f"SELECT {_MAP_COLUMNS} FROM maps WHERE id = ?", (place,)).fetchone()
         if row is None or row[2] == name:
             return
         if self.find_place(name) not in (0, place):
@@ -686,7 +671,7 @@ def check_file(path: Path, options: str = "") -> Tuple[Optional[DatabaseSummary]
         if connection.execute("PRAGMA user_version").fetchone()[0] != FORMAT:
             return None, "unknown format"
         total = 0
-        for row in connection.execute(f"SELECT {', '.join(_MAP_COLUMNS)}, digest FROM maps"):
+        for row in connection.execute(f"SELECT {_MAP_COLUMNS}, digest FROM maps"):
             if _digest(*row[:-1]) != row[-1]:
                 return None, f"map {row[0]} is damaged"
             total ^= int(row[-1], 16)

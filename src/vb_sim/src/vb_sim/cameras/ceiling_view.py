@@ -21,7 +21,7 @@ from vb_sim.lab_history import Snapshot
 from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.camera_models import CameraModels, make_generator
 from vb_sim.room.projected_light import FloorLight
-from vb_sim.room.spot import SpotImage, render_spot
+from vb_sim.room.spot import SpotImage, add_spot, render_spot
 from vb_sim.room.world import CeilingCamera
 
 # moving things are drawn with half the resolution; a Bayer pattern has no more colour anyway
@@ -48,6 +48,18 @@ class _Sprite:
     color: np.ndarray
     solid: np.ndarray
     opacity: np.ndarray
+
+
+def _draw_shadow(outline: np.ndarray, blur_px: float, shape: Tuple[int, int]) -> np.ndarray:
+    """Draws (h, w) uint8 how much light a soft shadow leaves: 255 is all of it."""
+    lit = np.full(shape, 255, np.uint8)
+    if len(outline):
+        small = np.zeros((shape[0] // 4 + 1, shape[1] // 4 + 1), np.uint8)
+        cv2.fillConvexPoly(small, _fixed(outline * 0.25), 110, cv2.LINE_AA, _SHIFT)
+        box = 2 * int(max(1.0, blur_px / 4.0)) + 1
+        small = cv2.blur(cv2.blur(small, (box, box)), (box, box))
+        cv2.subtract(lit, cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), dst=lit)
+    return lit
 
 
 class CeilingView:
@@ -272,9 +284,33 @@ class CeilingView:
         high = np.minimum(np.ceil(everything.max(axis=0) / _HALF).astype(int) + 3, (width, height))
         if (high <= low).any():
             return None
+        columns, rows = slice(low[0], high[0]), slice(low[1], high[1])
         shape = (high[1] - low[1], high[0] - low[0])
-        color, inverse = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32)
         offset = 0.5 / _HALF - 0.5 - low
+        color, opacity = self._draw_body(outlines, offset, self._inverse_half[rows, columns])
+        lit = _draw_shadow(shadow / _HALF + offset, blur_px, shape)
+        keep = cv2.multiply(lit, cv2.bitwise_not(opacity), scale=1.0 / 255.0)
+        keep = cv2.resize(keep, (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_LINEAR)
+        # a shadow alone keeps more
+        solid = masks.threshold_mask(keep, 127, cv2.CMP_LT)
+        pattern = pixels.encode_doubled(color, self.encoding)
+        if self._noisy:
+            darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))
+            cv2.copyTo(darker, solid, pattern)
+        if pattern.ndim == 3:
+            keep = cv2.merge([keep] * 3)
+        return _Sprite(slice(2 * low[1], 2 * high[1]), slice(2 * low[0], 2 * high[0]), keep, pattern, solid, opacity)
+
+    def _draw_body(
+        self, outlines: bodies.Outlines, offset: np.ndarray, before: np.ndarray
+    ) -> Tuple[np.ndarray, np.ndarray]:
+        """Draws a body's pieces, the furthest first: colour (h, w, 3), and how much it hides (h, w), uint8.
+
+        Args:
+            offset: (2,) [px] to be added to the halved outlines.
+            before: (h, w) [1/m] inverse depth of what stands in the room.
+        """
+        color, inverse = np.zeros((*before.shape, 3), np.uint8), np.zeros(before.shape, np.float32)
         outer = outlines.points / _HALF + offset
         middle = 0.5 * (outer.min(axis=1, keepdims=True) + outer.max(axis=1, keepdims=True))
         inner = _fixed(middle + 0.72 * (outer - middle))
@@ -289,33 +325,13 @@ class CeilingView:
         opacity = masks.threshold_mask(inverse, 0.0, cv2.CMP_GT)
         # soft edges; both alike, since the colour is what is added to what shines through
         color, opacity = cv2.blur(color, (3, 3)), cv2.blur(opacity, (3, 3))
-        rows, columns = slice(low[1], high[1]), slice(low[0], high[0])
-        hidden = cv2.compare(self._inverse_half[rows, columns], np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
+        hidden = cv2.compare(before, np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
         if cv2.countNonZero(hidden):
             seen = cv2.bitwise_not(hidden)
             color, opacity = cv2.bitwise_and(color, color, mask=seen), cv2.bitwise_and(opacity, seen)
         # what the camera's gain and lens do to everything
         gain = self._optics.exposure_gain
-        if gain != 1.0:
-            color = cv2.convertScaleAbs(color, alpha=gain)
-        lit = np.full(shape, 255, np.uint8)
-        if len(shadow):
-            small = np.zeros((shape[0] // 4 + 1, shape[1] // 4 + 1), np.uint8)
-            cv2.fillConvexPoly(small, _fixed((shadow / _HALF + offset) * 0.25), 110, cv2.LINE_AA, _SHIFT)
-            box = 2 * int(max(1.0, blur_px / 4.0)) + 1
-            small = cv2.blur(cv2.blur(small, (box, box)), (box, box))
-            cv2.subtract(lit, cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), dst=lit)
-        keep = cv2.multiply(lit, cv2.bitwise_not(opacity), scale=1.0 / 255.0)
-        keep = cv2.resize(keep, (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_LINEAR)
-        # a shadow alone keeps more
-        solid = masks.threshold_mask(keep, 127, cv2.CMP_LT)
-        pattern = pixels.encode_doubled(color, self.encoding)
-        if self._noisy:
-            darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))
-            cv2.copyTo(darker, solid, pattern)
-        if pattern.ndim == 3:
-            keep = cv2.merge([keep] * 3)
-        return _Sprite(slice(2 * low[1], 2 * high[1]), slice(2 * low[0], 2 * high[0]), keep, pattern, solid, opacity)
+        return (cv2.convertScaleAbs(color, alpha=gain) if gain != 1.0 else color), opacity
 
     def _shadow_outline(self, pose, radius: float) -> np.ndarray:
         """Draws the outline (N, 2) [px] of a shadow on the floor; the lamps hang all over the ceiling, so it is small."""
@@ -342,9 +358,8 @@ class CeilingView:
     # ------------------------------------------------------------- the laser
     def spot(self, snapshot: Snapshot) -> Optional[SpotImage]:
         """Renders the light of the laser's spot, as if nothing hid it; None if the camera does not look there."""
-        source = None
-        if snapshot.person is not None:
-            source = bodies.hand_position(snapshot.person, snapshot.laser, self._hand_height)
+        person = snapshot.person
+        source = bodies.hand_position(person, snapshot.laser, self._hand_height) if person is not None else None
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.model, self.pose, self._optics)
 
     def spot_visible(self, center: Tuple[float, float], sprites: Sequence[_Sprite]) -> float:
@@ -377,12 +392,5 @@ class CeilingView:
         row = min(max(int(spot.center[1]) // _HALF, 0), self._albedo.shape[0] - 1)
         albedo = self._albedo[row, column] / (255.0 * self._optics.exposure_gain)
         weights = visible * snapshot.around.exposure * albedo * self._optics.response(snapshot.laser_color)
-        light = pixels.apply_color_filters(spot.light, weights, self.encoding, spot.column, spot.row)
-        rows = slice(spot.row, spot.row + spot.light.shape[0])
-        columns = slice(spot.column, spot.column + spot.light.shape[1])
-        part = image[rows, columns]
-        self._undo.append((rows, columns, part.copy()))
-        if self._noisy:
-            sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / self._noise.full_well_e))
-            light += sigma * self._rng.standard_normal(light.shape, dtype=np.float32)
-        part[...] = np.clip(part + light + 0.5, 0, 255)
+        self._undo.append((*spot.area, image[spot.area].copy()))
+        add_spot(image, spot, weights, self.encoding, (self._noise.full_well_e, self._rng) if self._noisy else None)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections import deque
 from typing import Callable, Deque, List, Optional, Sequence, Tuple
 
+TICK = 0.025  # [s] how far time is extrapolated beyond the last step of /clock
+BEHIND = 3  # late frames that are still taken; older ones are dropped
+
 
 class SmoothClock:
     """Simulated time between the ticks of /clock, which come only every few hundredths of a second.
@@ -12,13 +15,11 @@ class SmoothClock:
     Args:
         simulated: returns the simulated time [s], which moves in steps.
         steady: returns a steady wall time [s].
-        tick_s: [s] how far time is extrapolated beyond the last step.
     """
 
-    def __init__(self, simulated: Callable[[], float], steady: Callable[[], float], tick_s: float = 0.025) -> None:
+    def __init__(self, simulated: Callable[[], float], steady: Callable[[], float]) -> None:
         self._simulated = simulated
         self._steady = steady
-        self._tick_s = tick_s
         self._offsets: Deque[float] = deque(maxlen=25)
         self._last: Optional[float] = None
 
@@ -32,7 +33,7 @@ class SmoothClock:
             # a step is noticed late but never early: the largest difference is the best
             self._offsets.append(simulated - steady)
         carried = steady + max(self._offsets)
-        return min(max(carried, simulated), simulated + self._tick_s)
+        return min(max(carried, simulated), simulated + TICK)
 
 
 class FrameSchedule:
@@ -43,14 +44,12 @@ class FrameSchedule:
     Args:
         rates: [1/s] frames of each camera.
         latency_s: [s] from an image's stamp to its delivery.
-        behind: late frames that are still taken; older ones are dropped.
     """
 
-    def __init__(self, rates: Sequence[float], latency_s: float, behind: int = 3) -> None:
+    def __init__(self, rates: Sequence[float], latency_s: float) -> None:
         self._periods = [1.0 / rate for rate in rates]
         self._phases = [period * index / len(rates) for index, period in enumerate(self._periods)]
         self._latency_s = latency_s
-        self._behind = behind
         self._next: List[Optional[int]] = [None] * len(rates)
         self.skipped = [0] * len(rates)
 
@@ -60,10 +59,10 @@ class FrameSchedule:
         for index, (period, phase) in enumerate(zip(self._periods, self._phases)):
             newest = int((now - self._latency_s - phase) / period + 1e-6)
             following = self._next[index]
-            if following is None or newest < following - 1 - self._behind:
+            if following is None or newest < following - 1 - BEHIND:
                 # the start, or time was set back
                 following = newest
-            elif newest - following >= self._behind:
+            elif newest - following >= BEHIND:
                 self.skipped[index] += newest - following
                 following = newest
             for number in range(following, newest + 1):

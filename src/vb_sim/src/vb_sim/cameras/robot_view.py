@@ -15,7 +15,7 @@ from vb_sim.lab_history import Pose2, Snapshot
 from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.camera_models import CameraModels, make_generator
 from vb_sim.room.projected_light import FloorLight
-from vb_sim.room.spot import SpotImage, render_spot
+from vb_sim.room.spot import SpotImage, add_spot, render_spot
 from vb_sim.room.world import Robot
 
 _CEILING = (206, 204, 198)
@@ -245,47 +245,32 @@ class RobotView:
 
     def spot(self, snapshot: Snapshot, pose: np.ndarray) -> Optional[SpotImage]:
         """Renders the light of the laser's spot, as if nothing hid it; None if the camera does not look there."""
-        source = None
-        if snapshot.person is not None:
-            source = bodies.hand_position(snapshot.person, snapshot.laser, self._hand_height)
+        person = snapshot.person
+        source = bodies.hand_position(person, snapshot.laser, self._hand_height) if person is not None else None
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.color_model, pose, self._optics)
 
     def spot_share(self, snapshot: Snapshot) -> float:
         """Returns the share of the laser's light on the floor that reaches the camera; to be called after `color`."""
         spot = self.spot(snapshot, self.camera_pose(snapshot)) if snapshot.laser is not None else None
-        if spot is None:
-            return 0.0
+        return self._visible(spot) if spot is not None else 0.0
+
+    def _visible(self, spot: SpotImage) -> float:
+        """The share of a spot's light that nothing hides; 0 if its middle is hidden or outside the image."""
         column, row = int(round(spot.center[0])), int(round(spot.center[1]))
-        if (
-            not (0 <= column < self.color_model.width and 0 <= row < self.color_model.height)
-            or self._buffer.ids[row, column]
-        ):
+        inside = 0 <= column < self.color_model.width and 0 <= row < self.color_model.height
+        if not inside or self._buffer.ids[row, column]:
             return 0.0
         return float((self._buffer.ids[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2] == 0).mean())
 
     def _add_spot(self, image: np.ndarray, snapshot: Snapshot, pose: np.ndarray) -> None:
         spot = self.spot(snapshot, pose)
-        if spot is None:
+        visible = self._visible(spot) if spot is not None else 0.0
+        if not visible:
             return
         column, row = int(round(spot.center[0])), int(round(spot.center[1]))
-        if not (0 <= column < self.color_model.width and 0 <= row < self.color_model.height):
-            return
-        if self._buffer.ids[row, column]:
-            return
-        around = self._buffer.ids[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
         albedo = self._clean[row, column].astype(np.float32) / np.float32(255.0 * self._optics.exposure_gain)
-        weights = (
-            float((around == 0).mean())
-            * snapshot.around.exposure
-            * albedo
-            * self._optics.response(snapshot.laser_color)
-        )
-        part = image[spot.row : spot.row + spot.light.shape[0], spot.column : spot.column + spot.light.shape[1]]
-        light = spot.light[..., None] * weights.astype(np.float32)
-        if self._noisy:
-            sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / self._figures.full_well_e))
-            light += sigma * self._rng.standard_normal(light.shape, dtype=np.float32)
-        part[...] = np.clip(part + light + 0.5, 0, 255)
+        weights = visible * snapshot.around.exposure * albedo * self._optics.response(snapshot.laser_color)
+        add_spot(image, spot, weights, "rgb8", (self._figures.full_well_e, self._rng) if self._noisy else None)
 
     # ------------------------------------------------------------- depth
     def depth(self, snapshot: Snapshot) -> np.ndarray:

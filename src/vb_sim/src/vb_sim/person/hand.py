@@ -20,6 +20,7 @@ from vb_sim.person.participant_model import ParticipantModel
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
 RESOURCE = Path(__file__).resolve().parents[3] / "config" / "strokes.json"
+SINES = 24  # that a tremor is made of
 BIN = 0.02  # [m] of arc over which the pace is given: a pause is within one
 MAX_SIDE_DEVIATION = 0.45  # [side] an overshoot or a gap leaves a separate side
 
@@ -34,10 +35,10 @@ class Tremor:
         band: lowest and highest frequency [1/s].
     """
 
-    def __init__(self, rms: float, band: Tuple[float, float], rng: np.random.Generator, components: int = 24) -> None:
-        self._frequencies = 2.0 * math.pi * rng.uniform(band[0], max(band[1], band[0]), (components, 2))
-        self._phases = rng.uniform(0.0, 2.0 * math.pi, (components, 2))
-        self._amplitude = rms / math.sqrt(components)
+    def __init__(self, rms: float, band: Tuple[float, float], rng: np.random.Generator) -> None:
+        self._frequencies = 2.0 * math.pi * rng.uniform(band[0], max(band[1], band[0]), (SINES, 2))
+        self._phases = rng.uniform(0.0, 2.0 * math.pi, (SINES, 2))
+        self._amplitude = rms / math.sqrt(SINES)
 
     def at(self, time: float) -> np.ndarray:
         """Returns the offset (2,) [m] at a time [s]."""
@@ -204,8 +205,8 @@ def _beyond(chain: np.ndarray, reach: float) -> np.ndarray:
     return np.vstack([chain[:-1], chain[-1] - last / length * min(-reach, MAX_SIDE_DEVIATION * length)])
 
 
-def _ends_on_floor(border: np.ndarray, is_floor: IsFloor, margin: float = 0.01) -> np.ndarray:
-    """The chain with its first and last point moved along it to where the floor begins [m]."""
+def _ends_on_floor(border: np.ndarray, is_floor: IsFloor) -> np.ndarray:
+    """The chain with its first and last point moved along it to a centimetre within where the floor begins."""
     result = border.copy()
     for end, neighbor in ((0, 1), (-1, -2)):
         side = border[neighbor] - border[end]
@@ -213,5 +214,5 @@ def _ends_on_floor(border: np.ndarray, is_floor: IsFloor, margin: float = 0.01) 
         arcs = np.arange(0.0, 0.5 * length, 0.005)
         floor = np.asarray(is_floor(border[end] + arcs[:, None] / length * side), dtype=bool)
         if not floor[0] and floor.any():
-            result[end] = border[end] + min(arcs[int(np.argmax(floor))] + margin, 0.5 * length) / length * side
+            result[end] = border[end] + min(arcs[int(np.argmax(floor))] + 0.01, 0.5 * length) / length * side
     return result

@@ -257,7 +257,7 @@ class Person:
             self.last_answer = self.percept.answer or CommandReply(False, "no_response", "nobody answered")
         self.doing = before
 
-    def repeat_command(self, command: str, source: str = "participant", times: int = 6) -> Step:
+    def repeat_command(self, command: str, source: str = "participant") -> Step:
         """Repeats a command while there is no answer or the system is busy.
 
         Raises:
@@ -265,7 +265,7 @@ class Person:
             DrawingSlip: if another command came out and changed something.
         """
         yield from self._maybe_give_wrong_command(command, source)
-        for _ in range(times):
+        for _ in range(6):
             yield from self.give_command(command, source)
             if self.last_answer.success:
                 return

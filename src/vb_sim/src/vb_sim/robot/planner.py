@@ -71,16 +71,6 @@ class Planner:
             return path[:1]
         return geometry.resample_chain(path, self._params.waypoint_spacing)
 
-    def cost_to(self, start: np.ndarray, goal: np.ndarray) -> float:
-        """Returns the cost of the cheapest path between two cells' centres, before any shortening.
-
-        Raises:
-            CodedError: as `plan`.
-        """
-        first, _ = self._start_node(np.asarray(start, dtype=float))
-        costs, _ = self._search(first)
-        return float(costs[self._goal_node(np.asarray(goal, dtype=float), 0.0, costs)[0]])
-
     def is_traversable(self, place: np.ndarray) -> bool:
         """Returns whether the robot's centre may be at a place (2,) [m]."""
         cell = self.costmap.grid.world_to_cell(place)[0]

@@ -172,8 +172,7 @@ class RobotBody:
         numbers = {key: [float(value) for value in saved[key]] for key in ("pose", "odometry", "error")}
         if any(len(value) != 3 or not np.isfinite(value).all() for value in numbers.values()):
             raise ValueError("a checkpoint holds three finite numbers per pose")
-        self.pose = (numbers["pose"][0], numbers["pose"][1], numbers["pose"][2])
-        self.odometry = (numbers["odometry"][0], numbers["odometry"][1], numbers["odometry"][2])
+        self.pose, self.odometry = tuple(numbers["pose"]), tuple(numbers["odometry"])
         self._error = np.array(numbers["error"])
         self.collisions = int(saved["collisions"][0])
         self.velocity = (0.0, 0.0)

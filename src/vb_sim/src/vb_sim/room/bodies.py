@@ -12,6 +12,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
 from vb_core.parameters import Parameters, param
 
+_NEAR = 0.15  # [m] along the optical axis, from which on pieces are drawn
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
@@ -248,7 +249,7 @@ class Outlines:
     colors: np.ndarray
 
 
-def project_pieces(pieces: BodyParts, camera: CameraModel, T_map_optical: np.ndarray, near: float = 0.15) -> Outlines:
+def project_pieces(pieces: BodyParts, camera: CameraModel, T_map_optical: np.ndarray) -> Outlines:
     """Outlines of pieces; without those that reach behind the camera."""
     T = invert(T_map_optical)
     points = piece_outlines(pieces).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
@@ -257,7 +258,7 @@ def project_pieces(pieces: BodyParts, camera: CameraModel, T_map_optical: np.nda
     # wide-angle distortion is meaningless far outside the image
     limit = 3.0 * max(camera.width, camera.height)
     with np.errstate(invalid="ignore"):
-        usable = (depths.min(axis=1) > near) & (np.abs(pixels).max(axis=(1, 2)) < limit)
+        usable = (depths.min(axis=1) > _NEAR) & (np.abs(pixels).max(axis=(1, 2)) < limit)
     middle = depths.mean(axis=1)
     order = np.argsort(-middle)
     order = order[usable[order]]

@@ -34,7 +34,7 @@ class MeshBuilder:
         self._colors: List[np.ndarray] = []
         self._normals: List[np.ndarray] = []
 
-    def add_face(self, corners: np.ndarray, color: Sequence[float], shaded: bool = True) -> None:
+    def add_face(self, corners: np.ndarray, color: Sequence[float]) -> None:
         """Adds a flat convex face, corners (K, 3) [m] counter-clockwise as seen from outside."""
         corners = np.asarray(corners, dtype=float)
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
@@ -42,7 +42,7 @@ class MeshBuilder:
         if length < 1e-12:
             return
         normal = normal / length
-        light = _AMBIENT + _DIRECT * max(0.0, float(normal @ _LIGHT)) if shaded else 1.0
+        light = _AMBIENT + _DIRECT * max(0.0, float(normal @ _LIGHT))
         self._faces.append(corners)
         self._normals.append(normal)
         self._colors.append(np.clip(np.array(color, dtype=float) * light, 0, 255))

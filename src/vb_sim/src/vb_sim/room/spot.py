@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Any, Optional, Tuple
 
 import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
+from vb_sim.cameras import pixels
 from vb_sim.room.camera_models import Optics
 
 _MAX_PX = 56
@@ -36,6 +37,12 @@ class SpotImage:
     center: Tuple[float, float]
     light: np.ndarray
 
+    @property
+    def area(self) -> Tuple[slice, slice]:
+        """Rows and columns of the patch."""
+        height, width = self.light.shape
+        return slice(self.row, self.row + height), slice(self.column, self.column + width)
+
 
 def render_spot(
     point: Tuple[float, float],
@@ -52,8 +59,63 @@ def render_spot(
         velocity: [m/s] of that point.
         source: (3,) [m] where the beam comes from; None: straight from above.
     """
+    seen = _project(point, velocity, camera, T_map_optical, optics)
+    if seen is None:
+        return None
+    center, jacobian, smear = seen
+    pixels_per_m2 = abs(_determinant(jacobian))
+    if pixels_per_m2 < 1e-6:
+        return None
+    # a pixel gathers light over its own area: another 1/12 px^2
+    blur = (optics.psf_sigma_px**2 + 1.0 / 12.0) * np.eye(2)
+    covariance = jacobian @ _footprint(point, source, optics) @ jacobian.T + blur
+    # power over ambient light, as if it all fell into one pixel
+    total = optics.laser_power_mw * 1e-3 * pixels_per_m2 / optics.ambient_w_m2
+    total *= optics.white_level * optics.exposure_gain
+    radius = _radius(total, covariance, optics) + float(np.linalg.norm(smear)) / 2.0
+    half = int(min(_MAX_PX, math.ceil(radius)))
+    column, row = int(round(center[0])) - half, int(round(center[1])) - half
+    first_column, first_row = max(column, 0), max(row, 0)
+    last_column, last_row = min(column + 2 * half + 1, camera.width), min(row + 2 * half + 1, camera.height)
+    if last_column <= first_column or last_row <= first_row:
+        return None
+    u = np.arange(first_column, last_column, dtype=np.float32)[None, :] - np.float32(center[0])
+    v = np.arange(first_row, last_row, dtype=np.float32)[:, None] - np.float32(center[1])
+    light = _core(u, v, (1.0 - optics.halo_share) * total, covariance, smear)
+    scale = optics.halo_scale_px
+    halo = optics.halo_share * total / (2.0 * math.pi * scale**2)
+    light += np.float32(halo) * np.exp(-np.sqrt(u * u + v * v) / np.float32(scale))
+    return SpotImage(first_column, first_row, (float(center[0]), float(center[1])), light)
+
+
+def add_spot(
+    image: np.ndarray, spot: SpotImage, weights: np.ndarray, encoding: str, noise: Optional[Tuple[float, Any]]
+) -> None:
+    """Adds a spot's light to an image in place.
+
+    Args:
+        weights: (3,) share of the light that arrives behind the red, green and blue filter.
+        noise: (full well [electrons], random generator) of the light's photon noise; None: without.
+    """
+    light = pixels.apply_color_filters(spot.light, weights, encoding, spot.column, spot.row)
+    if noise is not None:
+        full_well_e, rng = noise
+        sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / full_well_e))
+        light += sigma * rng.standard_normal(light.shape, dtype=np.float32)
+    part = image[spot.area]
+    part[...] = np.clip(part + light + 0.5, 0, 255)
+
+
+def _project(
+    point: Tuple[float, float],
+    velocity: Tuple[float, float],
+    camera: CameraModel,
+    T_map_optical: np.ndarray,
+    optics: Optics,
+) -> Optional[Tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Projects the spot: its middle (2,) [px], the floor's axes there (2, 2) [px/m], its way during the exposure (2,) [px]."""
     reach = optics.exposure_ms * 1e-3 / 2.0
-    step = 1e-3
+    step, border = 1e-3, 30.0
     x, y = point
     probes = np.array(
         [
@@ -68,45 +130,24 @@ def render_spot(
     in_camera = probes @ T[:3, :3].T + T[:3, 3]
     if (in_camera[:, 2] < 0.05).any():
         return None
-    pixels = camera.project(in_camera)
-    center = pixels[0]
-    border = 30.0
+    center, along_x, along_y, first, last = camera.project(in_camera)
     if not (-border < center[0] < camera.width + border and -border < center[1] < camera.height + border):
         return None
-    jacobian = np.column_stack([pixels[1] - center, pixels[2] - center]) / step
-    pixels_per_m2 = abs(_determinant(jacobian))
-    if pixels_per_m2 < 1e-6:
-        return None
-    # a pixel gathers light over its own area: another 1/12 px^2
-    blur = (optics.psf_sigma_px**2 + 1.0 / 12.0) * np.eye(2)
-    covariance = jacobian @ _footprint(point, source, optics) @ jacobian.T + blur
-    # power over ambient light, as if it all fell into one pixel
-    total = optics.laser_power_mw * 1e-3 * pixels_per_m2 / optics.ambient_w_m2
-    total *= optics.white_level * optics.exposure_gain
-    smear = pixels[4] - pixels[3]
-    length = float(np.linalg.norm(smear))
-    radius = _radius(total, covariance, optics) + length / 2.0
-    half = int(min(_MAX_PX, math.ceil(radius)))
-    column, row = int(round(center[0])) - half, int(round(center[1])) - half
-    first_column, first_row = max(column, 0), max(row, 0)
-    last_column, last_row = min(column + 2 * half + 1, camera.width), min(row + 2 * half + 1, camera.height)
-    if last_column <= first_column or last_row <= first_row:
-        return None
-    u = np.arange(first_column, last_column, dtype=np.float32)[None, :] - np.float32(center[0])
-    v = np.arange(first_row, last_row, dtype=np.float32)[:, None] - np.float32(center[1])
+    return center, np.column_stack([along_x - center, along_y - center]) / step, last - first
+
+
+def _core(u: np.ndarray, v: np.ndarray, total: float, covariance: np.ndarray, smear: np.ndarray) -> np.ndarray:
+    """Spreads light over an ellipse that moves by `smear` (2,) [px]: (h, w) at u (1, w) and v (h, 1) [px] from its middle."""
     determinant = _determinant(covariance)
     uu, uv, vv = (np.float32(value / determinant) for value in (covariance[1, 1], -covariance[0, 1], covariance[0, 0]))
+    length = float(np.linalg.norm(smear))
     count = 1 if length < 0.5 else min(11, 2 + int(length / 0.8))
     # the moments of the exposure, all at once
     shares = ((np.arange(count) + 0.5) / count - 0.5)[:, None, None]
     du, dv = u - (shares * smear[0]).astype(np.float32), v - (shares * smear[1]).astype(np.float32)
     light = np.exp(np.float32(-0.5) * (uu * du * du + (np.float32(2) * uv * du) * dv + vv * dv * dv)).sum(axis=0)
-    core = (1.0 - optics.halo_share) * total / (2.0 * math.pi * math.sqrt(_determinant(covariance)))
-    light *= np.float32(core / count)
-    scale = optics.halo_scale_px
-    halo = optics.halo_share * total / (2.0 * math.pi * scale**2)
-    light += np.float32(halo) * np.exp(-np.sqrt(u * u + v * v) / np.float32(scale))
-    return SpotImage(first_column, first_row, (float(center[0]), float(center[1])), light)
+    light *= np.float32(total / (2.0 * math.pi * math.sqrt(determinant)) / count)
+    return light
 
 
 def _determinant(matrix: np.ndarray) -> float:

@@ -1,0 +1,18 @@
+"""Which part of the display words and their plates take."""
+
+from __future__ import annotations
+
+from vb_feedback.display.layout import Box, text_box
+from vb_feedback.display.scene import PLATE, TEXT
+
+
+def text_boxes(shapes):
+    """Returns the boxes of all texts and plates."""
+    boxes = []
+    for shape in shapes:
+        x, y = shape.points[0] if shape.points else (0.0, 0.0)
+        if shape.kind == TEXT:
+            boxes.append(text_box(shape.text, x, y, shape.size[0]))
+        elif shape.kind == PLATE:
+            boxes.append(Box.centered(x, y, *shape.size))
+    return boxes
