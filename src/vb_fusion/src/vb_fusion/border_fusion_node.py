@@ -39,11 +39,11 @@ _NESTED = ("extraction", "collector")
 class FusionParams(Parameters):
     """The node's own parameters."""
 
-    rate: float = param(8.0, "Hz", low=1.0, high=50.0, doc="progress while spots come")
-    idle_rate: float = param(1.0, "Hz", above=0.0, high=50.0, doc="progress in Border and Seed while none come")
-    max_points: int = param(300, low=0, high=5000, doc="points in a progress message")
-    live_cpu_share: float = param(0.12, above=0.0, high=1.0, doc="share of one core that the live chain may take")
-    spot_log_file: str = param("~/.ros/virtual_borders/border_fusion.jsonl", doc="file to restore from; empty: none")
+    rate: float = param(8.0, "Hz", low=1.0, high=50.0)
+    idle_rate: float = param(1.0, "Hz", above=0.0, high=50.0)
+    max_points: int = param(300, low=0, high=5000)
+    live_cpu_share: float = param(0.12, above=0.0, high=1.0)
+    spot_log_file: str = param("~/.ros/virtual_borders/border_fusion.jsonl")
 
 
 class BorderFusionNode:
@@ -60,7 +60,8 @@ class BorderFusionNode:
     Services:
         /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): the border of everything drawn in an interaction; an
             empty interaction_id means the current one. The last interaction is available until the next begins.
-    Parameters: config/border_fusion.yaml.
+    Parameters:
+        config/border_fusion.yaml
     """
 
     def __init__(self, params: FusionParams, collecting: CollectorParams, extraction: ExtractionParams) -> None:

@@ -27,9 +27,9 @@ class ClockCheckParams(Parameters):
     """See config/clock_check.yaml."""
 
     nodes: str = param("", doc="names of the detectors, separated by spaces")
-    max_offset_ms: float = param(10.0, "ms", above=0.0, high=10000.0, doc="clocks farther apart are warned of")
-    measurement_period: float = param(10.0, "s", above=0.0, high=3600.0, doc="between two measurements")
-    samples: int = param(8, "", low=1, high=1000, doc="per measurement; the quickest one counts")
+    max_offset_ms: float = param(10.0, "ms", above=0.0, high=10000.0)
+    measurement_period: float = param(10.0, "s", above=0.0, high=3600.0)
+    samples: int = param(8, "", low=1, high=1000)
 
 
 class ClockCheckNode:
@@ -43,6 +43,7 @@ class ClockCheckNode:
     Published topics:
         /diagnostics (diagnostic_msgs/DiagnosticArray): one status per detector
     Parameters:
+        config/clock_check.yaml
         ~* ClockCheckParams
     """
 

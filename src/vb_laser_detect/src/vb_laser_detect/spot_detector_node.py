@@ -60,8 +60,10 @@ class SpotDetectorNode:
     Services:
         ~get_time (vb_msgs/GetTime): this computer's clock, for clock_check
     Parameters:
-        ~* SpotDetectorNodeParams, ~detector/* DetectorParams, ~projection/* ProjectionParams; the latter two can be changed
-        while it runs (dynamic_reconfigure, in the same namespaces). <robot>/robot_profile: how large a robot is.
+        config/stationary.yaml: for a ceiling camera. All below ~detector and ~projection but moving_camera can be changed
+            while the node runs (dynamic_reconfigure, in the same namespaces)
+        config/mobile.yaml: for a camera on a robot
+        <robot>/robot_profile: how large a robot is
     """
 
     def __init__(

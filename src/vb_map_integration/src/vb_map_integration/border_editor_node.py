@@ -78,7 +78,7 @@ class BorderEditorNode:
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
         /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger)
     Parameters:
-        those of `EditorParams`; see config/border_editor.yaml.
+        config/border_editor.yaml
     """
 
     def __init__(self, params: EditorParams) -> None:

@@ -49,17 +49,11 @@ Places = Mapping[str, Sequence[float]]
 class IntegrationParams(Parameters):
     """Parameters of the integration."""
 
-    occupied_threshold: int = param(
-        OCCUPIED_THRESHOLD, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's"
-    )
-    extension_fit_length: float = param(
-        0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction"
-    )
-    wall_snap_distance: float = param(
-        0.2, "m", low=0.0, doc="how far a drawn end may be from its wall: less than a robot's width"
-    )
-    max_seed_shift: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")
-    max_area_share: float = param(0.98, low=0.0, high=1.0, doc="share of the free space that is worth a warning")
+    occupied_threshold: int = param(OCCUPIED_THRESHOLD, low=1, high=100)
+    extension_fit_length: float = param(0.3, "m", above=0.0)
+    wall_snap_distance: float = param(0.2, "m", low=0.0)
+    max_seed_shift: float = param(0.2, "m", low=0.0)
+    max_area_share: float = param(0.98, low=0.0, high=1.0)
 
 
 # [m] a virtual wall's band; in coarse maps it is the cells that the chain runs through

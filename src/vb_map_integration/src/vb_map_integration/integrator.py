@@ -40,13 +40,13 @@ _NAMED = 3  # borders by which a place is described
 class IntegratorParams(IntegrationParams):
     """The map integrator's parameters."""
 
-    robot_radius: float = param(0.18, "m", low=0.0, doc="robot's radius, for what it can reach; TurtleBot 2")
-    min_component_area: float = param(0.1, "m^2", low=0.0, doc="smaller parts of the free space are not counted")
-    check_reachability: bool = param(True, doc="whether saving looks for free space that falls into parts")
-    dock: list = param([], "m", doc="x and y of the robot's dock; empty: none")
-    robot_name: str = param("", doc="whose map this is: borders for other robots are left out; empty: all act")
-    robots: list = param([], doc="names of the robots that borders may name; empty: any")
-    map_name: str = param("", doc="of the place or floor whose map is published; empty: it is recognised by its map")
+    robot_radius: float = param(0.18, "m", low=0.0)
+    min_component_area: float = param(0.1, "m^2", low=0.0)
+    check_reachability: bool = param(True)
+    dock: list = param([], "m")
+    robot_name: str = param("")
+    robots: list = param([])
+    map_name: str = param("")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -92,7 +92,7 @@ class MapIntegratorNode:
         /virtual_borders/undo, /virtual_borders/redo, /virtual_borders/clear (std_srvs/Trigger)
         /virtual_borders/save_map (vb_msgs/SaveMap): writes files as map_server does, borders beside them.
     Parameters:
-        those of `MapIntegratorNodeParams`, `IntegratorParams` and `IntegrationParams`; see config/map_integrator.yaml.
+        config/map_integrator.yaml
     """
 
     def __init__(self, params: MapIntegratorNodeParams, integrator_params: IntegratorParams) -> None:

@@ -35,8 +35,7 @@ class MapRecorderNode:
             integrator gives both the same stamp for the same state. A map whose borders do not arrive is stored
             after ~borders_timeout with those that came last.
     Parameters:
-        ~recording_dir (str): where to; numbering goes on where an earlier recording there ended.
-        ~borders_timeout (float) [s].
+        config/map_recorder.yaml: numbering goes on where an earlier recording in the same folder ended
     """
 
     def __init__(self, params: RecorderParams) -> None:

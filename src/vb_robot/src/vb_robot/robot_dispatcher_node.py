@@ -58,7 +58,8 @@ class RobotDispatcherNode:
     Actions called:
         [<robot>/]move_base (move_base_msgs/MoveBaseAction)
     Parameters:
-        ~* DispatcherParams; robot_profile in each robot's namespace
+        ~* DispatcherParams
+        robot_profile: in each robot's namespace
     """
 
     def __init__(self, profiles: Mapping[str, RobotProfile]) -> None:

@@ -75,11 +75,13 @@ STOP_CODES = {
 class DriverParams(Parameters):
     """The node's parameters; what the robot is comes from its profile."""
 
-    robot: str = param("", doc="its name: in borders and notices, before its frames, its camera's; empty: the only one")
+    robot: str = param(
+        "", doc="name of the robot in borders and notices, of its camera, and before its frames; empty: the only one"
+    )
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
-    exit_borders: bool = param(True, doc="drive out of a border that was put where the robot is")
+    exit_borders: bool = param(True, doc="whether to drive out of a border that was added where the robot is")
     stop_file: str = param(
-        "", doc="exists while the robot is stopped, so that it is after a restart; empty: not remembered"
+        "", doc="file that exists while the robot is stopped, so that it stays so after a restart; empty: none"
     )
 
 
@@ -109,7 +111,8 @@ class RobotDriverNode:
         /virtual_borders/plans (visualization_msgs/MarkerArray): navigation's path of a robot with a name, for 5 s
             after it was planned; RViz would have to know the robots' names to subscribe to each one's path
     Parameters:
-        ~* DriverParams; robot_profile (in the robot's namespace)
+        ~* DriverParams
+        robot_profile: in the robot's namespace
     """
 
     def __init__(self, params: DriverParams, profile: RobotProfile) -> None:

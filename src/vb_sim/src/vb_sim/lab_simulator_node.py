@@ -54,8 +54,8 @@ class LabSimulatorParams(Parameters):
     amcl_divisor: int = param(25, "steps", low=1)
     checkpoint_divisor: int = param(10, "steps", low=1)
     transform_tolerance: float = param(0.1, "s", low=0.0, high=1.0)
-    localizes: bool = param(True, doc="false: AMCL does")
-    lockstep: bool = param(False, doc="simulated time waits for navigation, driver and AMCL")
+    localizes: bool = param(True)
+    lockstep: bool = param(False)
 
 
 class RobotConnection:
@@ -97,8 +97,8 @@ class LabSimulatorNode:
         /tf_static (tf2_msgs/TFMessage): base_link -> base_laser_link
     Services:
         ~reset (std_srvs/Trigger): puts every robot back to its start
-    Parameters: see `LabSimulatorParams` and config/lab_simulator.yaml. Poses survive the process in a
-        small file in ~state_dir that is tagged with /run_id.
+    Parameters:
+        config/lab_simulator.yaml: the file with poses in ~state_dir is tagged with /run_id
     """
 
     def __init__(

@@ -31,8 +31,7 @@ class MapServerNode:
     Services:
         /static_map (nav_msgs/GetMap)
     Parameters:
-        ~world: a world file, whose physical map is served, or
-        ~map_yaml: a map in map_server's format, relative to the folder that roslaunch was run in
+        config/map_server.yaml: a relative ~map_yaml starts from the folder that roslaunch was run in
     """
 
     def __init__(self, grid: GridMap) -> None:

@@ -38,7 +38,7 @@ MAPS = (names.MAP_WITH_BORDERS, names.KEEP_OUT)
 class NavigationParams(NavigatorParams):
     """The node's own parameters; names as in move_base where it has them."""
 
-    prefix: str = param("", doc="before the names of the robot's frames")
+    prefix: str = param("")
     controller_frequency: float = param(10.0, "1/s", low=1.0, high=50.0)
     local_costmap_rate: float = param(1.0, "1/s", above=0.0, high=10.0)
     local_costmap_size: float = param(3.0, "m", above=0.1)
@@ -67,8 +67,8 @@ class NavigationNode:
         move_base/goal (move_base_msgs/MoveBaseActionGoal): what came on move_base_simple/goal
         move_base/local_costmap/costmap (nav_msgs/OccupancyGrid): only while it has subscribers
     Parameters:
-        robot_profile (in the robot's namespace)
-        see `NavigationParams`, and `CostmapParams`, `PlannerParams` and `FollowerParams` below ~costmap, ~planner, ~follower
+        config/navigation.yaml
+        robot_profile: in the robot's namespace
     """
 
     def __init__(

@@ -44,6 +44,8 @@ class ParticipantParams(Parameters):
 class ParticipantNode:
     """Simulates one person who carries out one scenario.
 
+    A participant that is killed in the middle cancels and starts over; one that had finished says so again.
+
     Subscribed topics:
         /sim/lab_state (vb_msgs/LabState): where the robot is; each message is one step of the person
         /virtual_borders/spots (vb_msgs/LaserSpot): only whether the spot is seen, as sound and LED tell it
@@ -58,8 +60,8 @@ class ParticipantNode:
         /virtual_borders/command (vb_msgs/Command)
     Services:
         ~start (std_srvs/Trigger): begins, or begins again
-    Parameters: see `ParticipantParams` and config/participant.yaml. A participant that is killed in the middle
-        cancels and starts over; one that had finished says so again.
+    Parameters:
+        config/participant.yaml
     """
 
     def __init__(self, world: World, scenario: Scenario, model: ParticipantModel, params: ParticipantParams) -> None:

@@ -128,7 +128,7 @@ class PageNode:
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
         /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger)
     Parameters:
-        those of `PageParams`; see config/page.yaml.
+        config/page.yaml
     """
 
     def __init__(self, params: PageParams) -> None:
