@@ -851,9 +851,8 @@ class PageTest(unittest.TestCase):
         self.browser.wait(
             "document.querySelector('#login input').getClientRects().length", what="the form for the code"
         )
-        self.assertEqual(
-            self.browser.run("return document.querySelectorAll('#borders li').length"), 1
-        )  # as it was before
+        # as it was before
+        self.assertEqual(self.browser.run("return document.querySelectorAll('#borders li').length"), 1)
         field = self.browser.field("#login input")
         field.send_keys("wrong-code\n")
         self.browser.wait_text("#login-answer", "not a valid code")

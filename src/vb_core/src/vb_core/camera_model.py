@@ -117,7 +117,7 @@ class CameraModel:
 
     @cached_property
     def distorted(self) -> bool:
-        """Whether the lens distorts; a fisheye does even with coefficients of 0."""
+        """Returns whether the lens distorts; a fisheye does even with coefficients of 0."""
         return self.fisheye or bool(self.distortion.any())
 
     @cached_property

@@ -127,8 +127,7 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
 
 
 def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Computes the median of all pairwise means of differences (N,), with the interval that belongs to the Wilcoxon
-    test.
+    """Computes the median of all pairwise means of differences (N,), with the Wilcoxon test's interval.
 
     The interval is distribution-free (Hollander, Wolfe & Chicken 2014, Sect. 3.3) and, with few differences,
     the widest there is: five of them reach 93.75 % at most.

@@ -65,7 +65,7 @@ class CalibrateProjectorNode:
         rospy.Subscriber("/clicked_point", PointStamped, self._on_click, queue_size=5)
 
     def close(self) -> None:
-        """Takes the window away."""
+        """Closes the window."""
         if self._window is not None:
             self._window.close()
 

@@ -50,7 +50,7 @@ class DisplayParams(Parameters):
 
 @dataclass(frozen=True)
 class _Inputs:
-    """What has been heard, as one drawing step uses it."""
+    """The newest messages, as one drawing step uses them."""
 
     physical: Optional[GridMap] = None
     posterior: Optional[GridMap] = None

@@ -56,7 +56,7 @@ class IntegratorParams(IntegrationParams):
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What adding or changing a border would do.
+    """Effect that adding or changing a border would have.
 
     Attributes:
         area: what it would restrict.
@@ -73,7 +73,7 @@ class CheckResult:
 
 @dataclass(frozen=True)
 class ChangeResult:
-    """What a change did.
+    """Result of a change.
 
     Attributes:
         ids: of the borders that changed.
@@ -88,7 +88,7 @@ class ChangeResult:
 
 @dataclass(frozen=True)
 class MapMatch:
-    """Where borders of a known map would be in the current one.
+    """Position that the borders of a known map would have in the current map.
 
     Attributes:
         place: number of their place.
@@ -194,7 +194,7 @@ class MapIntegrator:
 
     @property
     def has_speed_limits(self) -> bool:
-        """Whether a slow zone is in force."""
+        """Returns whether a slow zone is in force."""
         return bool(self._slow)
 
     @property
@@ -204,7 +204,7 @@ class MapIntegrator:
 
     @property
     def has_map(self) -> bool:
-        """Whether there is a physical map."""
+        """Returns whether there is a physical map."""
         return self._layered_map is not None
 
     @property
@@ -231,7 +231,7 @@ class MapIntegrator:
 
     @property
     def needs_confirmation(self) -> bool:
-        """Whether the current map may show another place than the one to which the borders in force belong."""
+        """Returns whether the current map may show another place than the one to which the borders in force belong."""
         return not self._recognition.certain
 
     @property
@@ -699,6 +699,6 @@ class MapIntegrator:
 
 
 def _is_due(border: VirtualBorder, now: float) -> bool:
-    """Whether a border is on at a time [s], also if it expired and that could not be written yet."""
+    """Returns whether a border is on at a time [s], also if it expired and that could not be written yet."""
     expired = 0.0 < border.expires <= now
     return border.enabled != expired and is_scheduled(border.schedule, now)

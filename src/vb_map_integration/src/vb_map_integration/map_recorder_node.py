@@ -27,8 +27,9 @@ class RecorderParams(Parameters):
 
 
 class MapRecorderNode:
-    """Stores each new posterior map as map_server files, with the borders, time and trigger; the oldest ones go once
-    the folder has grown to `recording.MAX_BYTES`.
+    """Stores each new map with borders as map_server files, with the borders, time and trigger.
+
+    The oldest ones are deleted once the folder has grown to `recording.MAX_BYTES`.
 
     Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray): the

@@ -1,4 +1,4 @@
-"""What is known about the spot in this interaction, and who acts on it: one policy for driver and dispatcher.
+"""Records the sightings of the spot in this interaction; one rule says whether driver or dispatcher acts on them.
 
 The idea: whether a robot follows the spot or is sent to it is decided by the same class from the same sightings, so
 that the two never both act, and never wait for each other.
@@ -78,7 +78,7 @@ class Sightings:
         return changed
 
     def add(self, sighting: Sighting) -> None:
-        """Takes a sighting; uncertain ones, those from before the present state, and those in Default do not count."""
+        """Adds a sighting; uncertain ones, those from before the present state, and those in Default do not count."""
         if sighting.mobile:
             self._mobile_names.add(sighting.camera)
         if self.state == DEFAULT or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:

@@ -35,9 +35,8 @@ from vb_sim.checkpoint_file import CheckpointFile
 from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
-CONTROL_STEPS = (
-    5  # steps in which navigation, driver and AMCL are each heard: 0.1 s, as move_base's controller and scans come
-)
+# steps in which navigation, driver and AMCL each publish once: 0.1 s, the period of move_base's controller and of scans
+CONTROL_STEPS = 5
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class ManagerParams(InteractionParams):
 
 
 class InteractionManagerNode:
-    """Takes commands, owns the state, and saves the border when the person says so.
+    """Carries out commands, owns the state, and saves the border on the command *save*.
 
     Subscribed topics:
         /virtual_borders/stop (std_msgs/Bool): true stops every robot, false lets them drive; from any node.
@@ -299,7 +299,7 @@ class InteractionManagerNode:
             )
 
     def _recall_stop(self) -> Tuple[bool, str]:
-        """Whether robots were stopped, also before the ROS master was restarted; a lost file counts as yes."""
+        """Reads whether robots were stopped, even before the ROS master was restarted; a lost file counts as stopped."""
         try:
             remembered: Optional[Dict[str, Any]] = self._state_file.read_any()
             if remembered is None:
@@ -357,7 +357,7 @@ class InteractionManagerNode:
 
 
 def _what_changed(command: str, before: Mapping[str, VirtualBorder], after: Mapping[str, VirtualBorder]) -> Answer:
-    """What to say of `undo` or `redo` when the borders, by id, were these and are those now.
+    """Returns the answer to `undo` or `redo`, from the borders by id before and after it.
 
     It names the borders if one thing happened to all.
     """

@@ -100,7 +100,7 @@ class CommandRecognizer:
         self._model = SpeechModel([text.lower() for _, text in said])
 
     def classify(self, utterance: Utterance) -> RecognitionResult:
-        """What became of one utterance."""
+        """Classifies one utterance."""
         if utterance.too_long:
             return RecognitionResult(reason="too_long")
         if len(utterance.pcm) < _MIN_LENGTH * SAMPLE_RATE:

@@ -118,7 +118,7 @@ class VoiceCommandsNode:
             self._microphone = Microphone(arecord(params.device), self._put, self._on_trouble, start=node.start_thread)
 
     def close(self) -> None:
-        """Lets go of the microphone, and ends the threads."""
+        """Releases the microphone, and ends the threads."""
         if self._microphone is not None:
             self._microphone.close()
         self._watch.close()

@@ -118,7 +118,7 @@ def draw_region(
 
 @dataclass(frozen=True)
 class CeilingImage:
-    """What one ceiling camera sees.
+    """Holds the newest image of one ceiling camera.
 
     Attributes:
         image: (H, W, 3) bgr uint8.

@@ -48,7 +48,7 @@ _UNDER_WAY = ("saving", "changing")  # answers that another one follows
 
 @dataclass(frozen=True)
 class PageParams(ServerParams):
-    """Parameters of the page; config/page.yaml says why."""
+    """Parameters of the page; config/page.yaml explains them."""
 
     events_file: str = param("~/.ros/virtual_borders/page_events.jsonl")
     show_code: str = param("operator", choices=("operator", "viewer", "none"))

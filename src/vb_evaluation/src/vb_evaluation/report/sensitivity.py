@@ -28,8 +28,9 @@ _RUN = ["participant", "scenario", "method"]
 
 # ---------------------------------------------------------------- plausible worlds
 def plausible_worlds_section(study: StudyResults) -> List[Block]:
-    """Reports the conclusions over worlds in which all assumptions differ at once; empty where draws.csv or worlds.csv
-    is missing.
+    """Reports the conclusions over worlds in which all assumptions differ at once.
+
+    Empty where draws.csv or worlds.csv is missing.
     """
     if not study.has_worlds:
         return []
@@ -121,8 +122,7 @@ def conclusions(study: StudyResults, both: pandas.DataFrame) -> List[Dict[str, A
 
 
 def rank_influences(both: pandas.DataFrame, inputs: pandas.DataFrame) -> Tuple[List[Dict[str, Any]], float]:
-    """Computes Spearman's correlation of each assumption with each outcome, ranked within scenarios so that these do
-    not count.
+    """Computes Spearman's correlation of each assumption with each outcome, within scenarios.
 
     Returns:
         (the twelve strongest for each outcome, what the largest of all stays below by chance).

@@ -36,7 +36,7 @@ DEFAULT = PACKAGE / "config" / "study.yaml"
 
 @dataclass(frozen=True)
 class Design(Parameters):
-    """Who does what."""
+    """The study's size: participants, scenarios, methods and worlds."""
 
     seed: int = param(1, low=0)
     quick_participants: int = param(1, low=1, high=1000)

@@ -193,7 +193,7 @@ class _Player:
         self._graph.play(topic, entry.kind, entry.definition, entry.data)
 
     def _request(self, next_one: str) -> None:
-        """Takes the border of the interaction that is about to end."""
+        """Requests the border of the interaction that is about to end."""
         if self._current and self._current != next_one:
             self._until(self._scheduler.now_ns + SETTLED_NS)
             request = GetDrawnBorderRequest(interaction_id=self._current)

@@ -81,7 +81,7 @@ class FloorImage:
 
     # ------------------------------------------------------------- parts
     def _drawing(self, content: FloorContent) -> np.ndarray:
-        """What changes during drawing. Only this is left out around the spot: a border there stays lit."""
+        """Draws what changes during drawing; only this is left out around the spot: a border there stays lit."""
         canvas, drawn = np.zeros((*self._shape, 3), np.uint8), content.drawing
         if len(drawn.chain) > 1:
             self._line(canvas, drawn.chain, drawn.closed, colors.ORANGE, 0.8)

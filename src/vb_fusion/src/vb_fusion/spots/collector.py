@@ -40,8 +40,10 @@ COLUMNS = 6
 
 
 class SpotStore:
-    """Spots in arrays that grow up to a limit; at the limit every other spot is dropped, so that memory is bounded
-    and no part of the drawing is lost."""
+    """Stores spots in arrays of limited size.
+
+    When they are full, every other spot is dropped, so that memory is bounded and no part of the drawing is lost.
+    """
 
     def __init__(self, limit: int) -> None:
         self._limit = limit

@@ -55,7 +55,7 @@ class ImageGeometry:
 
     @cached_property
     def cylinders(self) -> Sequence[RobotCylinder]:
-        """What may hide the floor."""
+        """Cylinders that may hide the floor."""
         return self._ask_cylinders()
 
     def to_floor(self, pixels: np.ndarray) -> np.ndarray:

@@ -118,7 +118,7 @@ class PlaceRecognizer:
         return self._wall_maps[one.fingerprint]
 
     def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
-        """Whether a map fits one at which borders were drawn, where it is expected to be."""
+        """Returns whether a map fits one at which borders were drawn, where it is expected to be."""
         for one in maps:
             reference = self._wall_map_of(one)
             if reference is None:

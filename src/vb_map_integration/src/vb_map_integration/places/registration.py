@@ -117,12 +117,12 @@ class Registration:
 
     @property
     def is_unambiguous(self) -> bool:
-        """Whether it may be acted on without a person."""
+        """Returns whether it may be acted on without a person."""
         return self.local and self.margin >= MIN_MARGIN
 
     @property
     def local(self) -> bool:
-        """Whether the maps agree at this transform, whatever another one would give."""
+        """Returns whether the maps agree at this transform, whatever another one would give."""
         return self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
 
     @property

@@ -126,7 +126,7 @@ class KnownMap:
 
 
 class DatabaseSummary(NamedTuple):
-    """What a sound file holds, beside its rows."""
+    """Facts about a readable database file, besides its rows."""
 
     revision: int
     next_number: int

@@ -159,7 +159,7 @@ class CeilingView:
         return np.clip(noise + _NOISE_OFFSET + 0.5, 0, 255).astype(np.uint8)
 
     def set_floor_light(self, light: Optional[FloorLight]) -> None:
-        """Lets a projector's light fall on the floor until the next call; None: it is switched off."""
+        """Sets a projector's light on the floor until the next call; None: it is switched off."""
         self._clean()
         if self._unlit is None:
             if light is None:

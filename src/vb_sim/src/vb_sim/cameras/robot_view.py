@@ -85,7 +85,7 @@ class RobotView:
         self._drawn_key = self._color_key = self._depth_key = None
 
     def draw_from(self, draw: np.random.Generator) -> None:
-        """Takes another source of noise, for frames that do not depend on those before."""
+        """Sets another source of noise, for frames that do not depend on those before."""
         self._rng = draw
 
     def _make_noise(self) -> None:
@@ -147,7 +147,7 @@ class RobotView:
         return image
 
     def set_floor_light(self, light: Optional[FloorLight]) -> None:
-        """Lets a projector's light fall on the floor until the next call; None: it is switched off."""
+        """Sets a projector's light on the floor until the next call; None: it is switched off."""
         self._light = light
         self._color_key = None
 

@@ -49,7 +49,7 @@ class Walker:
 
     @property
     def walking(self) -> bool:
-        """Whether some path is left."""
+        """Returns whether some path is left."""
         return len(self._way) > 0
 
     def find_place_near(

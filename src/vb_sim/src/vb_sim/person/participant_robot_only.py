@@ -104,7 +104,7 @@ class RobotOnlyScript(ParticipantScript):
 
     # ------------------------------------------------------------ leading
     def _is_as_good(self, place: np.ndarray) -> bool:
-        """Whether a place (2,) [m] is on the side of the seed that the person has in mind, and clearly so."""
+        """Returns whether a place (2,) [m] is on the side of the seed that the person has in mind, and clearly so."""
         person = self.person
         region, border = Polygon(person.scenario.region), person.scenario.border
         chain = np.vstack([border, border[:1]]) if person.scenario.closed else border

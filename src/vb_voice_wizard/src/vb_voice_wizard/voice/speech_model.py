@@ -1,4 +1,4 @@
-"""How much better a text explains an utterance than silence would: a likelihood ratio, by a network that knows people's speech.
+"""Scores how much better a text explains an utterance than silence does: a likelihood ratio from a speech network.
 
 The idea: a network that its authors trained on a great deal of human speech recognises more than what one
 laboratory can train on synthetic voices. This is Moonshine (tiny, English; MIT licence); scripts/setup takes its files
@@ -117,9 +117,8 @@ def _read_tokens(path: Path) -> Dict[bytes, int]:
         length, at = data[at], at + 1
         if length >= 128:
             length, at = length - 128 + 128 * data[at], at + 1
-        found[data[at : at + length]] = (
-            number  # a single letter is there twice: first as a mere byte, which is never written
-        )
+        # a single letter is there twice: first as a mere byte, which is never written
+        found[data[at : at + length]] = number
         at, number = at + length, number + 1
     return found
 
