@@ -41,7 +41,7 @@ class CalibrationParams(Parameters):
 
 
 class CalibrateProjectorNode:
-    """Asks for four clicks, writes the calibration, shows the map's grid for checking, and ends.
+    """Calibrates a floor projector from four clicks, then shows the map's grid for checking.
 
     Subscribed topics:
         /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", in the map frame, on the map where the

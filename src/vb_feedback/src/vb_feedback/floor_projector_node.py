@@ -45,7 +45,7 @@ class ProjectorParams(Parameters):
 
 
 class FloorProjectorNode:
-    """Shows borders, the drawing, what save would restrict, and the state, where people look: on the floor.
+    """Shows borders, the drawing, the floor that save would restrict, and the state on the floor, where people look.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)

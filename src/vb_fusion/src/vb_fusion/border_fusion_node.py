@@ -55,8 +55,8 @@ class BorderFusionNode:
     Published topics:
         /virtual_borders/progress (vb_msgs/BorderProgress, latched): at ~rate while spots come in Border and Seed, at
             ~idle_rate while none come, and on each change of state. After the interaction the last one stays.
-        /virtual_borders/notices (vb_msgs/NoticeArray, latched): what was left out, what cannot be kept on disk, and
-            what else went wrong; whatever it is, the node goes on.
+        /virtual_borders/notices (vb_msgs/NoticeArray, latched): what was left out, what cannot be stored on disk, and
+            any other failure; the node continues after all of them.
     Services:
         /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): the border of everything drawn in an interaction; an
             empty interaction_id means the current one. The last interaction is available until the next begins.

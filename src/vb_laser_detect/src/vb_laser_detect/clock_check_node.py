@@ -33,7 +33,7 @@ class ClockCheckParams(Parameters):
 
 
 class ClockCheckNode:
-    """Measures how far other computers' clocks are off from this one's, and warns.
+    """Measures how far other computers' clocks differ from this one's, and warns.
 
     A spot is stamped by the clock of its camera's computer and matched with transforms of the robot's: 10 ms are 5 mm
     at 0.5 m/s, and with 100 ms a detector would wait for each transform in vain.

@@ -86,7 +86,7 @@ class DriverParams(Parameters):
 
 
 class RobotDriverNode:
-    """Arbitrates who drives a robot, and gates every command. See `Arbiter`.
+    """Chooses which source drives a robot, and limits every command. See `Arbiter`.
 
     Subscribed topics:
         cmd_vel/navigation, cmd_vel/teleop (geometry_msgs/Twist)
@@ -104,7 +104,7 @@ class RobotDriverNode:
     Published topics:
         cmd_vel (geometry_msgs/Twist): while the robot is driven, one zero when that ends, zeros while stopped
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
-        /virtual_borders/drivers (vb_msgs/DriverState): who drives, and why
+        /virtual_borders/drivers (vb_msgs/DriverState): which source drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
         robot_driver/keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders inflated by the localisation
             uncertainty: for navigation's costmaps

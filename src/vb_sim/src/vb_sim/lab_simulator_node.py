@@ -83,7 +83,7 @@ class LabSimulatorNode:
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
         <robot>/cmd_vel/navigation (geometry_msgs/Twist), /tf (tf2_msgs/TFMessage): only with ~lockstep
-        <robot>/initialpose (geometry_msgs/PoseWithCovarianceStamped): re-initialises the estimate only
+        <robot>/initialpose (geometry_msgs/PoseWithCovarianceStamped): sets only the pose estimate
         /sim/participant (vb_msgs/ParticipantState)
         /sim/pace (std_msgs/Float64): simulated seconds per real second at most, for drives without people and cameras;
             1 before there is one
@@ -95,7 +95,7 @@ class LabSimulatorNode:
         <robot>/amcl_pose (geometry_msgs/PoseWithCovarianceStamped, latched): `rate / amcl_divisor`
         /tf_static (tf2_msgs/TFMessage): base_link -> base_laser_link
     Services:
-        ~reset (std_srvs/Trigger): puts every robot back to its start
+        ~reset (std_srvs/Trigger): moves every robot back to its start
     Parameters:
         config/lab_simulator.yaml: the file with poses in ~state_dir is tagged with /run_id
     """

@@ -24,7 +24,7 @@ class MapServerParams(Parameters):
 
 
 class MapServerNode:
-    """Serves one map that never changes.
+    """Publishes one map that never changes.
 
     Published topics:
         /map (nav_msgs/OccupancyGrid, latched)

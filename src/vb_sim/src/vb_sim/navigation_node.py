@@ -50,21 +50,22 @@ class NavigationNode:
 
     Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid): the static map of both costmaps
-        robot_driver/keep_out (nav_msgs/OccupancyGrid): its borders grown by what the localisation may be off; optional
+        robot_driver/keep_out (nav_msgs/OccupancyGrid): the map with borders, these inflated by the
+            localisation uncertainty; optional
         scan (sensor_msgs/LaserScan): only while driving
         move_base_simple/goal (geometry_msgs/PoseStamped)
         /tf, /tf_static (tf2_msgs/TFMessage): map -> base_link
     Actions:
         move_base (move_base_msgs/MoveBaseAction)
     Services:
-        move_base/make_plan (nav_msgs/GetPlan): refuses while a goal is active; no plan is an empty one
+        move_base/make_plan (nav_msgs/GetPlan): refused while a goal is active; an empty plan if there is none
         move_base/clear_costmaps (std_srvs/Empty): forgets what the scanner saw, never the map or a border
     Published topics:
         cmd_vel (geometry_msgs/Twist): only while a goal is active, and one zero at its end
         move_base/NavfnROS/plan (nav_msgs/Path)
         move_base/global_costmap/costmap (nav_msgs/OccupancyGrid, latched)
         move_base/global_costmap/costmap_updates (map_msgs/OccupancyGridUpdate)
-        move_base/goal (move_base_msgs/MoveBaseActionGoal): what came on move_base_simple/goal
+        move_base/goal (move_base_msgs/MoveBaseActionGoal): goals received on move_base_simple/goal
         move_base/local_costmap/costmap (nav_msgs/OccupancyGrid): only while it has subscribers
     Parameters:
         config/navigation.yaml

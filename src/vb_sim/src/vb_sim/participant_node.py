@@ -48,9 +48,9 @@ class ParticipantNode:
 
     Subscribed topics:
         /sim/lab_state (vb_msgs/LabState): where the robot is; each message is one step of the person
-        /virtual_borders/spots (vb_msgs/LaserSpot): only whether the spot is seen, as sound and LED tell it
+        /virtual_borders/spots (vb_msgs/LaserSpot): used only for whether the spot is seen, as sound and LED show
         /virtual_borders/progress (vb_msgs/BorderProgress): whether the display shows a seed
-        /virtual_borders/state (vb_msgs/InteractionState): what the display calls the state
+        /virtual_borders/state (vb_msgs/InteractionState): the state that the display shows
         /virtual_borders/notices (vb_msgs/NoticeArray): what it says about the robots
     Published topics:
         /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock, 5 Hz once everything is over

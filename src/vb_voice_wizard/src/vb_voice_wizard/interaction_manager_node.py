@@ -58,8 +58,8 @@ class InteractionManagerNode:
 
     Subscribed topics:
         /virtual_borders/stop (std_msgs/Bool): true stops every robot, false lets them drive; from any node.
-        /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and
-            seed so far, for the preview; whether drawing goes on.
+        /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and seed
+            so far, for the preview; whether drawing continues.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): to check whether the preview is still right;
             whether there is something to undo or redo.
         /virtual_borders/notices (vb_msgs/NoticeArray): faulty cameras. While cameras see the laser at different places, or
@@ -82,7 +82,7 @@ class InteractionManagerNode:
             repeated adds one border. No lock is held meanwhile; other commands are answered with "busy", but not
             `stop` and `resume`.
         /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger): on `undo` and `redo`.
-        /virtual_borders/list_borders (vb_msgs/ListBorders): before and after those.
+        /virtual_borders/list_borders (vb_msgs/ListBorders): before and after undo and redo.
         /virtual_borders/preview_border (vb_msgs/PreviewBorder): for the preview, from a separate thread.
 
     Args:
@@ -299,7 +299,7 @@ class InteractionManagerNode:
             )
 
     def _recall_stop(self) -> Tuple[bool, str]:
-        """Reads whether robots were stopped, even before the ROS master was restarted; a lost file counts as stopped."""
+        """Reads whether robots were stopped, even before the ROS master was restarted; a lost file means yes."""
         try:
             remembered: Optional[Dict[str, Any]] = self._state_file.read_any()
             if remembered is None:

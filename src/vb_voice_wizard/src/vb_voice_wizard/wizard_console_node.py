@@ -47,7 +47,7 @@ _WATCHED = (
 class WizardConsoleNode:
     """Shows the interaction and sends commands.
 
-    It waits for the ROS master, reports when the master or a node is lost, and goes on when they are back. It knows
+    It waits for the ROS master, reports when the master or a node is lost, and continues when they are back. It checks
     border_fusion and map_integrator by their services /virtual_borders/get_drawn_border and
     /virtual_borders/list_borders, which it does not call.
 

@@ -103,7 +103,7 @@ class EventHistory:
 
 
 class PageNode:
-    """Shows the system to browsers and carries out what operators ask for.
+    """Serves the page: shows the system's state in browsers, and carries out operators' requests.
 
     Subscribed topics:
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid)

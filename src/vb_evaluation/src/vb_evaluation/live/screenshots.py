@@ -231,7 +231,7 @@ def _alike(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 class StagedLab:
-    """Publishes the nodes' inputs: the map, the robot's pose, and a laser spot, again and again because it would fade."""
+    """Publishes the nodes' inputs: the map, the robot's pose, and a laser spot again and again, as it fades."""
 
     def __init__(self, world: World) -> None:
         self.world = world

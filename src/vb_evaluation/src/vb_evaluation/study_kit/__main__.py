@@ -1,4 +1,4 @@
-"""The kit's commands; docs/how-to/run-a-study.md walks through them.
+"""Plans, runs, measures and reports a study with people; docs/how-to/run-a-study.md shows how.
 
 rosrun vb_evaluation study_kit plan --participants 15 --out ~/study/protocol.csv
 rosrun vb_evaluation study_kit forms ~/study/forms

@@ -1,8 +1,8 @@
 """Decides where each robot should be going: the policy, apart from maps, messages and actions.
 
 The idea: robots offer places, and a place that fails is not offered again for a while. Each robot offers the cheapest
-place from which it would see the target; its present place costs nothing. The best offer wins: the one of the robot with
-the fewest failures; among equals, the cheapest. A place fails if navigation does not accept it, the robot makes no
+place from which it would see the target; its present place costs nothing. The best offer wins: that of the robot with the
+fewest failures; among equals, the cheapest. A place fails if navigation does not accept it, the robot makes no
 progress, or no camera sees the spot from there in time; then the next best place is tried. A new place is chosen only
 when the active robot's place has been unsuitable for a while; that robot's offer counts as SWITCH_GAIN cheaper, so that
 two robots do not alternate.
