@@ -122,7 +122,7 @@ class CameraModel:
 
     @cached_property
     def _pinhole(self) -> Tuple[np.ndarray, np.ndarray]:
-        """Focal lengths and principal point [px]."""
+        """Returns focal lengths and principal point [px]."""
         return np.array([self.matrix[0, 0], self.matrix[1, 1]]), self.matrix[:2, 2].copy()
 
     def _fisheye_rays(self, pixels: np.ndarray) -> np.ndarray:

@@ -259,7 +259,7 @@ class DisplayMarkersNode:
 
     @staticmethod
     def _current_preview(known: _Inputs) -> Optional[BorderPreview]:
-        """The preview, if it belongs to the current interaction."""
+        """Returns the preview, if it belongs to the current interaction."""
         state, preview = known.state, known.preview
         if state is None or preview is None or not preview.available or not state.interaction_id:
             return None

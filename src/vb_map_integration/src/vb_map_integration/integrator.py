@@ -249,7 +249,7 @@ class MapIntegrator:
         return found
 
     def _place_in_words(self) -> Dict[str, str]:
-        """What people know of the place in doubt: the name that they gave it, else the borders that they drew there, and when."""
+        """Describes the place in question to people: by the name that they gave it, else by its borders and their date."""
         if self.map_name:
             return {"place": "$find_place", "map": self.map_name}
         drawn = sorted(self.borders, key=lambda border: border.created)
@@ -627,7 +627,7 @@ class MapIntegrator:
             raise CodedError("changed_meanwhile")
 
     def _check_confirmed(self) -> None:
-        """What is drawn while it is unknown which place the map shows would belong to no place."""
+        """Refuses changes while it is unknown which place the map shows: what is drawn would belong to no place."""
         if self.needs_confirmation:
             raise IntegrationError("confirm_map_first")
 
@@ -637,7 +637,7 @@ class MapIntegrator:
             raise CodedError("already_expired")
 
     def _to_place_frame(self, border: VirtualBorder) -> VirtualBorder:
-        """A border of the current map in the frame of its place."""
+        """Returns a border of the current map in the frame of its place."""
         return border.moved(self._recognition.transform.inverse)
 
     def _keep_map(self) -> None:

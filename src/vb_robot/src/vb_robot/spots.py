@@ -108,7 +108,7 @@ class Sightings:
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= AUTO_WAIT
 
     def _leader(self, now: float) -> Optional[str]:
-        """The camera on a robot that has seen the spot longest without a pause; while none sees it, the last one."""
+        """Returns the robot camera that has seen the spot longest without a pause; while none sees it, the last one."""
         seeing = {camera: run for camera, run in self._runs.items() if abs(now - run[1]) <= RUN_GAP}
         if seeing:
             self._follower = min(seeing, key=lambda camera: (seeing[camera][0], camera))

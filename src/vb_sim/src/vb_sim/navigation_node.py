@@ -160,7 +160,7 @@ class NavigationNode:
         )
 
     def _in_map(self, pose: PoseStamped) -> Pose:
-        """A pose in the map frame.
+        """Returns a pose in the map frame.
 
         Raises:
             CodedError: "bad_goal" or "no_transform".

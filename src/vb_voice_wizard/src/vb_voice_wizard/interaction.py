@@ -266,7 +266,7 @@ class Interaction:
         return self._answered(RESUME, source, Answer(True, code))
 
     def _ask(self, name: str, now: float, uncertain: bool, doubtful_border: bool) -> Optional[Answer]:
-        """The question whether this command is really meant, or None if it was answered or need not be asked."""
+        """Returns the question whether this command is meant, or None if it was answered or need not be asked."""
         confirmed = self._confirming == name and 0.0 <= now - self._asked <= CONFIRM_WITHIN
         self._confirming = ""
         if name == SAVE:

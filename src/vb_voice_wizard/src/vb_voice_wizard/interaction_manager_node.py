@@ -229,7 +229,7 @@ class InteractionManagerNode:
         return answer
 
     def _change(self, command: str) -> Answer:
-        """Undo or redo, without the lock; says what became of the borders."""
+        """Carries out undo or redo, without the lock; returns what became of the borders."""
         before = self._services.fetch_borders()
         self._services.change(command)
         try:

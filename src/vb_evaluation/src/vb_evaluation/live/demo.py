@@ -332,7 +332,7 @@ def _fault(summary: Dict[str, Any]) -> str:
 
 
 def _chain(observer: Observer, border_id: str) -> np.ndarray:
-    """(N, 2) [m] the stored border's chain, its first point repeated if it is a polygon; empty if there is none."""
+    """Returns the stored border's chain (N, 2) [m], a polygon's first point repeated; empty if there is none."""
     for border in observer.borders:
         if border.id == border_id:
             chain = messages.array_from_points(border.points)

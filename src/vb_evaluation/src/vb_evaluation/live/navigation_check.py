@@ -127,7 +127,7 @@ class NavigationCheck:
 
     @contextlib.contextmanager
     def _border(self, middle: np.ndarray, occupancy: float) -> Iterator[None]:
-        """A square border about a place, for a while."""
+        """Adds a square border about a place, for a while."""
         border = VirtualBorder(name="navigation check", kind=VirtualBorder.POLYGON, occupancy=occupancy, enabled=True)
         border.points = messages.points_from_array(
             middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])

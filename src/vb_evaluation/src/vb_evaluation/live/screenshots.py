@@ -165,7 +165,7 @@ def _guide(lab: "StagedLab", seen: Observer, place: np.ndarray) -> Iterator[str]
 
 
 def _stored(world: World, drawn: Scenario) -> List[VirtualBorder]:
-    """The smallest of the other scenarios as a hard border, what lies on the floor elsewhere as soft ones."""
+    """Returns the smallest of the other scenarios as a hard border, and things on the floor elsewhere as soft ones."""
     others = sorted(
         (one for one in world.scenarios.values() if one is not drawn), key=lambda one: Polygon(one.region).area
     )

@@ -83,7 +83,7 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
 
 
 def _completed(both: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pandas.Series]:
-    """A measure with either method, nan unless both were completed."""
+    """Returns a measure with either method, nan unless both were completed."""
     done = (both.completed == 1) & (both.completed_base == 1) & both[column].notna() & both[f"{column}_base"].notna()
     return both[column].where(done), both[f"{column}_base"].where(done)
 
@@ -261,7 +261,7 @@ def all_images_section(study: StudyResults) -> List[Block]:
 
 
 def _differences(both: pandas.DataFrame) -> List[Dict[str, Any]]:
-    """A row for each measure that runs have both with every image searched and, its name ending in "_cut", without."""
+    """Returns a row for each measure that runs have with every image searched and without (name ends in "_cut")."""
     rows = []
     for column, words in (
         ("time_total_s", "time [s]"),

@@ -203,7 +203,7 @@ class _Results:
 
 
 def _carry_out(study: Study, jobs: Sequence[Job], processes: int, scheduler: str, work: Work) -> Iterator[Outcome]:
-    """The outcomes, as they come."""
+    """Yields the outcomes, as they come."""
     if not jobs:
         return
     with contextlib.ExitStack() as stack:

@@ -197,7 +197,7 @@ def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> Dict[str, Any]:
 
 
 def _found(name: str, folder: Path) -> Path:
-    """A file beside the configuration, in the current folder, or of vb_sim."""
+    """Finds a file beside the configuration, in the current folder, or of vb_sim."""
     for path in (folder / name, Path(name), repository_top() / name, repository_top() / "src" / "vb_sim" / name):
         if path.is_file():
             return path

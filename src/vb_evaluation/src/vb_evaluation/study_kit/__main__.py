@@ -154,7 +154,7 @@ def _replay(given: argparse.Namespace) -> None:
 
 
 def _sentence(row: Dict[str, object]) -> str:
-    """The outcome of one interaction."""
+    """Returns the outcome of one interaction."""
     words = [f"{row['recording']}, interaction {row['interaction']} ({row['outcome']}): {row['spots']} spots"]
     if row["code"] != "ok":
         return f"{words[0]}; no border today: {row['message']} [{row['code']}]"

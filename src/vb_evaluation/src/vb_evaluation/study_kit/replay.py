@@ -314,7 +314,7 @@ def _compared(
 
 
 def _distance(a: VirtualBorder, b: VirtualBorder) -> float:
-    """[m] between two chains."""
+    """Computes the distance [m] between two chains."""
     lines = [
         shapely.linestrings(np.vstack([border.points, border.points[:1]]) if border.closed else border.points)
         for border in (a, b)

@@ -375,7 +375,7 @@ class ServiceProxy:
         return self.call(*given, **named)
 
     def call(self, *given: Any, **named: Any) -> Any:
-        """Asks, and waits for the answer.
+        """Calls the service, and waits for the answer.
 
         Raises:
             rospy.ServiceException: if no node offers it, or the service raised it.

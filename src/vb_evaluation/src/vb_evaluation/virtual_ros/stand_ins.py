@@ -103,7 +103,7 @@ class WaitQueue:
         self._tasks: Deque[Task] = deque()
 
     def wait(self, timeout_ns: Optional[int] = None) -> bool:
-        """Waits; tells whether it was woken within a time [ns]."""
+        """Waits; returns whether it was woken within a time [ns]."""
         task = greenlet.getcurrent()
         self._tasks.append(task)
         try:
@@ -246,7 +246,7 @@ class Thread:
         self.name, self.daemon = name, daemon
 
     def start(self) -> None:
-        """Begins."""
+        """Starts the thread."""
         self._started = True
         self._scheduler.spawn(self._run)
 

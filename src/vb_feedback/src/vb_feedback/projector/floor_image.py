@@ -96,7 +96,7 @@ class FloorImage:
         return tuple(int(round(255.0 * level * self._brightness * share)) for share in color)  # type: ignore[return-value]
 
     def _fixed(self, points: Sequence[Sequence[float]]) -> np.ndarray:
-        """Map coordinates to pixels of the drawing as OpenCV wants them, with fractional bits."""
+        """Converts map coordinates to pixels of the drawing as OpenCV wants them, with fractional bits."""
         pixels = (np.asarray(points, dtype=float).reshape(-1, 2) - self._low) * self._scale
         return np.clip(np.rint(pixels * (1 << _SHIFT)), -(2**26), 2**26).astype(np.int32)
 

@@ -50,7 +50,7 @@ class ImageGeometry:
 
     @cached_property
     def pose(self) -> np.ndarray:
-        """(4, 4) T_map_camera."""
+        """Returns T_map_camera (4, 4)."""
         return self._ask_pose()
 
     @cached_property

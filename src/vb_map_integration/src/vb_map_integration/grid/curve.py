@@ -176,7 +176,7 @@ def _stops(
 
 
 def _stops_on_one_piece(cells: np.ndarray, starts: List[_Stop], ends: List[_Stop]) -> Optional[Tuple[_Stop, _Stop]]:
-    """The nearest stops of both ends on one and the same connected piece of blocked cells.
+    """Returns the nearest stops of both ends on one and the same connected piece of blocked cells.
 
     Both ends grow at the same pace; each piece that one of them meets is marked.
     """

@@ -123,7 +123,7 @@ class DispatchedRobot:
         return status is not None and now - self._heard < SILENCE and self._client.pub_goal.get_num_connections() > 0
 
     def _running(self) -> List[str]:
-        """The ids of the goals that navigation works on, no matter who gave them."""
+        """Returns the ids of the goals that navigation works on, no matter who gave them."""
         status = self._client.last_status_msg
         return [
             entry.goal_id.id for entry in (status.status_list if status is not None else []) if entry.status in RUNNING

@@ -139,7 +139,7 @@ class ViewpointPlanner:
 
     # ------------------------------------------------------------- candidates
     def _in_order(self, robot: Pose, paths: ShortestPaths, avoid: Iterable) -> List[Viewpoint]:
-        """The reachable poses that show the target, the cheapest first."""
+        """Returns the reachable poses that show the target, the cheapest first."""
         look_at = self.drawing.look_at
         places, yaws, distances = _poses_round(look_at, robot)
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
@@ -170,7 +170,7 @@ class ViewpointPlanner:
         ]
 
     def _retreat(self, paths: ShortestPaths, robot: Pose) -> Optional[Viewpoint]:
-        """The nearest place off the side to be restricted, if the robot is on it."""
+        """Returns the nearest place off the side to be restricted, if the robot is on it."""
         terrain, spot = self.terrain, self.drawing.spot
         if self._off_side is None or sample(terrain.grid, self._off_side, np.array([robot[:2]]))[0] > 0:
             return None

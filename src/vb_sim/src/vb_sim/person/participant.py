@@ -273,7 +273,7 @@ class Person:
         raise ParticipantGaveUp(f"{command} was not taken: {self.last_answer.message} [{self.last_answer.code}]")
 
     def _maybe_give_wrong_command(self, command: str, source: str) -> Step:
-        """Now and then another command is said, understood or pressed; the person sees on the display what it did.
+        """Gives another command now and then, as if misspoken or misheard; the person sees on the display what it did.
 
         Raises:
             DrawingSlip: if the state is another one now, so that the person starts over.
@@ -421,7 +421,7 @@ class ParticipantScript:
         raise ParticipantGaveUp(f"not saved: {refusal.message} [{refusal.code}]")
 
     def _attempt(self) -> Generator[None, None, bool]:
-        """Draws, shows the seed and saves once; whether a border was saved.
+        """Draws, shows the seed and saves once; returns whether a border was saved.
 
         Raises:
             DrawingSlip: the person has noticed that something went wrong.
