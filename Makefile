@@ -55,7 +55,7 @@ study: setup ## the paper's experiment with simulated people, into out/study: QU
 	    && python3 -m vb_evaluation.study_kit report "$(OUT)"
 
 soak: setup ## simulated days with people, crashes, cut cables, full disks, then examples drawn for every input: HOURS=24 SEED=1 EXAMPLES=3000
-	@. scripts/env.sh && python3 bench/soak.py --hours "$(HOURS)" --seed "$(SEED)" \
+	@. scripts/env.sh && python3 bench/lab/soak.py --hours "$(HOURS)" --seed "$(SEED)" \
 	    && FUZZ_EXAMPLES="$(EXAMPLES)" python3 -m pytest -q --hypothesis-seed="$(SEED)" test/test_fuzz.py
 
 clean: ## removes what was built and written, keeps the system packages

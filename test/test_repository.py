@@ -31,7 +31,7 @@ PACKAGES = sorted(path.parent.name for path in TOP.glob("src/*/package.xml"))
 
 
 def python_files():
-    files = list(TOP.glob("src/*/src/**/*.py")) + list(TOP.glob("src/*/test/*.py")) + list(TOP.glob("bench/*.py"))
+    files = list(TOP.glob("src/*/src/**/*.py")) + list(TOP.glob("src/*/test/*.py")) + list(TOP.glob("bench/**/*.py"))
     files += [path for path in TOP.glob("src/*/scripts/*")] + [TOP / "scripts" / "demo", TOP / "scripts" / "test"]
     return sorted(set(files))
 
@@ -457,7 +457,7 @@ def own_sentences(tree):
 
 
 def test_a_code_has_one_sentence():
-    files = [path for pattern in ("src/*/src/**/*.py", "bench/*.py", "scripts/*.py") for path in TOP.glob(pattern)]
+    files = [path for pattern in ("src/*/src/**/*.py", "bench/**/*.py", "scripts/*.py") for path in TOP.glob(pattern)]
     found = [
         f"{path.relative_to(TOP)}: {code}"
         for path in files

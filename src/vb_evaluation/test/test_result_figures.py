@@ -2,7 +2,7 @@
 
 A figure that comes from a file is followed by a comment that names file, row and column, counted from 1:
 
-    .868<!-- docs/results/study_hand.md "Carpet exclusion | people | robust" 6 -->
+    .868<!-- docs/results/study/hand.md "Carpet exclusion | people | robust" 6 -->
 
 The row is the first line that begins with these cells; the figure is the cell's first number, rounded as it is written.
 """
@@ -55,7 +55,7 @@ def test_figures_are_those_of_the_files(page):
 
 def test_the_study_s_figures_are_marked():
     marked = {page.name for page in PAGES if "<!-- docs/results/" in page.read_text(encoding="utf-8")}
-    assert {"README.md", "study.md"} <= marked
+    assert {"README.md", "findings.md"} <= marked
 
 
 def test_a_stale_figure_is_found(tmp_path):

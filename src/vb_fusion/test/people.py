@@ -1,4 +1,4 @@
-"""Strokes of real people, seen by simulated cameras; used by the tests and by bench/extraction.py.
+"""Strokes of real people, seen by simulated cameras; used by the tests and by bench/extraction/accuracy.py.
 
 `data/quickdraw_strokes.json` holds single strokes of the raw Quick, Draw! data (Google, Inc., CC BY 4.0): one player
 each, by mouse or finger. They say how people move, not how a laser pointer trembles. Scaled to a border's size and to
@@ -39,7 +39,7 @@ class Localization:
     """How a robot's pose errs: standard deviations, and the time after which the error is another.
 
     In the simulated lab AMCL's position was off by 2.5 cm in the median, 5 cm at 95 %
-    (docs/results/robots_navigation.md).
+    (docs/results/robots/navigation.md).
     """
 
     position: float = 0.02  # [m] per axis

@@ -340,7 +340,7 @@ def people_judged(speed, chosen, rounds=1, **changes):
 
 
 def test_strokes_of_people():
-    """Every second stroke of the developing half, whose other half bench/extraction.py judges."""
+    """Every second stroke of the developing half, whose other half bench/extraction/accuracy.py judges."""
     count, wrong = people_judged((0.2, 0.7), lambda number, drawing: number % 2 == 0)
     assert count > 20 and len(wrong) <= 1, wrong
 

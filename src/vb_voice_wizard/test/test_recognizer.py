@@ -34,7 +34,7 @@ def recognizer():
 
 
 def test_commands_are_recognised_most_of_the_time(recognizer):
-    """One voice in one noise each: how often is bench/voice.py's matter."""
+    """One voice in one noise each: how often is bench/voice/recognition.py's matter."""
     issues = {command: examine(recognizer, say(*spoken))[0] for command, spoken in COMMANDS.items()}
     assert all(issue.command in (None, command) for command, issue in issues.items()), issues
     heard = [issue for command, issue in issues.items() if issue.command == command]

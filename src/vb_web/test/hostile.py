@@ -1,4 +1,4 @@
-"""Malformed and hostile messages, drawn from good ones; for the tests and for bench/page.py."""
+"""Malformed and hostile messages, drawn from good ones; for the tests and for bench/lab/page.py."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 The idea: endpointing finds the speech, and a network that knows people's speech says how much more probable the
 utterance makes each command than silence does (speech_model). Even odds against a word that sounds like it are enough
 to take a command: no score tells *undo* from *on to* in noise, so what acts on its own must be said again
-(interaction.py). Nothing is trained; bench/voice.py measures, and says which odds are even.
+(interaction.py). Nothing is trained; bench/voice/recognition.py measures, and says which odds are even.
 
 Use it to tell which command, if any, a piece of speech is; `voice.endpointing` cuts a microphone's stream into pieces.
 
@@ -33,7 +33,7 @@ from vb_voice_wizard.voice.speech_model import SpeechModel
 PHRASES = {command: [command.replace("_", " ")] for command in COMMANDS}
 PHRASES["stop"].append("stop robot")
 # Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are
-# missed as near misses are taken in the development group (docs/results/voice.md).
+# missed as near misses are taken in the development group (docs/results/voice/tables.md).
 EVEN_LOG_ODDS = -3.7
 _MIN_LENGTH = 0.2  # [s] with its padding: less is no word
 # Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another

@@ -60,8 +60,8 @@ CAVEATS = (
     "on a floor. Along a visible edge people may be more accurate, or, because of the distance, less accurate.",
     "Room exclusion is more optimistic than the paper: with the hand alone and perfect cameras the median index is .996; the paper's "
     "people had .971. That would be an error of some 30 cm along the doorway, or a hand-drawn ground truth that ends 1 cm before the "
-    "walls: one cell (2.5 cm) along all walls costs .07 (bench/hand.py). Both methods had nearly the same index (.971, .974), which "
-    "makes the ground truth the likelier cause.",
+    "walls: one cell (2.5 cm) along all walls costs .07 (bench/extraction/hand.py). Both methods had nearly the same index "
+    "(.971, .974), which makes the ground truth the likelier cause.",
     "Spot cleaning is more optimistic than the paper: its people had a heap of paper snippets in front of them and no line; these "
     "people see marks on the floor. The paper's .878 and .906 are 8 to 12 cm along the whole line; here people are 2 cm off.",
     "Marks on the floor, the map, the cameras' calibration and the localisation are wrong by assumed amounts.",

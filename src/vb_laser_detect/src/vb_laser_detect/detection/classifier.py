@@ -2,7 +2,7 @@
 
 An additive logistic model. Each feature has a curve, linear between knots, whose value is what it adds to the logarithm
 of the odds; it is 0 for a usual spot, so the feature that lowers it most is the reason for a rejection. The curves are
-trained by bench/spot_training.py and stored as numbers.
+trained by bench/detection/training.py and stored as numbers.
 """
 
 from __future__ import annotations

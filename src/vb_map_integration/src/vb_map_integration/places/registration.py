@@ -41,7 +41,7 @@ _REACH = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
 # [m] two hypotheses are the same one below these
 _SAME_DISTANCE, _SAME_ANGLE = 0.4, math.radians(6.0)
 
-# When a registration is sure enough to be acted on without a person; docs/results/map-integration.md has the evidence.
+# When a registration is sure enough to be acted on without a person; docs/results/maps/README.md has the evidence.
 MIN_AGREEMENT = 0.92  # of long walls found again, in both directions
 MIN_OVERLAP = 0.7  # of the smaller map's free floor that the other map knows
 MIN_WALL_LENGTH = 15.0  # [m] long walls that both maps know

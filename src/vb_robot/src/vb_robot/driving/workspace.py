@@ -24,7 +24,7 @@ from vb_robot.poses import Pose
 LETHAL_THRESHOLD = 99  # [%] from this occupancy on a cell is never entered
 # How far off the localisation may be. AMCL tells how far its particles are spread, and its pose, which is their mean,
 # is off by much less: at 96 of 100 updates by less than what robots keep with these values
-# (docs/results/robots_navigation.md). For the rest there is what navigation itself keeps.
+# (docs/results/robots/navigation.md). For the rest there is what navigation itself keeps.
 STD_FACTOR = 0.75  # of the particles' standard deviation
 MIN_UNCERTAINTY = 0.05  # [m] also where no covariance is published
 MAX_UNCERTAINTY = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused

@@ -1,0 +1,232 @@
+#!/usr/bin/env python3
+"""Whether a crash ever costs a border: random kills, full disks and damaged bytes.
+
+    . scripts/env.sh && python3 bench/maps/crashes.py --crashes 1000 --seed 1
+
+Each crash: a child process opens the database, tells every change to its parent once it is answered, and is killed at a
+random instant of random changes (kill), or may not let its files grow beyond a random size (full), or is killed and
+then up to three bytes, or a block of 512, of one of its files change (flip). The parent then starts an integrator on
+what is left and compares every border with what was acknowledged. A change that was under way may have been made or
+not. Writes docs/results/maps/crashes.csv, a row per kind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_evaluation.provenance import revision
+from vb_evaluation.result_table import write_table
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.borders.border_files import border_to_mapping
+from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+
+KINDS = ("kill", "full", "flip")
+
+
+def room() -> GridMap:
+    data = np.zeros((120, 160), np.int8)
+    data[[0, -1]] = 100
+    data[:, [0, -1]] = 100
+    return GridMap(data, 0.05, (-1.0, -1.0, 0.2))
+
+
+GRID = room()
+
+
+def start(folder: Path) -> MapIntegrator:
+    keeper = MapIntegrator(IntegratorParams(check_reachability=False), folder)
+    keeper.set_map(GRID)
+    return keeper
+
+
+def state(keeper: MapIntegrator) -> str:
+    """Returns every border, to the last bit."""
+    return json.dumps([border_to_mapping(border) for border in keeper.borders])
+
+
+def change(keeper: MapIntegrator, random: np.random.Generator, now: float, out: int) -> None:
+    """Makes a random change, announced; one that is refused changes nothing."""
+    ids = [border.id for border in keeper.borders]
+    some = str(random.choice(ids)) if ids else "b0"
+    kinds = ["add", "rename", "enable", "update", "remove", "undo", "redo", "clear", "expire"]
+    kind = random.choice(kinds, p=[0.4, 0.12, 0.12, 0.1, 0.1, 0.08, 0.04, 0.01, 0.03])
+    os.write(out, f"try {kind}\n".encode())
+    column, row = random.uniform(3, 130), random.uniform(3, 90)
+    corners = GRID.grid_to_world([(column, row), (column + 20, row), (column + 20, row + 20), (column, row + 20)])
+    border = VirtualBorder(corners, corners.mean(axis=0), closed=True)
+    if kind == "add":
+        keeper.add(border, now)
+    elif kind == "rename":
+        keeper.rename(some, f"name {random.integers(1e6)}", now)
+    elif kind == "enable":
+        keeper.enable(some, bool(random.random() < 0.5), now, expires=now + random.integers(0, 3) * 2.5)
+    elif kind == "update":
+        keeper.update(border.replace(id=some), now)
+    elif kind == "remove":
+        keeper.remove(some, now)
+    elif kind == "expire":
+        keeper.expire(now)
+    else:
+        getattr(keeper, str(kind))(now)
+
+
+def child(folder: Path, out: int, seed: int, limit: Optional[int]) -> None:
+    """Says "before", changes, says the state; for ever, or until the disk is full for good."""
+    random = np.random.default_rng(seed)
+    keeper = start(folder)
+    os.write(out, f"{state(keeper)}\n".encode())
+    if limit is not None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    for number in range(40 if limit is not None else 100_000):
+        try:
+            change(keeper, random, 1.0 + number, out)
+        except CodedError as error:
+            if error.code == "cannot_write":
+                os.write(out, b"refused\n")
+        os.write(out, f"{state(keeper)}\n".encode())
+
+
+def flip(folder: Path, random: np.random.Generator) -> str:
+    """Damages one of the files; gives its name."""
+    where = folder.glob("borders*") if random.random() < 0.7 else folder.rglob("*")
+    files = [path for path in sorted(where) if path.is_file() and path.stat().st_size]
+    path = files[random.integers(len(files))]
+    content = bytearray(path.read_bytes())
+    if random.random() < 0.3:
+        place = int(random.integers(len(content)))
+        content[place : place + 512] = random.bytes(min(512, len(content) - place))
+    else:
+        for _ in range(random.integers(1, 4)):
+            content[random.integers(len(content))] ^= int(random.integers(1, 256))
+    path.write_bytes(bytes(content))
+    return path.name
+
+
+def crash(kind: str, folder: Path, seed: int) -> Dict[str, Any]:
+    """Crashes once on a folder that goes on; returns what came of it."""
+    random = np.random.default_rng(seed)
+    size = max([path.stat().st_size for path in folder.glob("*.db*")] or [0])
+    limit = int(size * random.uniform(0.2, 1.3)) + 4096 if kind == "full" else None
+    reader, writer = os.pipe()
+    process = os.fork()
+    if process == 0:
+        os.close(reader)
+        try:
+            child(folder, writer, seed, limit)
+        finally:
+            os._exit(0)
+    os.close(writer)
+    said: List[bytes] = []
+    with os.fdopen(reader, "rb") as stream:
+        if kind != "full":
+            # one in ten is killed while it starts, the others after some changes, anywhere within one
+            for _ in range(0 if random.random() < 0.1 else random.integers(1, 30)):
+                said.append(stream.readline())
+            time.sleep(random.uniform(0.0, 0.01))
+            os.kill(process, signal.SIGKILL)
+        said += stream.read().splitlines(keepends=True)
+    os.waitpid(process, 0)
+    whole = [line.decode().strip() for line in said if line.endswith(b"\n")]
+    states = [line for line in whole if line.startswith("[")]
+    row_kind = whole[-1][4:] if whole and whole[-1].startswith("try") else ""
+    changes = sum(one != other for one, other in zip(states, states[1:]))
+    row: Dict[str, Any] = {"kind": kind, "changes": changes, "refused": whole.count("refused")}
+    row["file"] = flip(folder, random) if kind == "flip" else ""
+    row["acknowledged"] = states[-1] if states else None
+    row["under_way"] = row_kind
+    return row
+
+
+def judge(row: Dict[str, Any], folder: Path, before: str, seed: int) -> str:
+    """Compares what came back with what was acknowledged; gives the present state."""
+    acknowledged = row.pop("acknowledged") or before
+    try:
+        keeper = start(folder)
+    except Exception as error:  # the node would not have come up
+        row.update(outcome="did not start", said=repr(error))
+        return before
+    now, row["said"] = state(keeper), " ".join(notice.code for notice in keeper.notices)
+    keeper.close()
+    if now == acknowledged:
+        row["outcome"] = "same"
+        return now
+    old = {one["id"]: one for one in json.loads(acknowledged)}
+    new = {one["id"]: one for one in json.loads(now)}
+    different = [key for key in {*old, *new} if old.get(key) != new.get(key)]
+    many = row["under_way"] in ("undo", "redo", "clear", "expire")
+    made = row["kind"] != "full" and (len(different) == 1 and row["under_way"] or many)
+    row["outcome"] = "change under way was made" if made else "LOST OR MOVED"
+    return now
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--crashes", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    rows: List[Dict[str, Any]] = []
+    made_by = revision()
+    root = Path(tempfile.mkdtemp(prefix="border_crashes_"))
+    folder, before = root / "0", "[]"
+    for number in range(options.crashes):
+        kind = KINDS[number % 3]
+        if number % 60 == 0:  # from an empty folder now and then
+            shutil.rmtree(str(folder), ignore_errors=True)
+            folder, before = root / str(number), "[]"
+        seed = options.seed * 1_000_000 + number
+        folder.mkdir(exist_ok=True)
+        row = crash(kind, folder, seed)
+        before = judge(row, folder, before, seed)
+        rows.append(row)
+        if row["outcome"] not in ("same", "change under way was made"):
+            print(number, row, flush=True)
+            shutil.copytree(str(folder), f"/tmp/border_crash_{number}", dirs_exist_ok=True)
+        if (number + 1) % 20 == 0 or number + 1 == options.crashes:
+            path = write(rows, made_by)
+    shutil.rmtree(str(root))
+    print(path.read_text())
+    return 0
+
+
+def write(rows: List[Dict[str, Any]], made_by: str) -> Path:
+    """Writes the table as far as it goes."""
+    table = []
+    for kind in (*KINDS, "all"):
+        some = [row for row in rows if kind in (row["kind"], "all")]
+        if not some:
+            continue
+        outcomes, said = Counter(row["outcome"] for row in some), Counter(row["said"] or "nothing" for row in some)
+        table.append(
+            {
+                "kind": kind,
+                "crashes": len(some),
+                "changes_acknowledged": sum(row["changes"] for row in some),
+                "refused_with_an_error": sum(row["refused"] for row in some),
+                "same_borders": outcomes["same"],
+                "change_under_way_was_made": outcomes["change under way was made"],
+                "lost_or_moved": outcomes["LOST OR MOVED"],
+                "did_not_start": outcomes["did not start"],
+                "said_at_start": "; ".join(f"{text}: {count}" for text, count in said.most_common()),
+            }
+        )
+    return write_table("maps/crashes", f"maps/crashes.py --crashes {len(rows)}", made_by, table)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
