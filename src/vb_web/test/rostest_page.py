@@ -272,7 +272,7 @@ class PageTest(unittest.TestCase):
         self.browser.click("#dialog button", "Save")
         until(lambda: self.borders()[0].schedule == "mon-fri 08:00-12:30", "the schedule")
         self.assertTrue(self.borders()[0].enabled)
-        self.browser.wait_text("#toast", "Switched on: in force Mon")
+        self.browser.wait_text("#toast", "Switched on: in force only Mon")
         self.browser.wait(
             "document.getElementById('borders').innerText.replace(/\\u2060/g, '').includes('Mon–Fri 08:00–12:30')",
             what="the schedule in the list",
@@ -598,7 +598,7 @@ class PageTest(unittest.TestCase):
             small.click("#wall")
             for point in ([3.2, 3.95], [3.2, 3.1]):  # a doorway
                 small.tap(point)
-            small.wait_text("#review", "separate parts")
+            small.wait_text("#review", "more parts")
             small.wait_arrived()
             small.run("window.scrollTo(0, 0)")
             for part in ("input", ".issue", ".primary"):
