@@ -162,7 +162,7 @@ class Lab:
         port = free_port()
         os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
         self.child = roslaunch(
-            [TOP / "bench" / "robot_drives.launch"],
+            [Path(__file__).with_name("drives.launch")],
             folder / "roslaunch.txt",
             port,
             {**os.environ, "ROS_LOG_DIR": str(folder / "log")},
