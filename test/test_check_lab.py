@@ -316,9 +316,8 @@ def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agr
     found = comparison.notices(231.0)
     assert {(one.values["first"], one.values["second"]) for one in found} == {("east", "south"), ("north", "south")}
     assert {one.code for one in found} == {"cameras_disagree"} and all(8 < int(one.values["cm"]) < 14 for one in found)
-    comparison.clear(
-        "south", 232.0
-    )  # calibrated again; the laser is still on, and the detector has the former pose a moment longer
+    # calibrated again; the laser is still on, and the detector has the former pose a moment longer
+    comparison.clear("south", 232.0)
     draw(230.5, 0.11, lasts=5.5)
     assert comparison.notices(237.0) == []
     draw(300.0, 0.0)

@@ -301,6 +301,67 @@ def test_a_comment_on_the_whole_file_and_items_of_a_list_describe_no_parameter(t
     ]
 
 
+@pytest.mark.parametrize(
+    "comment, doc, complaint",
+    [
+        pytest.param("", "", "low", id="no meaning"),
+        pytest.param("   # [m] of the floor", "", "low", id="needs its key"),
+        pytest.param("   # [m] height of the floor", "how high the floor is", "how high", id="two meanings"),
+        pytest.param(
+            "   # [m] height of the floor: 0 in most labs", "height of the floor", "", id="beginning repeated"
+        ),
+    ],
+)
+def test_each_parameter_has_one_meaning_that_can_be_read_alone(monkeypatch, tmp_path, comment, doc, complaint):
+    reference = load_script("reference")
+    package = tmp_path / "src" / "vb_x"
+    (package / "config").mkdir(parents=True)
+    (package / "src").mkdir()
+    (package / "config" / "node.yaml").write_text(f"low: 0.0{comment}\n")
+    (package / "src" / "node.py").write_text(f"class NodeParams:\n    low: float = param(0.0, doc={doc!r})\n")
+    monkeypatch.setattr(reference, "TOP", tmp_path)
+    if complaint:
+        with pytest.raises(ValueError, match=complaint):
+            reference.read_parameters()
+    else:
+        (rows,) = reference.read_parameters().values()
+        assert rows == [("low", "0.0", "m", "", "height of the floor: 0 in most labs")]
+
+
+def test_a_parameter_without_a_comment_has_that_of_its_section_or_of_the_same_key_elsewhere(monkeypatch, tmp_path):
+    reference = load_script("reference")
+    folder = tmp_path / "src" / "vb_x" / "config"
+    folder.mkdir(parents=True)
+    (folder / "models.yaml").write_text("reach: 2.0   # [m] distance to the spot\n")
+    (folder / "study.yaml").write_text("words:   # what people say\n  save: save\ntraits:\n  reach: 3.0   # [m]\n")
+    monkeypatch.setattr(reference, "TOP", tmp_path)
+    meanings = {row[0]: row[4] for rows in reference.read_parameters().values() for row in rows}
+    assert meanings == {
+        "reach": "distance to the spot",
+        "words/save": "what people say",
+        "traits/reach": "distance to the spot",
+    }
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    ["~* NoSuchParams", "config/no_such_file.yaml", "~* NodeParams, ~inner/* InnerParams", "a sentence about them."],
+)
+def test_reference_refuses_parameters_that_it_cannot_read(parameters):
+    reference = load_script("reference")
+    docstring = f"A node.\n\nParameters:\n    {parameters}\n"
+    with pytest.raises(ValueError, match="node: Parameters"):
+        reference.write_nodes({"vb_robot": [("node", docstring)]})
+
+
+def test_reference_refuses_text_behind_the_sections():
+    reference = load_script("reference")
+    with pytest.raises(ValueError, match="It rests"):
+        reference.parse_docstring(
+            "A node.\n\nSubscribed topics:\n    /map (nav_msgs/OccupancyGrid)\n\nIt rests at night.\n"
+        )
+
+
 def test_reference_lists_every_fixed_topic_and_service():
     text = (TOP / "docs" / "reference" / "topics.md").read_text(encoding="utf-8")
     fixed = fixed_names()

@@ -270,8 +270,7 @@ def meander(spots: int, cameras: int = 8, rate: float = 30.0, speed: float = 0.2
 
 
 def live(before) -> List[Dict[str, object]]:
-    """Measures the processor time of the border so far for each tenth of a second of a drawing, the last two seconds of
-    it.
+    """Measures the processor time of the border so far for each tenth of a second in a drawing's last two seconds.
 
     Before, up to 4,000 evenly chosen spots were extracted again each time.
     """

@@ -186,11 +186,8 @@ class Lab:
         self.runner = GoalRunner()
         if not wait_until(lambda: self.observer.posterior is not None and self.observer.lab is not None, 60.0):
             raise CodedError("not_ready", f"no maps, see {folder}")
-        self._truth, self._errors, self._late = (
-            deque(maxlen=500),
-            [],
-            0,
-        )  # errors: with twice their standard deviation [m]
+        # errors: with twice their standard deviation [m]
+        self._truth, self._errors, self._late = (deque(maxlen=500), [], 0)
         self._subscribers = [
             rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab),
             rospy.Subscriber("/amcl_pose", PoseWithCovarianceStamped, self._on_amcl),

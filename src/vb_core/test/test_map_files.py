@@ -76,7 +76,7 @@ def test_a_transparent_pixel_is_unknown_where_shades_count(tmp_path):
         ("free_thresh: 0.196", "free_thresh: low", "free_thresh"),
         ("negate: 0", "negate: 'no'", "negate"),
         ("resolution: 0.1", "mode: odd", "mode"),
-        (DESCRIPTION, "", "keys"),
+        (DESCRIPTION, "", "contains no"),
         (DESCRIPTION, "[", "YAML"),
     ],
 )

@@ -168,9 +168,8 @@ class InputMethodsTest(unittest.TestCase):
         self.wait_for_log("no transform")
         for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 0.0), (50.0, 50.0)):
             self.click(x, y)
-        self.wait_for_log(
-            "refused [seed_outside_map]", "restricted"
-        )  # the clicks are still there: only the seed is missing
+        # the clicks are still there: only the seed is missing
+        self.wait_for_log("refused [seed_outside_map]", "restricted")
         self.assertEqual((self.maps.count, self.borders.message.borders), (count, []))
         self.click(0.7, 0.3)
         self.stored(1)

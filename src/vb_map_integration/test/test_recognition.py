@@ -133,9 +133,8 @@ def test_ten_seconds_of_slam_do_not_lose_the_border(tmp_path):
         slam.set_map(flat(Transform(5.0, 5.0, 1.0), seed=2, known=(4.0, 4.0 + width)))
         assert slam.needs_confirmation and len(slam.borders) == 1
         asked = next(notice for notice in slam.notices if notice.code == "borders_unconfirmed")
-        assert (
-            sentences.border_name(slam.borders[0].name) in asked.sentence()
-        )  # what people know: nobody named the place
+        # what people know: nobody named the place
+        assert sentences.border_name(slam.borders[0].name) in asked.sentence()
     slam.close()
     third = integrator(tmp_path, flat())
     assert closed_off(third) and not third.needs_confirmation

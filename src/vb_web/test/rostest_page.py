@@ -262,8 +262,8 @@ class PageTest(unittest.TestCase):
         until(lambda: not self.borders()[0].enabled, "the border to be off")
         self.browser.wait_text("#borders", "Switched off")
         self.browser.click("#borders .name")
-        self.browser.click("#dialog button", "Times of day")
-        self.browser.wait_text("#dialog", "Rug: times of day")
+        self.browser.click("#dialog button", "Schedule")
+        self.browser.wait_text("#dialog", "Rug: schedule")
         self.browser.click("#dialog button", "Weekdays")
         self.browser.click("#dialog button", "Save")  # nobody's times are made up
         self.browser.wait_text("#toast", "both times")
@@ -272,7 +272,7 @@ class PageTest(unittest.TestCase):
         self.browser.click("#dialog button", "Save")
         until(lambda: self.borders()[0].schedule == "mon-fri 08:00-12:30", "the schedule")
         self.assertTrue(self.borders()[0].enabled)
-        self.browser.wait_text("#toast", "Switched on: in force Mon")
+        self.browser.wait_text("#toast", "Switched on: in force only Mon")
         self.browser.wait(
             "document.getElementById('borders').innerText.replace(/\\u2060/g, '').includes('Mon–Fri 08:00–12:30')",
             what="the schedule in the list",
@@ -280,7 +280,7 @@ class PageTest(unittest.TestCase):
         # what changes nothing is no step of undo
         revision = self.browser.run("return window.virtualBorders.view.borders.revision")
         self.browser.click("#borders .name")
-        self.browser.click("#dialog button", "Times of day")
+        self.browser.click("#dialog button", "Schedule")
         self.browser.click("#dialog button", "Save")
         self.browser.wait("!document.getElementById('dialog').open", what="the dialog to close")
         self.browser.click("#borders .name")
@@ -598,7 +598,7 @@ class PageTest(unittest.TestCase):
             small.click("#wall")
             for point in ([3.2, 3.95], [3.2, 3.1]):  # a doorway
                 small.tap(point)
-            small.wait_text("#review", "separate parts")
+            small.wait_text("#review", "more parts")
             small.wait_arrived()
             small.run("window.scrollTo(0, 0)")
             for part in ("input", ".issue", ".primary"):
@@ -730,7 +730,7 @@ class PageTest(unittest.TestCase):
             small.tap([4.0, 1.4])
             small.wait_text("#dialog", "Ausschalten")
             self.assertTrue(small.run(within))
-            small.click("#dialog button", "Uhrzeiten")
+            small.click("#dialog button", "Zeitplan")
             small.wait_text("#dialog", "Werktage")
             self.assertTrue(small.run(within))
             # on its side too
@@ -796,7 +796,7 @@ class PageTest(unittest.TestCase):
         self.browser.run("document.getElementById('health').open = true")
         try:
             self.browser.wait_text("#drivers", "one has stopped: something is in its way.")
-            self.assertIn("Driven by its navigation", self.browser.text("#drivers"))
+            self.assertIn("Driven by navigation", self.browser.text("#drivers"))
             for camera in ("south", "north"):
                 self.browser.click(f"#cameras [data-key='see {camera}']")
             self.browser.wait(
@@ -851,9 +851,8 @@ class PageTest(unittest.TestCase):
         self.browser.wait(
             "document.querySelector('#login input').getClientRects().length", what="the form for the code"
         )
-        self.assertEqual(
-            self.browser.run("return document.querySelectorAll('#borders li').length"), 1
-        )  # as it was before
+        # as it was before
+        self.assertEqual(self.browser.run("return document.querySelectorAll('#borders li').length"), 1)
         field = self.browser.field("#login input")
         field.send_keys("wrong-code\n")
         self.browser.wait_text("#login-answer", "not a valid code")

@@ -30,7 +30,7 @@ MIN_SCAN_DEG = 60.0
 
 
 class CheckState(enum.IntEnum):
-    """How good a line is; the worst of all decides the exit status."""
+    """Severity of a line; the worst of all lines decides the exit status."""
 
     OK = 0
     UNKNOWN = 1

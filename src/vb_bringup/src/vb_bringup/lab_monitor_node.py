@@ -52,11 +52,11 @@ class LabMonitorParams(Parameters):
 
 
 class LabMonitorNode:
-    """Watches the detectors' status; runs `check_lab`; logs what is new in its result, with what to do, and new notices of the nodes.
+    """Monitors the detectors, repeats `check_lab`, and logs what is new in its result and in the nodes' notices.
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
-        /virtual_borders/spots (vb_msgs/LaserSpot): to compare where overlapping cameras see the laser
+        /virtual_borders/spots (vb_msgs/LaserSpot): to compare the positions at which overlapping cameras see the laser
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid): for `check_lab`
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): for `check_lab`
         <camera>/image_raw (sensor_msgs/Image), <camera>/camera_info (sensor_msgs/CameraInfo): for `check_lab`

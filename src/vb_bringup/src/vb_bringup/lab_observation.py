@@ -160,7 +160,7 @@ def observe_lab(seconds: float) -> List[CheckLine]:
 
 
 def _wanted_topics(images: Iterable[Tuple[str, type]], robots: Sequence[str]) -> Dict[str, type]:
-    """What is listened to: detectors' images, robots' sensors, maps and borders, each topic with its type."""
+    """Lists the topics to subscribe to, with their types: detectors' images, robots' sensors, maps and borders."""
     found: Dict[str, type] = {}
     for topic, kind in images:
         found.update({topic: kind, _info_topic(topic): CameraInfo})

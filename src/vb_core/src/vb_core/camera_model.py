@@ -117,12 +117,12 @@ class CameraModel:
 
     @cached_property
     def distorted(self) -> bool:
-        """Whether the lens distorts; a fisheye does even with coefficients of 0."""
+        """Returns whether the lens distorts; a fisheye does even with coefficients of 0."""
         return self.fisheye or bool(self.distortion.any())
 
     @cached_property
     def _pinhole(self) -> Tuple[np.ndarray, np.ndarray]:
-        """Focal lengths and principal point [px]."""
+        """Returns focal lengths and principal point [px]."""
         return np.array([self.matrix[0, 0], self.matrix[1, 1]]), self.matrix[:2, 2].copy()
 
     def _fisheye_rays(self, pixels: np.ndarray) -> np.ndarray:

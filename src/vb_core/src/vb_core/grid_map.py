@@ -84,12 +84,12 @@ class GridMap:
 
     @cached_property
     def _corner(self) -> np.ndarray:
-        """(2,) [m] the outer corner of cell (0, 0)."""
+        """Returns the outer corner (2,) [m] of cell (0, 0)."""
         return np.array(self.origin[:2])
 
     @cached_property
     def _turn(self) -> np.ndarray:
-        """(2, 2): row vectors in the map frame times it are along columns and rows."""
+        """Returns (2, 2): row vectors in the map frame times it are along columns and rows."""
         c, s = math.cos(self.origin[2]), math.sin(self.origin[2])
         return np.array([[c, -s], [s, c]])
 

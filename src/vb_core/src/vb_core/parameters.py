@@ -37,6 +37,8 @@ def param(
         low, high: the smallest and largest value allowed, both included.
         above: a limit that the value must exceed.
         choices: the only values allowed.
+        doc: the meaning of a parameter that no file in config/ lists. Of one that is listed, the comment there is the
+            meaning; `doc` may repeat how it begins, where dynamic_reconfigure shows it.
     """
     metadata = {"unit": unit, "low": low, "high": high, "above": above, "choices": choices, "doc": doc}
     if isinstance(default, (list, dict)):

@@ -104,7 +104,7 @@ def accuracy(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Dict[
 
 
 def _edges(area: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(N, 2) [cells] middles of the edges between free cells of which one is inside."""
+    """Returns the middles (N, 2) [cells] of the edges between free cells of which one is inside."""
     across = (area[:, 1:] != area[:, :-1]) & free[:, 1:] & free[:, :-1]
     along = (area[1:] != area[:-1]) & free[1:] & free[:-1]
     return np.vstack([np.argwhere(across) + (0.0, 0.5), np.argwhere(along) + (0.5, 0.0)])

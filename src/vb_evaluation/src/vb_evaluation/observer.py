@@ -82,7 +82,7 @@ class Observer:
 
 
 def wait_until(condition: Callable[[], bool], timeout: float, period: float = 0.05) -> bool:
-    """Looks at a condition until it holds; False after `timeout` of wall time or at shutdown."""
+    """Waits until a condition holds; returns False after `timeout` of wall time or at shutdown."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline and not rospy.is_shutdown():
         if condition():

@@ -54,7 +54,7 @@ class Child:
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended yet."""
+        """Returns whether it has not ended yet."""
         return self._process.poll() is None
 
     @property

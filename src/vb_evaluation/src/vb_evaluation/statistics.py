@@ -127,8 +127,7 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
 
 
 def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Computes the median of all pairwise means of differences (N,), with the interval that belongs to the Wilcoxon
-    test.
+    """Computes the median of all pairwise means of differences (N,), with the Wilcoxon test's interval.
 
     The interval is distribution-free (Hollander, Wolfe & Chicken 2014, Sect. 3.3) and, with few differences,
     the widest there is: five of them reach 93.75 % at most.
@@ -240,13 +239,13 @@ def format_p(p: float) -> str:
 
 
 def _exact_p(ranks: np.ndarray, smaller: float) -> float:
-    """Two-sided p of the smaller rank sum over all signs of the ranks (N,), whole or half."""
+    """Computes the two-sided p of the smaller rank sum over all signs of the ranks (N,), whole or half."""
     tail = _distribution(ranks)[: int(round(2 * smaller)) + 1].sum()
     return min(1.0, 2.0 * float(tail))
 
 
 def _distribution(ranks: np.ndarray) -> np.ndarray:
-    """Probability of each value 0, 1/2, 1, ... of the sum of those ranks (N,) whose fair coin shows a plus."""
+    """Computes the probability of each value 0, 1/2, 1, ... of the sum of the ranks (N,) that are plus by chance."""
     pmf = np.ones(1)
     for doubled in np.round(2.0 * np.asarray(ranks)).astype(int):
         grown = np.zeros(len(pmf) + doubled)
@@ -257,7 +256,7 @@ def _distribution(ranks: np.ndarray) -> np.ndarray:
 
 
 def _sample(values: np.ndarray) -> np.ndarray:
-    """(N,) float64, all finite."""
+    """Checks a sample and returns it as (N,) float64, all finite."""
     sample = np.asarray(values, dtype=float)
     if sample.ndim != 1 or not np.isfinite(sample).all():
         raise CodedError("bad_sample", "a sample is a list of finite numbers: leave out runs without a value")

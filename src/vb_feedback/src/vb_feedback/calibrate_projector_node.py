@@ -41,7 +41,7 @@ class CalibrationParams(Parameters):
 
 
 class CalibrateProjectorNode:
-    """Asks for four clicks, writes the calibration, shows the map's grid for checking, and ends.
+    """Calibrates a floor projector from four clicks, then shows the map's grid for checking.
 
     Subscribed topics:
         /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", in the map frame, on the map where the
@@ -65,7 +65,7 @@ class CalibrateProjectorNode:
         rospy.Subscriber("/clicked_point", PointStamped, self._on_click, queue_size=5)
 
     def close(self) -> None:
-        """Takes the window away."""
+        """Closes the window."""
         if self._window is not None:
             self._window.close()
 

@@ -50,7 +50,7 @@ class DisplayParams(Parameters):
 
 @dataclass(frozen=True)
 class _Inputs:
-    """What has been heard, as one drawing step uses it."""
+    """The newest messages, as one drawing step uses them."""
 
     physical: Optional[GridMap] = None
     posterior: Optional[GridMap] = None
@@ -64,7 +64,7 @@ class _Inputs:
 
 
 class DisplayMarkersNode:
-    """Draws state, words, borders, drawing and spots as markers, and restricted areas as a grid.
+    """Draws state, text, borders, the drawing and spots as markers, and restricted areas as a grid.
 
     Subscribed topics:
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid): the layout, and where borders restrict.
@@ -73,7 +73,7 @@ class DisplayMarkersNode:
         /virtual_borders/preview (vb_msgs/BorderPreview): what saving now would do.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/spots (vb_msgs/LaserSpot)
-        /virtual_borders/notices (vb_msgs/NoticeArray): what any node has to say.
+        /virtual_borders/notices (vb_msgs/NoticeArray): notices of all nodes.
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): 0 where no stationary camera sees the floor.
 
     Published topics:
@@ -259,7 +259,7 @@ class DisplayMarkersNode:
 
     @staticmethod
     def _current_preview(known: _Inputs) -> Optional[BorderPreview]:
-        """The preview, if it belongs to the current interaction."""
+        """Returns the preview, if it belongs to the current interaction."""
         state, preview = known.state, known.preview
         if state is None or preview is None or not preview.available or not state.interaction_id:
             return None

@@ -15,7 +15,7 @@ from vb_feedback.sound.sound_events import SoundEvents
 
 
 class FeedbackNode:
-    """Gives the person light and sound (paper, Sect. 4.2: colored light and non-speech audio sound).
+    """Publishes light and sounds for the person (paper, Sect. 4.2: colored light and non-speech audio sound).
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState)

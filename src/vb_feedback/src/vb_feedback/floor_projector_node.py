@@ -45,7 +45,7 @@ class ProjectorParams(Parameters):
 
 
 class FloorProjectorNode:
-    """Shows borders, the drawing, what save would restrict, and the state, where people look: on the floor.
+    """Shows borders, the drawing, the floor that save would restrict, and the state on the floor, where people look.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
@@ -88,7 +88,7 @@ class FloorProjectorNode:
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=10)
 
     def close(self) -> None:
-        """Takes the window away."""
+        """Closes the window."""
         self._wake.close()
         if self._window is not None:
             self._window.close()
@@ -111,7 +111,7 @@ class FloorProjectorNode:
         rospy.rostime.wallsleep(max(0.0, self._period - (time.monotonic() - started)))
 
     def _content(self, now: float) -> Tuple[FloorContent, Optional[BorderPreview]]:
-        """What to show at a time [s], and the preview that its region is from."""
+        """Returns what to show at a time [s], and the preview that its region is from."""
         with self._lock:
             state, progress, preview = self._state, self._progress, self._preview
             borders, spot = self._borders, self._spot
@@ -127,7 +127,7 @@ class FloorProjectorNode:
         return FloorContent(state.name, borders, drawing, self._steady_spot(spot, now)), preview
 
     def _steady_spot(self, spot: Optional[Tuple[float, float, float]], now: float) -> Optional[Tuple[float, float]]:
-        """Where the spot is, in steps: an image for each of its moves would never rest."""
+        """Returns the spot's position in steps, so that not every small move makes a new image."""
         if spot is None or not abs(now - spot[2]) <= _SPOT_LIFETIME:
             self._spot_shown = None
         elif (

@@ -27,7 +27,7 @@ BEEPS = {
 
 
 class KobukiFeedbackNode:
-    """Shows states by an LED of the base, plays sounds on its beeper.
+    """Shows the state with an LED of a Kobuki base, and plays sounds on its beeper.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/sound (vb_msgs/Sound)

@@ -52,7 +52,7 @@ class SmartDisplayParams(Parameters):
 
 
 def _query_screen() -> Optional[str]:
-    """What the X server tells about the screen; "" if it cannot be asked, None if there is no screen."""
+    """Asks the X server for the screen; "" if it cannot be asked, None if there is no screen."""
     try:
         asked = subprocess.run(["xdpyinfo"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, universal_newlines=True)
     except OSError:
@@ -61,7 +61,7 @@ def _query_screen() -> Optional[str]:
 
 
 def _wait_for_screen() -> None:
-    """Says once that there is no screen, and waits for one: RViz would end at once, again and again."""
+    """Reports once that there is no screen, and waits for one: RViz would exit at once, again and again."""
     waits = _query_screen() is None
     rospy.set_param("~waits_for_screen", waits)
     if waits:
@@ -82,7 +82,7 @@ def _fitted(params: SmartDisplayParams) -> str:
 
 
 def _give_letters(name: str) -> None:
-    """Lets RViz draw more letters than its package asks for; without them it shows fewer, which is not a reason to fail."""
+    """Makes RViz draw more letters than its package asks for; if that fails, RViz starts with fewer."""
     try:
         rviz = Path(rospkg.RosPack().get_path("rviz"))
         folder = rviz_fonts.overlay_fonts(rviz, Path(rospkg.get_ros_home()) / "virtual_borders" / f"{name}_letters")

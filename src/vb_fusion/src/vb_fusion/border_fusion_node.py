@@ -39,11 +39,11 @@ _NESTED = ("extraction", "collector")
 class FusionParams(Parameters):
     """The node's own parameters."""
 
-    rate: float = param(8.0, "Hz", low=1.0, high=50.0, doc="progress while spots come")
-    idle_rate: float = param(1.0, "Hz", above=0.0, high=50.0, doc="progress in Border and Seed while none come")
-    max_points: int = param(300, low=0, high=5000, doc="points in a progress message")
-    live_cpu_share: float = param(0.12, above=0.0, high=1.0, doc="share of one core that the live chain may take")
-    spot_log_file: str = param("~/.ros/virtual_borders/border_fusion.jsonl", doc="file to restore from; empty: none")
+    rate: float = param(8.0, "Hz", low=1.0, high=50.0)
+    idle_rate: float = param(1.0, "Hz", above=0.0, high=50.0)
+    max_points: int = param(300, low=0, high=5000)
+    live_cpu_share: float = param(0.12, above=0.0, high=1.0)
+    spot_log_file: str = param("~/.ros/virtual_borders/border_fusion.jsonl")
 
 
 class BorderFusionNode:
@@ -55,12 +55,13 @@ class BorderFusionNode:
     Published topics:
         /virtual_borders/progress (vb_msgs/BorderProgress, latched): at ~rate while spots come in Border and Seed, at
             ~idle_rate while none come, and on each change of state. After the interaction the last one stays.
-        /virtual_borders/notices (vb_msgs/NoticeArray, latched): what was left out, what cannot be kept on disk, and
-            what else went wrong; whatever it is, the node goes on.
+        /virtual_borders/notices (vb_msgs/NoticeArray, latched): what was left out, what cannot be stored on disk, and
+            any other failure; the node continues after all of them.
     Services:
         /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): the border of everything drawn in an interaction; an
             empty interaction_id means the current one. The last interaction is available until the next begins.
-    Parameters: config/border_fusion.yaml.
+    Parameters:
+        config/border_fusion.yaml
     """
 
     def __init__(self, params: FusionParams, collecting: CollectorParams, extraction: ExtractionParams) -> None:

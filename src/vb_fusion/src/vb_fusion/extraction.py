@@ -60,17 +60,15 @@ class ExtractionParams(Parameters):
     """Parameters of the extraction; names and values of the paper's Table 1 where it has them."""
 
     mode: str = param("robust", choices=("robust", "paper"))
-    eps: float = param(0.5, "m", above=0.0, high=5.0, doc="clustering: distance of neighbours; robust: widest gap")
-    min_pts: int = param(1, low=1, high=1000, doc="clustering: neighbours of a core point; paper mode only")
-    min_exp: float = param(0.3, "m", low=0.0, high=100.0, doc="shortest border, as diagonal of its bounding box")
-    max_exp: float = param(float("inf"), "m", above=0.0, doc="longest border, likewise")
-    min_size: int = param(10, low=2, high=100000, doc="fewest points of a border")
-    thinning_dist: float = param(0.1, "m", above=0.0, high=1.0, doc="thinning: maxNeighborDist; paper mode only")
-    polygon_dist: float = param(0.5, "m", above=0.0, high=5.0, doc="polygon generation: maxNeighborDist; paper only")
-    simplification_tolerance: float = param(
-        0.005, "m", low=0.0, high=0.1, doc="vertices that change less are left out; robust only"
-    )
-    kind: str = param("auto", choices=("auto", "polygon", "curve"), doc="overrides the rule of line/closure.py")
+    eps: float = param(0.5, "m", above=0.0, high=5.0)
+    min_pts: int = param(1, low=1, high=1000)
+    min_exp: float = param(0.3, "m", low=0.0, high=100.0)
+    max_exp: float = param(float("inf"), "m", above=0.0)
+    min_size: int = param(10, low=2, high=100000)
+    thinning_dist: float = param(0.1, "m", above=0.0, high=1.0)
+    polygon_dist: float = param(0.5, "m", above=0.0, high=5.0)
+    simplification_tolerance: float = param(0.005, "m", low=0.0, high=0.1)
+    kind: str = param("auto", choices=("auto", "polygon", "curve"))
 
     @classmethod
     def paper(cls, **changes) -> "ExtractionParams":

@@ -1,4 +1,4 @@
-"""What lets a growing drawing be extracted again for the price of what is new.
+"""A loop that resumes after its last unchanged row, so that a growing drawing costs only what is new.
 
 Each expensive stage is a loop over rows in the order of time that does not look ahead: its state after a row depends
 on the rows up to there only. So the states are kept, and the loop goes on behind the last row that is still the same.

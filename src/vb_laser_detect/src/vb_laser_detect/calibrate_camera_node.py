@@ -269,7 +269,7 @@ Four places are needed, six to eight are good: near the corners of what the came
         super().__init__(arguments, PoseEstimationParams(point_sigma=arguments.point_sigma))
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
-        """Looks for the spot, and whether it is held still."""
+        """Searches an image for the spot, and checks whether it is held still."""
         self._detector.encoding = encoding
         spots = self._detector.detect(self._reader.read(image, encoding), stamp)
         with self._lock:

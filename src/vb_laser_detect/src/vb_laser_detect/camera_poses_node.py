@@ -20,19 +20,20 @@ from vb_laser_detect.calibration.calibration_file import CameraPose
 class CameraPosesParams(Parameters):
     """The node's parameters."""
 
-    calibration_dir: str = param("", doc="of the calibration files, <camera>.yaml")
+    calibration_dir: str = param("", doc="folder of the calibration files, <camera>.yaml")
     cameras: str = param("", doc="names of the cameras, separated by spaces")
-    check_period: float = param(2.0, "s", above=0.0, high=3600.0, doc="the files are looked at so often")
+    check_period: float = param(2.0, "s", above=0.0, high=3600.0)
 
 
 class CameraPosesNode:
-    """Reads calibrate_camera's files, and again whenever they change.
+    """Publishes the camera poses in calibrate_camera's files, again whenever they change.
 
     A camera without a file, or with a broken one, is named in a warning; its last good pose stays.
 
     Published topics:
         /tf_static (tf2_msgs/TFMessage): the frames that the files name, usually map -> <camera>_optical_frame
     Parameters:
+        config/camera_poses.yaml
         ~* CameraPosesParams
     """
 

@@ -27,13 +27,13 @@ class ClockCheckParams(Parameters):
     """See config/clock_check.yaml."""
 
     nodes: str = param("", doc="names of the detectors, separated by spaces")
-    max_offset_ms: float = param(10.0, "ms", above=0.0, high=10000.0, doc="clocks farther apart are warned of")
-    measurement_period: float = param(10.0, "s", above=0.0, high=3600.0, doc="between two measurements")
-    samples: int = param(8, "", low=1, high=1000, doc="per measurement; the quickest one counts")
+    max_offset_ms: float = param(10.0, "ms", above=0.0, high=10000.0)
+    measurement_period: float = param(10.0, "s", above=0.0, high=3600.0)
+    samples: int = param(8, "", low=1, high=1000)
 
 
 class ClockCheckNode:
-    """Measures how far other computers' clocks are off from this one's, and warns.
+    """Measures how far other computers' clocks differ from this one's, and warns.
 
     A spot is stamped by the clock of its camera's computer and matched with transforms of the robot's: 10 ms are 5 mm
     at 0.5 m/s, and with 100 ms a detector would wait for each transform in vain.
@@ -43,6 +43,7 @@ class ClockCheckNode:
     Published topics:
         /diagnostics (diagnostic_msgs/DiagnosticArray): one status per detector
     Parameters:
+        config/clock_check.yaml
         ~* ClockCheckParams
     """
 

@@ -47,9 +47,8 @@ __all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _MIN_PX = 2.5  # smaller blobs are noise
-_MIN_CERTAIN_PROBABILITY = (
-    0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
-)
+# probability from which a spot that stays is kept out of the background; with less, it may be a ghost
+_MIN_CERTAIN_PROBABILITY = 0.9
 
 
 class SpotDetector:

@@ -13,32 +13,39 @@ from vb_laser_detect.detection.projection import ProjectionParams
 class SpotDetectorNodeParams(Parameters):
     """The node's own parameters; see config/*.yaml."""
 
-    camera: str = param("", doc="name of the camera")
-    image: str = param("", doc="image topic; empty: <camera>/image_raw")
-    depth: str = param("", doc="depth image topic; empty: the floor is a plane")
-    frame: str = param("", doc="optical frame; empty: what the images say")
+    camera: str = param("")
+    image: str = param("")
+    depth: str = param("")
+    frame: str = param("")
     image_transport: str = param("raw", choices=("raw", "compressed"))
-    ignore_regions: list = param([], "m", doc="polygons in the map frame where no spot counts")
-    robots: list = param([], doc="namespaces of those it sees, / for one without; nothing on them is a spot")
+    ignore_regions: list = param([], "m")
+    robots: list = param([])
 
 
 @dataclass(frozen=True)
 class DetectorParams(Parameters):
-    """The defaults are those of a stationary camera; config/stationary.yaml lists them, config/mobile.yaml what differs."""
+    """The detector's parameters, by default those of a stationary camera.
 
-    moving_camera: bool = param(False, doc="the camera may move: its motion is told from the images")
-    confirm_frames: int = param(
-        4, "frames", low=1, high=50, doc="a spot must be seen in so many; 1: each image by itself"
-    )
+    config/stationary.yaml lists them with their meanings, config/mobile.yaml those that differ.
+    """
+
+    moving_camera: bool = param(False)
+    confirm_frames: int = param(4, "frames", low=1, high=50, doc="number of images in which a spot must be seen")
     difference_threshold: float = param(
-        18.0, "grey levels", low=2.0, high=255.0, doc="of a block that is looked at closely"
+        18.0,
+        "grey levels",
+        low=2.0,
+        high=255.0,
+        doc="difference from the background above which a block of pixels is examined",
     )
-    min_probability: float = param(0.5, "", above=0.0, high=0.999, doc="the classifier's, for a spot")
-    classifier: str = param("", doc="file of a classifier trained for this camera; empty: the one that comes with it")
-    min_diameter_mm: float = param(3.0, "mm", low=0.0, high=1000.0, doc="on the floor, where the pose is known")
-    max_diameter_mm: float = param(80.0, "mm", low=1.0, high=1000.0, doc="on the floor, where the pose is known")
+    min_probability: float = param(
+        0.5, "", above=0.0, high=0.999, doc="probability that the classifier must give to a spot"
+    )
+    classifier: str = param("")
+    min_diameter_mm: float = param(3.0, "mm", low=0.0, high=1000.0, doc="smallest diameter of a spot on the floor")
+    max_diameter_mm: float = param(80.0, "mm", low=1.0, high=1000.0, doc="largest diameter of a spot on the floor")
     max_dwell_time: float = param(
-        25.0, "s", low=10.0, high=3600.0, doc="a spot that shines so long on one place is a lamp"
+        25.0, "s", low=10.0, high=3600.0, doc="time after which a light that stays in one place is a lamp, not a spot"
     )
 
     def __post_init__(self) -> None:

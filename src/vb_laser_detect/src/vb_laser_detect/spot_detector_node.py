@@ -41,14 +41,14 @@ _DEBUG_PERIOD = 0.2  # [s] between two debug images: drawing them takes longer t
 
 
 class SpotDetectorNode:
-    """One camera's spot detector. The newest image wins: older ones that wait are dropped, and counted.
+    """Detects the spot in one camera's images. Only the newest image is searched; older ones are dropped and counted.
 
     Subscribed topics:
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage): one of the two
         <camera>/camera_info (sensor_msgs/CameraInfo): next to the image; may come late and change
         <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <depth>/camera_info (sensor_msgs/CameraInfo): only if a
             depth topic is set; camera_info is next to the depth image
-        /virtual_borders/detectors (vb_msgs/DetectorStatus): whether another camera has the same frame
+        /virtual_borders/detectors (vb_msgs/DetectorStatus): to find another camera with the same frame
         /map (nav_msgs/OccupancyGrid): optional; spots outside it are rejected
         /tf, /tf_static (tf2_msgs/TFMessage): <robot>/base_link to map, and <optical frame> to map for a moving camera, at the image's time
     Published topics:
@@ -60,8 +60,10 @@ class SpotDetectorNode:
     Services:
         ~get_time (vb_msgs/GetTime): this computer's clock, for clock_check
     Parameters:
-        ~* SpotDetectorNodeParams, ~detector/* DetectorParams, ~projection/* ProjectionParams; the latter two can be changed
-        while it runs (dynamic_reconfigure, in the same namespaces). <robot>/robot_profile: how large a robot is.
+        config/stationary.yaml: for a ceiling camera. All below ~detector and ~projection but moving_camera can be
+            changed while the node runs (dynamic_reconfigure, in the same namespaces)
+        config/mobile.yaml: for a camera on a robot
+        <robot>/robot_profile: how large a robot is
     """
 
     def __init__(

@@ -129,7 +129,7 @@ class VirtualBorder:
 
     @property
     def kind(self) -> str:
-        """What files call it."""
+        """The kind's name in files."""
         return "virtual_wall" if self.wall else "polygon" if self.closed else "separating_curve"
 
     @property

@@ -57,7 +57,7 @@ class EditorParams(Parameters):
 
 
 class BorderEditorNode:
-    """Interactive markers for all borders; changes go through preview and commit.
+    """Edits borders in RViz with interactive markers; changes go through preview and commit.
 
     Each stored border has a ball at its seed, with a menu: edit, enable or disable, delete. While it is edited each
     vertex and the seed have a handle to be dragged, with a menu: save, cancel, insert or remove a vertex. When a
@@ -78,7 +78,7 @@ class BorderEditorNode:
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
         /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger)
     Parameters:
-        those of `EditorParams`; see config/border_editor.yaml.
+        config/border_editor.yaml
     """
 
     def __init__(self, params: EditorParams) -> None:

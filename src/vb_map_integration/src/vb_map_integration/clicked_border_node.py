@@ -48,7 +48,7 @@ class ClickedBorderNode:
     Services called:
         /virtual_borders/preview_border (vb_msgs/PreviewBorder), /virtual_borders/add_border (vb_msgs/AddBorder)
     Parameters:
-        those of `ClickedBorderParams` and `ClickParams`; see config/clicked_border.yaml.
+        config/clicked_border.yaml
     """
 
     def __init__(self, params: ClickedBorderParams, click_params: ClickParams) -> None:

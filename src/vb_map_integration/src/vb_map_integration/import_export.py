@@ -1,4 +1,4 @@
-"""Commands: borders from a file into the store, and from the store into a file. YAML or GeoJSON."""
+"""Commands that import borders from a file, and export them to one, in YAML or GeoJSON."""
 
 from __future__ import annotations
 

@@ -49,17 +49,11 @@ Places = Mapping[str, Sequence[float]]
 class IntegrationParams(Parameters):
     """Parameters of the integration."""
 
-    occupied_threshold: int = param(
-        OCCUPIED_THRESHOLD, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's"
-    )
-    extension_fit_length: float = param(
-        0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction"
-    )
-    wall_snap_distance: float = param(
-        0.2, "m", low=0.0, doc="how far a drawn end may be from its wall: less than a robot's width"
-    )
-    max_seed_shift: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")
-    max_area_share: float = param(0.98, low=0.0, high=1.0, doc="share of the free space that is worth a warning")
+    occupied_threshold: int = param(OCCUPIED_THRESHOLD, low=1, high=100)
+    extension_fit_length: float = param(0.3, "m", above=0.0)
+    wall_snap_distance: float = param(0.2, "m", low=0.0)
+    max_seed_shift: float = param(0.2, "m", low=0.0)
+    max_area_share: float = param(0.98, low=0.0, high=1.0)
 
 
 # [m] a virtual wall's band; in coarse maps it is the cells that the chain runs through
@@ -239,7 +233,7 @@ class _Task:
             self.warn("border_self_intersects")
 
     def polygon(self) -> Tuple[raster.Window, np.ndarray]:
-        """The area on the seed's side of a polygon: a window, and a (h, w) uint8 mask of it."""
+        """Returns the area on the seed's side of a polygon: a window, and a (h, w) uint8 mask of it."""
         cells, threshold = self.cells, self.params.occupied_threshold
         window, inner = raster.polygon_mask(self.points, cells.shape)
         if not inner.any():
@@ -274,7 +268,7 @@ class _Task:
         return outer, masks.threshold_mask(blocked[outer], _FILLED, cv2.CMP_EQ)
 
     def wall(self) -> Tuple[raster.Window, np.ndarray]:
-        """The free cells of a band along a chain: a window, and a (h, w) uint8 mask of it."""
+        """Returns the free cells of a band along a chain: a window, and a (h, w) uint8 mask of it."""
         cells = self.cells
         trace = raster.trace_chain(self.points, cells.shape)
         inside = (trace.rows >= 0) & (trace.columns >= 0) & (trace.rows < cells.shape[0])
@@ -293,7 +287,7 @@ class _Task:
         return window, cv2.bitwise_and(mask, free)
 
     def curve(self) -> Tuple[raster.Window, np.ndarray, np.ndarray]:
-        """The area on the seed's side of a separating curve: a window, a (h, w) uint8 mask of it, and the line [m]."""
+        """Returns the area on the seed's side of a separating curve: a window, its (h, w) uint8 mask, and the line [m]."""
         prior, params = self.prior, self.params
         fit, tolerance = params.extension_fit_length / prior.resolution, params.wall_snap_distance / prior.resolution
         framed = _framed(self.cells, params.occupied_threshold)
@@ -311,7 +305,7 @@ class _Task:
         return cut.window, cut.region, prior.grid_to_world(cut.line)
 
     def free_cell(self, barred: np.ndarray, away: Optional[np.ndarray] = None) -> Tuple[int, int]:
-        """The cell (row, column) of the seed, or the nearest one that is not barred, in a direction if one is given.
+        """Returns the seed's cell (row, column), or the nearest one that is not barred, in a direction if one is given.
 
         Raises:
             IntegrationError: "seed_on_obstacle" if there is none within the radius.

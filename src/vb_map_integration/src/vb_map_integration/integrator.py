@@ -40,13 +40,13 @@ _NAMED = 3  # borders by which a place is described
 class IntegratorParams(IntegrationParams):
     """The map integrator's parameters."""
 
-    robot_radius: float = param(0.18, "m", low=0.0, doc="robot's radius, for what it can reach; TurtleBot 2")
-    min_component_area: float = param(0.1, "m^2", low=0.0, doc="smaller parts of the free space are not counted")
-    check_reachability: bool = param(True, doc="whether saving looks for free space that falls into parts")
-    dock: list = param([], "m", doc="x and y of the robot's dock; empty: none")
-    robot_name: str = param("", doc="whose map this is: borders for other robots are left out; empty: all act")
-    robots: list = param([], doc="names of the robots that borders may name; empty: any")
-    map_name: str = param("", doc="of the place or floor whose map is published; empty: it is recognised by its map")
+    robot_radius: float = param(0.18, "m", low=0.0)
+    min_component_area: float = param(0.1, "m^2", low=0.0)
+    check_reachability: bool = param(True)
+    dock: list = param([], "m")
+    robot_name: str = param("")
+    robots: list = param([])
+    map_name: str = param("")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -56,7 +56,7 @@ class IntegratorParams(IntegrationParams):
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What adding or changing a border would do.
+    """Effect that adding or changing a border would have.
 
     Attributes:
         area: what it would restrict.
@@ -73,7 +73,7 @@ class CheckResult:
 
 @dataclass(frozen=True)
 class ChangeResult:
-    """What a change did.
+    """Result of a change.
 
     Attributes:
         ids: of the borders that changed.
@@ -88,7 +88,7 @@ class ChangeResult:
 
 @dataclass(frozen=True)
 class MapMatch:
-    """Where borders of a known map would be in the current one.
+    """Position that the borders of a known map would have in the current map.
 
     Attributes:
         place: number of their place.
@@ -194,7 +194,7 @@ class MapIntegrator:
 
     @property
     def has_speed_limits(self) -> bool:
-        """Whether a slow zone is in force."""
+        """Returns whether a slow zone is in force."""
         return bool(self._slow)
 
     @property
@@ -204,7 +204,7 @@ class MapIntegrator:
 
     @property
     def has_map(self) -> bool:
-        """Whether there is a physical map."""
+        """Returns whether there is a physical map."""
         return self._layered_map is not None
 
     @property
@@ -231,7 +231,7 @@ class MapIntegrator:
 
     @property
     def needs_confirmation(self) -> bool:
-        """Whether the current map may show another place than the one to which the borders in force belong."""
+        """Returns whether the current map may show another place than the one to which the borders in force belong."""
         return not self._recognition.certain
 
     @property
@@ -249,7 +249,7 @@ class MapIntegrator:
         return found
 
     def _place_in_words(self) -> Dict[str, str]:
-        """What people know of the place in doubt: the name that they gave it, else the borders that they drew there, and when."""
+        """Describes the place in question to people: by the name that they gave it, else by its borders and their date."""
         if self.map_name:
             return {"place": "$find_place", "map": self.map_name}
         drawn = sorted(self.borders, key=lambda border: border.created)
@@ -627,7 +627,7 @@ class MapIntegrator:
             raise CodedError("changed_meanwhile")
 
     def _check_confirmed(self) -> None:
-        """What is drawn while it is unknown which place the map shows would belong to no place."""
+        """Refuses changes while it is unknown which place the map shows: what is drawn would belong to no place."""
         if self.needs_confirmation:
             raise IntegrationError("confirm_map_first")
 
@@ -637,7 +637,7 @@ class MapIntegrator:
             raise CodedError("already_expired")
 
     def _to_place_frame(self, border: VirtualBorder) -> VirtualBorder:
-        """A border of the current map in the frame of its place."""
+        """Returns a border of the current map in the frame of its place."""
         return border.moved(self._recognition.transform.inverse)
 
     def _keep_map(self) -> None:
@@ -699,6 +699,6 @@ class MapIntegrator:
 
 
 def _is_due(border: VirtualBorder, now: float) -> bool:
-    """Whether a border is on at a time [s], also if it expired and that could not be written yet."""
+    """Returns whether a border is on at a time [s], also if it expired and that could not be written yet."""
     expired = 0.0 < border.expires <= now
     return border.enabled != expired and is_scheduled(border.schedule, now)

@@ -75,8 +75,8 @@ class MapIntegratorNode:
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): highest speeds in slow zones [cm/s], 0: no limit; once
             there is or was one, with every change.
         /<robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with only the borders for one of ~robots.
-        /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as
-            there is a map, and whole with every change.
+        /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as there is
+            a map, and complete with every change.
     Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): what is wrong with map, borders or files.
     Services (a request that fails answers with code and message, and changes nothing):
@@ -90,9 +90,9 @@ class MapIntegratorNode:
         /virtual_borders/confirm_map (vb_msgs/ConfirmMap): which place the current map shows.
         /virtual_borders/adopt_borders (vb_msgs/AdoptBorders): borders of another map, moved by a transform.
         /virtual_borders/undo, /virtual_borders/redo, /virtual_borders/clear (std_srvs/Trigger)
-        /virtual_borders/save_map (vb_msgs/SaveMap): writes files as map_server does, borders beside them.
+        /virtual_borders/save_map (vb_msgs/SaveMap): writes map_server files, and the borders next to them.
     Parameters:
-        those of `MapIntegratorNodeParams`, `IntegratorParams` and `IntegrationParams`; see config/map_integrator.yaml.
+        config/map_integrator.yaml
     """
 
     def __init__(self, params: MapIntegratorNodeParams, integrator_params: IntegratorParams) -> None:

@@ -27,16 +27,16 @@ class RecorderParams(Parameters):
 
 
 class MapRecorderNode:
-    """Stores each new posterior map as map_server files, with the borders, time and trigger; the oldest ones go once
-    the folder has grown to `recording.MAX_BYTES`.
+    """Stores each new map with borders as map_server files, with the borders, time and trigger.
+
+    The oldest ones are deleted once the folder has grown to `recording.MAX_BYTES`.
 
     Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray): the
             integrator gives both the same stamp for the same state. A map whose borders do not arrive is stored
             after ~borders_timeout with those that came last.
     Parameters:
-        ~recording_dir (str): where to; numbering goes on where an earlier recording there ended.
-        ~borders_timeout (float) [s].
+        config/map_recorder.yaml: numbering goes on where an earlier recording in the same folder ended
     """
 
     def __init__(self, params: RecorderParams) -> None:

@@ -38,7 +38,9 @@ class CameraCoverageParams(Parameters):
 
 
 class CameraCoverageNode:
-    """Computes camera coverage, and only when the map, a camera's calibration or its pose changes.
+    """Computes which floor the stationary cameras see, again when the map, a camera's calibration or its pose changes.
+
+    A camera that is missing counts as seeing nothing until it comes.
 
     Subscribed topics:
         /map (nav_msgs/OccupancyGrid): where floor is, and what is on it
@@ -49,8 +51,6 @@ class CameraCoverageNode:
             cell; 0: none; -1: no free floor
     Parameters:
         ~* CameraCoverageParams
-
-    A camera that is missing counts as seeing nothing until it comes.
     """
 
     def __init__(self, params: CameraCoverageParams) -> None:

@@ -233,7 +233,7 @@ class ShortestPaths:
         return csr_matrix((length, (begin, end)), shape=(free.size + 1, free.size + 1))
 
     def _gates(self, cells: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """Free cells (K, 2) where paths begin, and (K,) [m] how far they are from the start."""
+        """Returns free cells (K, 2) where paths begin, and (K,) [m] how far they are from the start."""
         terrain = self._terrain
         gaps = np.linalg.norm(self._centers(cells) - self._start, axis=1)
         if not terrain.edge and not terrain.grid.contains_cells(terrain.grid.world_to_cell(self._start))[0]:

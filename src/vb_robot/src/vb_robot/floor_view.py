@@ -1,4 +1,4 @@
-"""What a camera sees of the floor."""
+"""Computes what a camera sees of the floor."""
 
 from __future__ import annotations
 

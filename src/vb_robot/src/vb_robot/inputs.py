@@ -18,7 +18,7 @@ from vb_robot.spots import Sighting
 
 
 class SpotListener:
-    """Gives every spot that has a place in the map to `take`; counts those that have none."""
+    """Passes every spot that has a place in the map to `take`, and counts those that have none."""
 
     def __init__(self, take: Callable[[Sighting], None]) -> None:
         self._take, self._rejected = take, 0
@@ -40,7 +40,7 @@ class SpotListener:
 
 
 class FloorViewListener:
-    """Gives a robot's floor view to `take`, at first and whenever the lens or the mount's frame changes."""
+    """Passes a robot's floor view to `take`, first and whenever the lens or the mount's frame changes."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""move_base's parameters as far as they follow from the robot; the rest is in vb_bringup/config/navigation."""
+"""Derives move_base's parameters from a robot's profile; the others are in vb_bringup/config/navigation."""
 
 from __future__ import annotations
 

@@ -47,9 +47,10 @@ class RobotDispatcherNode:
     Subscribed topics:
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/state (vb_msgs/InteractionState)
         /virtual_borders/progress (vb_msgs/BorderProgress)
-        /virtual_borders/map, /<robot>/virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may stand, what hides the spot
+        /virtual_borders/map, /<robot>/virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may be, and
+            what hides the spot
         [<robot>/]camera_info (sensor_msgs/CameraInfo): what its camera sees of the floor
-        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): where a robot drives to, no matter who gave the goal
+        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): where a robot drives to, by any node's goal
         /tf, /tf_static (tf2_msgs/TFMessage): where the robots and their cameras are
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): optional; floor that no stationary camera sees
     Published topics:
@@ -58,7 +59,8 @@ class RobotDispatcherNode:
     Actions called:
         [<robot>/]move_base (move_base_msgs/MoveBaseAction)
     Parameters:
-        ~* DispatcherParams; robot_profile in each robot's namespace
+        ~* DispatcherParams
+        robot_profile: in each robot's namespace
     """
 
     def __init__(self, profiles: Mapping[str, RobotProfile]) -> None:

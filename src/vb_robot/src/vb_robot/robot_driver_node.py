@@ -75,16 +75,18 @@ STOP_CODES = {
 class DriverParams(Parameters):
     """The node's parameters; what the robot is comes from its profile."""
 
-    robot: str = param("", doc="its name: in borders and notices, before its frames, its camera's; empty: the only one")
+    robot: str = param(
+        "", doc="name of the robot in borders and notices, of its camera, and before its frames; empty: the only one"
+    )
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
-    exit_borders: bool = param(True, doc="drive out of a border that was put where the robot is")
+    exit_borders: bool = param(True, doc="whether to drive out of a border that was added where the robot is")
     stop_file: str = param(
-        "", doc="exists while the robot is stopped, so that it is after a restart; empty: not remembered"
+        "", doc="file that exists while the robot is stopped, so that it stays so after a restart; empty: none"
     )
 
 
 class RobotDriverNode:
-    """Arbitrates who drives a robot, and gates every command. See `Arbiter`.
+    """Chooses which source drives a robot, and limits every command. See `Arbiter`.
 
     Subscribed topics:
         cmd_vel/navigation, cmd_vel/teleop (geometry_msgs/Twist)
@@ -102,14 +104,15 @@ class RobotDriverNode:
     Published topics:
         cmd_vel (geometry_msgs/Twist): while the robot is driven, one zero when that ends, zeros while stopped
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
-        /virtual_borders/drivers (vb_msgs/DriverState): who drives, and why
+        /virtual_borders/drivers (vb_msgs/DriverState): which source drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
         robot_driver/keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders inflated by the localisation
             uncertainty: for navigation's costmaps
         /virtual_borders/plans (visualization_msgs/MarkerArray): navigation's path of a robot with a name, for 5 s
             after it was planned; RViz would have to know the robots' names to subscribe to each one's path
     Parameters:
-        ~* DriverParams; robot_profile (in the robot's namespace)
+        ~* DriverParams
+        robot_profile: in the robot's namespace
     """
 
     def __init__(self, params: DriverParams, profile: RobotProfile) -> None:

@@ -1,4 +1,4 @@
-"""What is known about the spot in this interaction, and who acts on it: one policy for driver and dispatcher.
+"""Records the sightings of the spot in this interaction; one rule says whether driver or dispatcher acts on them.
 
 The idea: whether a robot follows the spot or is sent to it is decided by the same class from the same sightings, so
 that the two never both act, and never wait for each other.
@@ -78,7 +78,7 @@ class Sightings:
         return changed
 
     def add(self, sighting: Sighting) -> None:
-        """Takes a sighting; uncertain ones, those from before the present state, and those in Default do not count."""
+        """Adds a sighting; uncertain ones, those from before the present state, and those in Default do not count."""
         if sighting.mobile:
             self._mobile_names.add(sighting.camera)
         if self.state == DEFAULT or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
@@ -108,7 +108,7 @@ class Sightings:
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= AUTO_WAIT
 
     def _leader(self, now: float) -> Optional[str]:
-        """The camera on a robot that has seen the spot longest without a pause; while none sees it, the last one."""
+        """Returns the robot camera that has seen the spot longest without a pause; while none sees it, the last one."""
         seeing = {camera: run for camera, run in self._runs.items() if abs(now - run[1]) <= RUN_GAP}
         if seeing:
             self._follower = min(seeing, key=lambda camera: (seeing[camera][0], camera))

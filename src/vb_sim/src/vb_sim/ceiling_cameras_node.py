@@ -102,7 +102,7 @@ class CeilingCamerasNode(CameraNode):
             self._published[index] += 1
 
     def _image(self, index: int, snapshot: Snapshot) -> Optional[np.ndarray]:
-        """What a camera sees; None: nothing is sent."""
+        """Renders what a camera sees; None: nothing is sent."""
         return self._views[index].frame(snapshot)
 
     def _figures(self) -> List[Dict[str, object]]:

@@ -19,7 +19,7 @@ PARTICIPANT_SILENCE = 0.5  # [s] after which the participant counts as gone
 
 @dataclass(frozen=True)
 class Participant:
-    """What the participant said last."""
+    """The participant's last message."""
 
     laser_on: bool = False
     laser: Tuple[float, float] = (0.0, 0.0)

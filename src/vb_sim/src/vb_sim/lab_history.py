@@ -21,7 +21,7 @@ _AHEAD = 0.03  # [s] how far motion is extrapolated beyond the newest snapshot
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Where everything is at one time; all in the map frame, [m] and [rad].
+    """Positions of everything at one time; all in the map frame, [m] and [rad].
 
     Attributes:
         robots: name to (x, y, yaw).
@@ -53,7 +53,7 @@ class History:
         self._snapshots: Deque[Snapshot] = deque(maxlen=64)
 
     def add(self, snapshot: Snapshot) -> None:
-        """Takes a snapshot; one that is older than the newest means that time was set back."""
+        """Adds a snapshot; one that is older than the newest means that time was set back."""
         with self._lock:
             if self._snapshots and snapshot.stamp <= self._snapshots[-1].stamp:
                 if snapshot.stamp > self._snapshots[-1].stamp - 0.5:

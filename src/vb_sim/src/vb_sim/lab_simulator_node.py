@@ -35,9 +35,8 @@ from vb_sim.checkpoint_file import CheckpointFile
 from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
-CONTROL_STEPS = (
-    5  # steps in which navigation, driver and AMCL are each heard: 0.1 s, as move_base's controller and scans come
-)
+# steps in which navigation, driver and AMCL each publish once: 0.1 s, the period of move_base's controller and of scans
+CONTROL_STEPS = 5
 
 
 @dataclass(frozen=True)
@@ -54,8 +53,8 @@ class LabSimulatorParams(Parameters):
     amcl_divisor: int = param(25, "steps", low=1)
     checkpoint_divisor: int = param(10, "steps", low=1)
     transform_tolerance: float = param(0.1, "s", low=0.0, high=1.0)
-    localizes: bool = param(True, doc="false: AMCL does")
-    lockstep: bool = param(False, doc="simulated time waits for navigation, driver and AMCL")
+    localizes: bool = param(True)
+    lockstep: bool = param(False)
 
 
 class RobotConnection:
@@ -84,7 +83,7 @@ class LabSimulatorNode:
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
         <robot>/cmd_vel/navigation (geometry_msgs/Twist), /tf (tf2_msgs/TFMessage): only with ~lockstep
-        <robot>/initialpose (geometry_msgs/PoseWithCovarianceStamped): re-initialises the estimate only
+        <robot>/initialpose (geometry_msgs/PoseWithCovarianceStamped): sets only the pose estimate
         /sim/participant (vb_msgs/ParticipantState)
         /sim/pace (std_msgs/Float64): simulated seconds per real second at most, for drives without people and cameras;
             1 before there is one
@@ -96,9 +95,9 @@ class LabSimulatorNode:
         <robot>/amcl_pose (geometry_msgs/PoseWithCovarianceStamped, latched): `rate / amcl_divisor`
         /tf_static (tf2_msgs/TFMessage): base_link -> base_laser_link
     Services:
-        ~reset (std_srvs/Trigger): puts every robot back to its start
-    Parameters: see `LabSimulatorParams` and config/lab_simulator.yaml. Poses survive the process in a
-        small file in ~state_dir that is tagged with /run_id.
+        ~reset (std_srvs/Trigger): moves every robot back to its start
+    Parameters:
+        config/lab_simulator.yaml: the file with poses in ~state_dir is tagged with /run_id
     """
 
     def __init__(

@@ -24,15 +24,14 @@ class MapServerParams(Parameters):
 
 
 class MapServerNode:
-    """Serves one map that never changes.
+    """Publishes one map that never changes.
 
     Published topics:
         /map (nav_msgs/OccupancyGrid, latched)
     Services:
         /static_map (nav_msgs/GetMap)
     Parameters:
-        ~world: a world file, whose physical map is served, or
-        ~map_yaml: a map in map_server's format, relative to the folder that roslaunch was run in
+        config/map_server.yaml: a relative ~map_yaml starts from the folder that roslaunch was run in
     """
 
     def __init__(self, grid: GridMap) -> None:

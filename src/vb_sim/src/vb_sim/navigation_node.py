@@ -38,7 +38,7 @@ MAPS = (names.MAP_WITH_BORDERS, names.KEEP_OUT)
 class NavigationParams(NavigatorParams):
     """The node's own parameters; names as in move_base where it has them."""
 
-    prefix: str = param("", doc="before the names of the robot's frames")
+    prefix: str = param("")
     controller_frequency: float = param(10.0, "1/s", low=1.0, high=50.0)
     local_costmap_rate: float = param(1.0, "1/s", above=0.0, high=10.0)
     local_costmap_size: float = param(3.0, "m", above=0.1)
@@ -50,25 +50,26 @@ class NavigationNode:
 
     Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid): the static map of both costmaps
-        robot_driver/keep_out (nav_msgs/OccupancyGrid): its borders grown by what the localisation may be off; optional
+        robot_driver/keep_out (nav_msgs/OccupancyGrid): the map with borders, these inflated by the
+            localisation uncertainty; optional
         scan (sensor_msgs/LaserScan): only while driving
         move_base_simple/goal (geometry_msgs/PoseStamped)
         /tf, /tf_static (tf2_msgs/TFMessage): map -> base_link
     Actions:
         move_base (move_base_msgs/MoveBaseAction)
     Services:
-        move_base/make_plan (nav_msgs/GetPlan): refuses while a goal is active; no plan is an empty one
+        move_base/make_plan (nav_msgs/GetPlan): refused while a goal is active; an empty plan if there is none
         move_base/clear_costmaps (std_srvs/Empty): forgets what the scanner saw, never the map or a border
     Published topics:
         cmd_vel (geometry_msgs/Twist): only while a goal is active, and one zero at its end
         move_base/NavfnROS/plan (nav_msgs/Path)
         move_base/global_costmap/costmap (nav_msgs/OccupancyGrid, latched)
         move_base/global_costmap/costmap_updates (map_msgs/OccupancyGridUpdate)
-        move_base/goal (move_base_msgs/MoveBaseActionGoal): what came on move_base_simple/goal
+        move_base/goal (move_base_msgs/MoveBaseActionGoal): goals received on move_base_simple/goal
         move_base/local_costmap/costmap (nav_msgs/OccupancyGrid): only while it has subscribers
     Parameters:
-        robot_profile (in the robot's namespace)
-        see `NavigationParams`, and `CostmapParams`, `PlannerParams` and `FollowerParams` below ~costmap, ~planner, ~follower
+        config/navigation.yaml
+        robot_profile: in the robot's namespace
     """
 
     def __init__(
@@ -159,7 +160,7 @@ class NavigationNode:
         )
 
     def _in_map(self, pose: PoseStamped) -> Pose:
-        """A pose in the map frame.
+        """Returns a pose in the map frame.
 
         Raises:
             CodedError: "bad_goal" or "no_transform".

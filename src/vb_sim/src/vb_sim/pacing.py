@@ -11,7 +11,7 @@ QUICKEST = 0.7  # the minimum wait, as a share of the period
 
 
 class Pacer:
-    """Says how long to wait between equal steps of simulated time.
+    """Computes how long to wait between equal steps of simulated time.
 
     A late step makes the next ones come a little sooner, never in a burst: cameras and controllers
     would see none of the time in between. What is too late to catch up with is dropped.
@@ -41,7 +41,7 @@ class Pacer:
 
 
 class Lockstep:
-    """Lets simulated time wait for the nodes that drive a robot, so that a busy computer never makes them late.
+    """Makes simulated time wait for the nodes that drive a robot, so that a busy computer never makes them late.
 
     While all of them arrive, each must arrive once in every step that ends with `wait`. One that is silent for
     `timeout` has nothing to do: it is not waited for until it arrives again.

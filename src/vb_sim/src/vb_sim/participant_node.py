@@ -44,11 +44,13 @@ class ParticipantParams(Parameters):
 class ParticipantNode:
     """Simulates one person who carries out one scenario.
 
+    A participant that is killed in the middle cancels and starts over; one that had finished says so again.
+
     Subscribed topics:
         /sim/lab_state (vb_msgs/LabState): where the robot is; each message is one step of the person
-        /virtual_borders/spots (vb_msgs/LaserSpot): only whether the spot is seen, as sound and LED tell it
+        /virtual_borders/spots (vb_msgs/LaserSpot): used only for whether the spot is seen, as sound and LED show
         /virtual_borders/progress (vb_msgs/BorderProgress): whether the display shows a seed
-        /virtual_borders/state (vb_msgs/InteractionState): what the display calls the state
+        /virtual_borders/state (vb_msgs/InteractionState): the state that the display shows
         /virtual_borders/notices (vb_msgs/NoticeArray): what it says about the robots
     Published topics:
         /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock, 5 Hz once everything is over
@@ -58,8 +60,8 @@ class ParticipantNode:
         /virtual_borders/command (vb_msgs/Command)
     Services:
         ~start (std_srvs/Trigger): begins, or begins again
-    Parameters: see `ParticipantParams` and config/participant.yaml. A participant that is killed in the middle
-        cancels and starts over; one that had finished says so again.
+    Parameters:
+        config/participant.yaml
     """
 
     def __init__(self, world: World, scenario: Scenario, model: ParticipantModel, params: ParticipantParams) -> None:

@@ -112,7 +112,7 @@ class RobotCameraNode(CameraNode):
             self._render_s += time.perf_counter() - started
 
     def _wanted(self, snapshot: Snapshot) -> bool:
-        """Whether an image of this moment is sent."""
+        """Returns whether an image of this moment is sent."""
         return True
 
     def _figures(self) -> List[Dict[str, object]]:

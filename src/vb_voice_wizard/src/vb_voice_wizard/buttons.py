@@ -34,7 +34,7 @@ class ButtonMap:
         self._held: frozenset = frozenset()
 
     def update(self, buttons: Sequence[int], state: str) -> List[str]:
-        """Takes a new reading, 0 or 1 per button, and returns the commands of the buttons just pressed.
+        """Returns the commands of the buttons that have just been pressed, from a new reading, 0 or 1 per button.
 
         A held button does not repeat. An unknown state counts as "default".
         """

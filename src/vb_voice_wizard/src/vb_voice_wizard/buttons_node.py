@@ -28,7 +28,7 @@ class ButtonsParams(Parameters):
 
 
 class ButtonsNode:
-    """Takes commands from buttons: the baseline method's input for switching states, or a presenter.
+    """Sends the commands of buttons: the baseline method's input for switching states, or a presenter.
 
     Subscribed topics:
         joy (sensor_msgs/Joy): a command is sent when a button is pressed, never while it is held.

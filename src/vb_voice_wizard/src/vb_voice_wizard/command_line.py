@@ -65,7 +65,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
 
 
 def _issues() -> List[BorderIssue]:
-    """What is to be minded before saving, as the preview says."""
+    """Lists the issues to note before saving, from the preview."""
     try:
         return rospy.wait_for_message(names.PREVIEW, BorderPreviewArray, timeout=_PREVIEW_TIMEOUT).issues
     except rospy.ROSException:

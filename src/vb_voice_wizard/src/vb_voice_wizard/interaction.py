@@ -68,7 +68,7 @@ NEVER, UNCERTAIN, ALWAYS = "never", "uncertain", "always"
 
 @dataclass(frozen=True)
 class InteractionParams(Parameters):
-    """When an interaction asks or ends by itself; config/interaction_manager.yaml says why."""
+    """Parameters of an interaction's confirmations and time limits; config/interaction_manager.yaml explains them."""
 
     robot: bool = param(True)
     confirm_save: str = param(UNCERTAIN, choices=(NEVER, UNCERTAIN, ALWAYS))
@@ -180,19 +180,19 @@ class Interaction:
 
     @property
     def saving(self) -> bool:
-        """Whether a border is on its way to the map."""
+        """Returns whether a border is on its way to the map."""
         return self.pending == SAVE
 
     @property
     def confirm_save(self) -> bool:
-        """Whether `save` was given and waits to be given once more."""
+        """Returns whether `save` was given and waits to be given once more."""
         return self._confirming == SAVE
 
     # ------------------------------------------------------------------ commands
     def command(
         self, name: str, source: str, now: float, uncertain: bool = False, doubtful_border: bool = False
     ) -> Answer:
-        """Takes a command; never raises, never ignores.
+        """Carries out a command and returns the answer; never raises, and never ignores a command.
 
         Args:
             name: one of COMMANDS; anything else is answered with "unknown_command".
@@ -266,7 +266,7 @@ class Interaction:
         return self._answered(RESUME, source, Answer(True, code))
 
     def _ask(self, name: str, now: float, uncertain: bool, doubtful_border: bool) -> Optional[Answer]:
-        """The question whether this command is really meant, or None if it was answered or need not be asked."""
+        """Returns the question whether this command is meant, or None if it was answered or need not be asked."""
         confirmed = self._confirming == name and 0.0 <= now - self._asked <= CONFIRM_WITHIN
         self._confirming = ""
         if name == SAVE:
@@ -380,7 +380,7 @@ class Interaction:
 
     @property
     def unseen(self) -> bool:
-        """Whether the person should have drawn or pointed by now, and no spot was seen."""
+        """Returns whether the person should have drawn or pointed by now, and no spot was seen."""
         wanted = self.state in (State.BORDER, State.SEED) and not self.pending
         return wanted and not self._spots[self.state] and self._counted_until >= self.entered + UNSEEN_AFTER
 

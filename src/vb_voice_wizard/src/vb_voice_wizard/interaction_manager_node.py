@@ -54,12 +54,12 @@ class ManagerParams(InteractionParams):
 
 
 class InteractionManagerNode:
-    """Takes commands, owns the state, and saves the border when the person says so.
+    """Carries out commands, owns the state, and saves the border on the command *save*.
 
     Subscribed topics:
         /virtual_borders/stop (std_msgs/Bool): true stops every robot, false lets them drive; from any node.
-        /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and
-            seed so far, for the preview; whether drawing goes on.
+        /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and seed
+            so far, for the preview; whether drawing continues.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): to check whether the preview is still right;
             whether there is something to undo or redo.
         /virtual_borders/notices (vb_msgs/NoticeArray): faulty cameras. While cameras see the laser at different places, or
@@ -82,7 +82,7 @@ class InteractionManagerNode:
             repeated adds one border. No lock is held meanwhile; other commands are answered with "busy", but not
             `stop` and `resume`.
         /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger): on `undo` and `redo`.
-        /virtual_borders/list_borders (vb_msgs/ListBorders): before and after those.
+        /virtual_borders/list_borders (vb_msgs/ListBorders): before and after undo and redo.
         /virtual_borders/preview_border (vb_msgs/PreviewBorder): for the preview, from a separate thread.
 
     Args:
@@ -229,7 +229,7 @@ class InteractionManagerNode:
         return answer
 
     def _change(self, command: str) -> Answer:
-        """Undo or redo, without the lock; says what became of the borders."""
+        """Carries out undo or redo, without the lock; returns what became of the borders."""
         before = self._services.fetch_borders()
         self._services.change(command)
         try:
@@ -299,7 +299,7 @@ class InteractionManagerNode:
             )
 
     def _recall_stop(self) -> Tuple[bool, str]:
-        """Whether robots were stopped, also before the ROS master was restarted; a lost file counts as yes."""
+        """Reads whether robots were stopped, even before the ROS master was restarted; a lost file means yes."""
         try:
             remembered: Optional[Dict[str, Any]] = self._state_file.read_any()
             if remembered is None:
@@ -357,7 +357,7 @@ class InteractionManagerNode:
 
 
 def _what_changed(command: str, before: Mapping[str, VirtualBorder], after: Mapping[str, VirtualBorder]) -> Answer:
-    """What to say of `undo` or `redo` when the borders, by id, were these and are those now.
+    """Returns the answer to `undo` or `redo`, from the borders by id before and after it.
 
     It names the borders if one thing happened to all.
     """

@@ -78,7 +78,7 @@ class RecognitionResult:
     reason: str = "ok"
 
     def refused(self, reason: str) -> "RecognitionResult":
-        """The same, not accepted after all."""
+        """Returns the same result, but not accepted."""
         return replace(self, command=None, reason=reason)
 
 
@@ -100,7 +100,7 @@ class CommandRecognizer:
         self._model = SpeechModel([text.lower() for _, text in said])
 
     def classify(self, utterance: Utterance) -> RecognitionResult:
-        """What became of one utterance."""
+        """Classifies one utterance."""
         if utterance.too_long:
             return RecognitionResult(reason="too_long")
         if len(utterance.pcm) < _MIN_LENGTH * SAMPLE_RATE:
@@ -115,5 +115,5 @@ class CommandRecognizer:
 
 
 def _played(pcm: np.ndarray, speed: float) -> np.ndarray:
-    """An utterance at another speed."""
+    """Returns an utterance played at another speed."""
     return np.interp(np.arange(0.0, len(pcm) - 1, speed), np.arange(len(pcm)), pcm).astype(np.int16)

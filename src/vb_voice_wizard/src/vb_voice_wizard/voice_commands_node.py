@@ -67,7 +67,7 @@ class VoiceCommandsNode:
 
     Published topics:
         /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and how its command was answered.
-        /virtual_borders/voice/level (std_msgs/Float32): of the microphone [dB], full scale is 0, four times a second.
+        /virtual_borders/voice/level (std_msgs/Float32): the microphone's level [dB], 0 at full scale, four times a second.
         /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent.
         /virtual_borders/sound (vb_msgs/Sound): "recognized" as soon as a command is understood; "error" for a near miss,
             and for a command without an answer. The feedback node tells how the interaction answers the command.
@@ -118,7 +118,7 @@ class VoiceCommandsNode:
             self._microphone = Microphone(arecord(params.device), self._put, self._on_trouble, start=node.start_thread)
 
     def close(self) -> None:
-        """Lets go of the microphone, and ends the threads."""
+        """Releases the microphone, and ends the threads."""
         if self._microphone is not None:
             self._microphone.close()
         self._watch.close()

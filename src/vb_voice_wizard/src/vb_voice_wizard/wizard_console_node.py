@@ -47,7 +47,7 @@ _WATCHED = (
 class WizardConsoleNode:
     """Shows the interaction and sends commands.
 
-    It waits for the ROS master, reports when the master or a node is lost, and goes on when they are back. It knows
+    It waits for the ROS master, reports when the master or a node is lost, and continues when they are back. It checks
     border_fusion and map_integrator by their services /virtual_borders/get_drawn_border and
     /virtual_borders/list_borders, which it does not call.
 
@@ -95,7 +95,7 @@ class WizardConsoleNode:
 
     # ------------------------------------------------------------------ presence
     def _watch(self) -> None:
-        """Looks after the master, the nodes, the cameras and the robot."""
+        """Monitors the master, the nodes, the cameras and the robot."""
         away: List[str] = []
         try:
             pid: Optional[int] = self._master.getPid()
@@ -120,7 +120,7 @@ class WizardConsoleNode:
 
     @staticmethod
     def _answers(master: rosgraph.Master, service: str) -> bool:
-        """Whether a living process offers a service: the master remembers those killed too."""
+        """Returns whether a running process offers a service: the master lists killed ones too."""
         try:
             master.lookupService(service)
             rospy.wait_for_service(service, timeout=0.8)
@@ -236,7 +236,7 @@ class WizardConsoleNode:
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
-        """Takes a key that was pressed; its command runs in a separate thread, so the screen goes on.
+        """Handles a pressed key; its command runs in a separate thread, so that the screen does not freeze.
 
         Returns:
             Whether the console is to be left.

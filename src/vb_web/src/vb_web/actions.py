@@ -110,7 +110,7 @@ class ActionHandler:
             raise
 
     def repeat_stop(self) -> None:
-        """Tells the manager, once it is there, of a stop that only the robots have heard, so that everybody is shown it."""
+        """Repeats a stop that only the robots received to the manager, once it is running, so that displays show it."""
         source = self._unheard_stop
         if source and self._manager_there():
             try:

@@ -64,7 +64,7 @@ def cells_per_pixel(shape: Tuple[int, int], side: int = MAX_SIDE) -> int:
 
 
 def _reduce(data: np.ndarray, cells: int) -> np.ndarray:
-    """(H, W) to blocks' maxima; the last row and column are repeated to fill the last block."""
+    """Reduces (H, W) to blocks' maxima; the last row and column are repeated to fill the last block."""
     if cells == 1:
         return data
     padded = np.pad(data, [(0, -size % cells) for size in data.shape], mode="edge")
@@ -118,7 +118,7 @@ def draw_region(
 
 @dataclass(frozen=True)
 class CeilingImage:
-    """What one ceiling camera sees.
+    """Holds the newest image of one ceiling camera.
 
     Attributes:
         image: (H, W, 3) bgr uint8.

@@ -48,7 +48,7 @@ _UNDER_WAY = ("saving", "changing")  # answers that another one follows
 
 @dataclass(frozen=True)
 class PageParams(ServerParams):
-    """Parameters of the page; config/page.yaml says why."""
+    """Parameters of the page; config/page.yaml explains them."""
 
     events_file: str = param("~/.ros/virtual_borders/page_events.jsonl")
     show_code: str = param("operator", choices=("operator", "viewer", "none"))
@@ -103,7 +103,7 @@ class EventHistory:
 
 
 class PageNode:
-    """Shows the system to browsers and carries out what operators ask for.
+    """Serves the page: shows the system's state in browsers, and carries out operators' requests.
 
     Subscribed topics:
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid)
@@ -128,7 +128,7 @@ class PageNode:
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
         /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger)
     Parameters:
-        those of `PageParams`; see config/page.yaml.
+        config/page.yaml
     """
 
     def __init__(self, params: PageParams) -> None:

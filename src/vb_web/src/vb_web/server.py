@@ -53,7 +53,7 @@ _MAX_FAULTS = 20  # messages that are no request; then the browser is disconnect
 
 @dataclass(frozen=True)
 class ServerParams(Parameters):
-    """Where the page is; config/page.yaml says why."""
+    """The server's parameters; config/page.yaml explains them."""
 
     address: str = param("127.0.0.1")
     port: int = param(8420, "", low=0, high=65535)
@@ -76,13 +76,13 @@ class ServerParams(Parameters):
 
     @property
     def scheme(self) -> str:
-        """Of the page's address."""
+        """Scheme of the page's address: http or https."""
         return "https" if self.certificate else "http"
 
 
 @dataclass(frozen=True)
 class Backend:
-    """What the server needs; called from threads, may take seconds.
+    """The functions that the server calls; called from threads, they may take seconds.
 
     Attributes:
         act: carries a request of somebody out; its answer has ok, code, values, message. A `CodedError` is the
@@ -436,7 +436,7 @@ class _LoginHandler(_Handler):
 
 
 class _SessionHandler(_Handler):
-    """Tells a browser its role, which a failed WebSocket does not."""
+    """Sends a browser its role, which a failed WebSocket does not."""
 
     NEEDS = Role.NOBODY
 

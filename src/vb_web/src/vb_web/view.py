@@ -55,8 +55,9 @@ class View:
         return json.loads(found[1]) if found else None
 
     def since(self, revision: int) -> Tuple[int, str]:
-        """Returns (revision, message) with all sections newer than a revision; 0 returns all, "" means that there are
-        none.
+        """Returns (revision, message) with all sections newer than a revision.
+
+        Revision 0 returns all of them; an empty message means that there are none.
         """
         with self._lock:
             if revision >= self._revision:

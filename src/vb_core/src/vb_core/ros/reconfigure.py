@@ -1,7 +1,7 @@
 """Parameters that are changed while a node runs, with dynamic_reconfigure (rqt_reconfigure, dynparam).
 
-The parameter class stays the only source of names, limits, units and explanations: the description that
-dynamic_reconfigure needs is made from its fields, not a .cfg file.
+The parameter class stays the only source of names, limits and units: the description that dynamic_reconfigure needs is
+made from its fields, not a .cfg file.
 """
 
 from __future__ import annotations

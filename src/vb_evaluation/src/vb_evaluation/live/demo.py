@@ -220,7 +220,7 @@ class Demo:
         self.console.print(f"[dim]{time.monotonic() - self._started:6.1f} s[/dim]  {text}")
 
     def _follow(self, observer: Observer) -> None:
-        """Lets the participant come, and tells what happens until the person is done."""
+        """Starts the participant, and prints what happens until the person is done."""
         self._roslaunch(["parts/participant.launch"], scenario=self.options.scenario.key)
         if not wait_until(
             lambda: self._print_progress(observer) or observer.outcome is not None or not self._launched.running,
@@ -236,7 +236,7 @@ class Demo:
             )
 
     def _print_progress(self, observer: Observer) -> None:
-        """Says what has changed since the last call."""
+        """Prints what has changed since the last call."""
         state, progress, lab = observer.state, observer.progress, observer.lab
         news = {
             "participant": f"the participant {lab.participant_doing}" if lab and lab.participant_doing else "",
@@ -332,7 +332,7 @@ def _fault(summary: Dict[str, Any]) -> str:
 
 
 def _chain(observer: Observer, border_id: str) -> np.ndarray:
-    """(N, 2) [m] the stored border's chain, its first point repeated if it is a polygon; empty if there is none."""
+    """Returns the stored border's chain (N, 2) [m], a polygon's first point repeated; empty if there is none."""
     for border in observer.borders:
         if border.id == border_id:
             chain = messages.array_from_points(border.points)

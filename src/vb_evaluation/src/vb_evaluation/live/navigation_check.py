@@ -127,7 +127,7 @@ class NavigationCheck:
 
     @contextlib.contextmanager
     def _border(self, middle: np.ndarray, occupancy: float) -> Iterator[None]:
-        """A square border about a place, for a while."""
+        """Adds a square border about a place, for a while."""
         border = VirtualBorder(name="navigation check", kind=VirtualBorder.POLYGON, occupancy=occupancy, enabled=True)
         border.points = messages.points_from_array(
             middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -166,7 +166,7 @@ class NavigationCheck:
         )
 
     def _soon(self, what: str, condition: Callable[[], bool], limit: float = float("inf")) -> Check:
-        """Whether a condition came to hold within a limit [s] of wall time."""
+        """Returns whether a condition came to hold within a limit [s] of wall time."""
         begin = time.monotonic()
         if not wait_until(condition, self._timeout, 0.02):
             return Check(what, False, f"not within {self._timeout:g} s")

@@ -165,7 +165,7 @@ def _guide(lab: "StagedLab", seen: Observer, place: np.ndarray) -> Iterator[str]
 
 
 def _stored(world: World, drawn: Scenario) -> List[VirtualBorder]:
-    """The smallest of the other scenarios as a hard border, what lies on the floor elsewhere as soft ones."""
+    """Returns the smallest of the other scenarios as a hard border, and things on the floor elsewhere as soft ones."""
     others = sorted(
         (one for one in world.scenarios.values() if one is not drawn), key=lambda one: Polygon(one.region).area
     )
@@ -190,7 +190,7 @@ def _stored(world: World, drawn: Scenario) -> List[VirtualBorder]:
 
 
 def _send_command(seen: Observer, command: str, state: str) -> None:
-    """Gives a command until its state has come: a person would say it again, too."""
+    """Repeats a command until its state is reached, as a person would."""
 
     def accepted() -> bool:
         commands.send(commands.make_request(command, "screenshots", TIMEOUT), TIMEOUT, TIMEOUT)
@@ -226,12 +226,12 @@ def still_picture(display: str, path: Path, before: Sequence[np.ndarray]) -> np.
 
 
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether few pixels differ clearly; fading spots hardly do."""
+    """Returns whether few pixels differ clearly; fading spots hardly do."""
     return one.shape == other.shape and float((cv2.absdiff(one, other).max(axis=2) > 40).mean()) <= SAME
 
 
 class StagedLab:
-    """What the nodes get: the map, where the robot is, and the spot of a laser pointer, over and over, for it would fade."""
+    """Publishes the nodes' inputs: the map, the robot's pose, and a laser spot again and again, as it fades."""
 
     def __init__(self, world: World) -> None:
         self.world = world

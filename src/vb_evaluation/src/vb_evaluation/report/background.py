@@ -52,7 +52,7 @@ def order_section(study: StudyResults) -> List[Block]:
 
 
 def _by_first(study: StudyResults, column: str) -> List[np.ndarray]:
-    """(N, 2) means of each person with the first method and with the baseline, for those who began with either."""
+    """Returns means (N, 2) of each person with the first method and the baseline, for those who began with either."""
     runs = study.runs.dropna(subset=["order"])
     first = runs.loc[runs.groupby("participant").order.idxmin()].set_index("participant").method
     means = study.runs.pivot_table(index="participant", columns="method", values=column, aggfunc="mean")

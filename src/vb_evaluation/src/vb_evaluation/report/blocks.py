@@ -1,4 +1,4 @@
-"""What a section of the page consists of: text, figures and tables. A table is both shown and written as CSV."""
+"""The parts of a section of the page: text, figures and tables. A table is both shown and written as CSV."""
 
 from __future__ import annotations
 

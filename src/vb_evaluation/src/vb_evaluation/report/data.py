@@ -65,12 +65,12 @@ class StudyResults:
 
     @property
     def people(self) -> bool:
-        """Whether people took part."""
+        """Returns whether people took part."""
         return bool(self.meta.get("people", False))
 
     @property
     def has_worlds(self) -> bool:
-        """Whether there are runs in plausible worlds, and what was drawn for them."""
+        """Returns whether there are runs in plausible worlds, and what was drawn for them."""
         return WORLDS in self.tables and len(self.methods) > 1 and (self.folder / DRAWS).is_file()
 
     def scenario_title(self, key: str) -> str:

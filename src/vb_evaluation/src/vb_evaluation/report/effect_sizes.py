@@ -19,7 +19,7 @@ def mean(values: np.ndarray) -> float:
 
 
 def shift(table: pandas.DataFrame, column: str, methods: Tuple[str, str], completed: bool = False) -> Interval:
-    """Hodges-Lehmann difference; without an interval where there are too few pairs for one of 90 %."""
+    """Computes the Hodges-Lehmann difference, without an interval where there are too few pairs for one of 90 %."""
     first, second = pairs(table, column, methods, completed)
     # 0.3 - 0.1 and 0.4 - 0.2 are a tie that floating point does not see
     found = statistics.hodges_lehmann(np.round(first - second, 9))

@@ -28,8 +28,9 @@ _RUN = ["participant", "scenario", "method"]
 
 # ---------------------------------------------------------------- plausible worlds
 def plausible_worlds_section(study: StudyResults) -> List[Block]:
-    """Reports the conclusions over worlds in which all assumptions differ at once; empty where draws.csv or worlds.csv
-    is missing.
+    """Reports the conclusions over worlds in which all assumptions differ at once.
+
+    Empty where draws.csv or worlds.csv is missing.
     """
     if not study.has_worlds:
         return []
@@ -82,7 +83,7 @@ def plausible_worlds_section(study: StudyResults) -> List[Block]:
 
 
 def _completed(both: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pandas.Series]:
-    """A measure with either method, nan unless both were completed."""
+    """Returns a measure with either method, nan unless both were completed."""
     done = (both.completed == 1) & (both.completed_base == 1) & both[column].notna() & both[f"{column}_base"].notna()
     return both[column].where(done), both[f"{column}_base"].where(done)
 
@@ -121,8 +122,7 @@ def conclusions(study: StudyResults, both: pandas.DataFrame) -> List[Dict[str, A
 
 
 def rank_influences(both: pandas.DataFrame, inputs: pandas.DataFrame) -> Tuple[List[Dict[str, Any]], float]:
-    """Computes Spearman's correlation of each assumption with each outcome, ranked within scenarios so that these do
-    not count.
+    """Computes Spearman's correlation of each assumption with each outcome, within scenarios.
 
     Returns:
         (the twelve strongest for each outcome, what the largest of all stays below by chance).
@@ -261,7 +261,7 @@ def all_images_section(study: StudyResults) -> List[Block]:
 
 
 def _differences(both: pandas.DataFrame) -> List[Dict[str, Any]]:
-    """A row for each measure that runs have both with every image searched and, its name ending in "_cut", without."""
+    """Returns a row for each measure that runs have with every image searched and without (name ends in "_cut")."""
     rows = []
     for column, words in (
         ("time_total_s", "time [s]"),

@@ -74,7 +74,7 @@ CAVEATS = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a worker returns: a row, and the map of a main run; or the program's fault."""
+    """A worker's result: a row, and the map of a main run; or the program's error."""
 
     job: Job
     row: Optional[Dict[str, Any]] = None
@@ -203,7 +203,7 @@ class _Results:
 
 
 def _carry_out(study: Study, jobs: Sequence[Job], processes: int, scheduler: str, work: Work) -> Iterator[Outcome]:
-    """The outcomes, as they come."""
+    """Yields the outcomes, as they come."""
     if not jobs:
         return
     with contextlib.ExitStack() as stack:
@@ -266,7 +266,7 @@ def configuration(study: Study) -> str:
 
 @lru_cache(maxsize=None)
 def _fingerprint(folder: str) -> str:
-    """Of all that is run: nodes, parameters, interfaces; tests do not take part."""
+    """Computes a fingerprint of all that is run: nodes, parameters, interfaces; not of the tests."""
     digest = hashlib.sha256()
     for path in sorted((repository_top() / folder).rglob("*")):
         if path.suffix in (".py", ".yaml", ".json", ".msg", ".srv", ".launch") and "test" not in path.parts:

@@ -36,31 +36,29 @@ DEFAULT = PACKAGE / "config" / "study.yaml"
 
 @dataclass(frozen=True)
 class Design(Parameters):
-    """Who does what."""
+    """The study's size: participants, scenarios, methods and worlds."""
 
-    seed: int = param(1, low=0, doc="of everything that is drawn")
-    quick_participants: int = param(1, low=1, high=1000, doc="of the size quick")
-    participants: int = param(10, low=1, high=1000, doc="of the default size")
-    full_participants: int = param(15, low=1, high=1000, doc="of the size full")
-    scenarios: list = param(["room", "carpet", "corner"], doc="keys of the world's scenarios")
+    seed: int = param(1, low=0)
+    quick_participants: int = param(1, low=1, high=1000)
+    participants: int = param(10, low=1, high=1000)
+    full_participants: int = param(15, low=1, high=1000)
+    scenarios: list = param(["room", "carpet", "corner"])
     methods: list = param(["nrs", "robot_only"])
-    all_images_share: float = param(
-        0.1, low=0.0, high=1.0, doc="of each scenario's runs with each method, done again with every picture searched"
-    )
-    worlds: int = param(200, low=0, high=100000, doc="draws of all assumptions together, in the size full")
-    usual_worlds: int = param(20, low=0, high=100000, doc="the first of these draws, in the default size")
+    all_images_share: float = param(0.1, low=0.0, high=1.0)
+    worlds: int = param(200, low=0, high=100000)
+    usual_worlds: int = param(20, low=0, high=100000)
 
 
 @dataclass(frozen=True)
 class Timing(Parameters):
     """The delays of processors and network in the live system, which a run in one process lacks."""
 
-    command_s: float = param(0.04, "s", low=0.0, high=5.0, doc="from a command to its effect and answer")
-    save_s: float = param(0.4, "s", low=0.0, high=10.0, doc="from save to the map with the border")
-    spot_s: float = param(0.02, "s", low=0.0, high=1.0, doc="from an image's delivery to its spot, search included")
-    extraction_s: float = param(0.06, "s", low=0.0, high=5.0, doc="of one live extraction; sets how often there is one")
-    idle_every: int = param(5, low=1, high=25, doc="so many frames a ceiling camera without spot goes on")
-    time_limit_s: float = param(400.0, "s", above=0.0, doc="then a run ends, whatever the person does")
+    command_s: float = param(0.04, "s", low=0.0, high=5.0)
+    save_s: float = param(0.4, "s", low=0.0, high=10.0)
+    spot_s: float = param(0.02, "s", low=0.0, high=1.0)
+    extraction_s: float = param(0.06, "s", low=0.0, high=5.0)
+    idle_every: int = param(5, low=1, high=25)
+    time_limit_s: float = param(400.0, "s", above=0.0)
 
 
 @dataclass(frozen=True)
@@ -199,7 +197,7 @@ def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> Dict[str, Any]:
 
 
 def _found(name: str, folder: Path) -> Path:
-    """A file beside the configuration, in the current folder, or of vb_sim."""
+    """Finds a file beside the configuration, in the current folder, or of vb_sim."""
     for path in (folder / name, Path(name), repository_top() / name, repository_top() / "src" / "vb_sim" / name):
         if path.is_file():
             return path

@@ -1,4 +1,4 @@
-"""Who takes part: what differs between people, drawn from the distributions of the configuration."""
+"""Draws what differs between people from the distributions of the configuration."""
 
 from __future__ import annotations
 

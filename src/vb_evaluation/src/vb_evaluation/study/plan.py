@@ -51,7 +51,7 @@ class Job:
 
     @property
     def run(self) -> str:
-        """What is carried out: the same for jobs that only name it otherwise."""
+        """Identifies what is carried out: the same for jobs that only have different names."""
         return repr((self.task, sorted(self.changes.items()), self.thorough))
 
     @property

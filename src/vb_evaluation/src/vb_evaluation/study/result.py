@@ -93,12 +93,12 @@ class Result:
 
     @property
     def saved(self) -> bool:
-        """Whether a border was saved."""
+        """Returns whether a border was saved."""
         return self.border is not None
 
     @property
     def seed_is_right(self) -> bool:
-        """Whether the saved seed point is in the region to restrict."""
+        """Returns whether the saved seed point is in the region to restrict."""
         return self.border is not None and bool(Polygon(self.scenario.region).contains(Point(self.border.seed)))
 
 

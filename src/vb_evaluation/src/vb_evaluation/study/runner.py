@@ -136,7 +136,7 @@ class LiveRun:
         self._participant: Optional[ParticipantNode] = None
 
     def run(self, watch: Callable[[], Any] = lambda: None, afterwards: Callable[[], None] = lambda: None) -> Result:
-        """Goes on until the person is done, or time is up.
+        """Runs until the person is done, or time is up.
 
         Args:
             watch: called as another node, to subscribe to whatever it wants.
@@ -284,7 +284,7 @@ def personal_scenario(
 
 @lru_cache(maxsize=1)
 def _kept_cache() -> RenderCache:
-    """What a process keeps from one run to the next."""
+    """Returns what a process keeps from one run to the next."""
     return RenderCache()
 
 

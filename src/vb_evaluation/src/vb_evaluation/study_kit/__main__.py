@@ -1,4 +1,4 @@
-"""The kit's commands; docs/how-to/run-a-study.md walks through them.
+"""Plans, runs, measures and reports a study with people; docs/how-to/run-a-study.md shows how.
 
 rosrun vb_evaluation study_kit plan --participants 15 --out ~/study/protocol.csv
 rosrun vb_evaluation study_kit forms ~/study/forms
@@ -154,7 +154,7 @@ def _replay(given: argparse.Namespace) -> None:
 
 
 def _sentence(row: Dict[str, object]) -> str:
-    """The outcome of one interaction."""
+    """Returns the outcome of one interaction."""
     words = [f"{row['recording']}, interaction {row['interaction']} ({row['outcome']}): {row['spots']} spots"]
     if row["code"] != "ok":
         return f"{words[0]}; no border today: {row['message']} [{row['code']}]"

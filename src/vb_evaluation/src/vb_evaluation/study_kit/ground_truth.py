@@ -64,7 +64,7 @@ def find_ground_truths(folder: Path, scenarios: Sequence[str], physical: GridMap
 
 
 def _marked(path: Path, physical: GridMap) -> np.ndarray:
-    """(H, W) bool: coloured or black pixels, in the map's order of rows."""
+    """Returns (H, W) bool: coloured or black pixels, in the map's order of rows."""
     try:
         content = np.fromfile(str(path), np.uint8)
     except OSError as error:

@@ -108,7 +108,7 @@ def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
 def _row(
     entry: protocol.Entry, recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
 ) -> Tuple[Dict[str, Any], List[str]]:
-    """A run's row. All interactions of its recording are attempts at it: none, or several if it was begun again."""
+    """Makes a run's row. Each interaction of its recording is an attempt at it; there may be none, or several."""
     attempts = recording.interactions
     row: Dict[str, Any] = {
         "participant": entry.participant,

@@ -53,11 +53,11 @@ class StoredMap:
     borders_path: Path
 
     def grid(self) -> GridMap:
-        """The posterior map."""
+        """Returns the posterior map."""
         return read_map(self.map_path)
 
     def borders(self) -> List[VirtualBorder]:
-        """The borders that acted on it."""
+        """Returns the borders that acted on it."""
         try:
             return borders_from_yaml(self.borders_path.read_text(encoding="utf-8"))[0]
         except (OSError, UnicodeDecodeError) as error:
@@ -99,7 +99,7 @@ class Recording:
         return found if isinstance(found, dict) else {}
 
     def physical(self) -> GridMap:
-        """The physical map: the first one recorded without any border."""
+        """Returns the physical map: the first one recorded without any border."""
         for stored in self.maps:
             if not stored.borders():
                 return stored.grid()
@@ -133,7 +133,7 @@ class Recording:
 
 
 def _lines(path: Path) -> List[Tuple[Dict[str, Any], str]]:
-    """(values, where) of each line of JSON."""
+    """Yields (values, where) of each line of JSON."""
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:

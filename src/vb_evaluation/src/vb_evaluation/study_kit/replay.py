@@ -193,7 +193,7 @@ class _Player:
         self._graph.play(topic, entry.kind, entry.definition, entry.data)
 
     def _request(self, next_one: str) -> None:
-        """Takes the border of the interaction that is about to end."""
+        """Requests the border of the interaction that is about to end."""
         if self._current and self._current != next_one:
             self._until(self._scheduler.now_ns + SETTLED_NS)
             request = GetDrawnBorderRequest(interaction_id=self._current)
@@ -314,7 +314,7 @@ def _compared(
 
 
 def _distance(a: VirtualBorder, b: VirtualBorder) -> float:
-    """[m] between two chains."""
+    """Computes the distance [m] between two chains."""
     lines = [
         shapely.linestrings(np.vstack([border.points, border.points[:1]]) if border.closed else border.points)
         for border in (a, b)

@@ -145,7 +145,7 @@ class Graph:
             subscriber.put(delivery)
 
     def set_clock(self, now: genpy.Time) -> None:
-        """Takes a message of /clock: it is the same for everybody."""
+        """Sets the clock to a message of /clock, for all nodes."""
         rospy.rostime._set_rostime(now)
         due = [entry for entry in self._sleepers if entry[0] <= now]
         if due:
@@ -156,7 +156,7 @@ class Graph:
     # ------------------------------------------------------------- names and parameters
     @property
     def node(self) -> Node:
-        """Whose task is at work."""
+        """Returns the node whose task is running."""
         return getattr(greenlet.getcurrent(), "owner", None) or _NOBODY
 
     def _get_param(self, name: str, *default: Any) -> Any:
@@ -323,7 +323,7 @@ class Subscriber:
                 publisher.send(self, publisher.latched)
 
     def put(self, delivery: _Delivery) -> None:
-        """Takes a message; of too many the oldest ones are lost, as in rospy."""
+        """Queues a message; if there are too many, the oldest ones are lost, as in rospy."""
         if not self._over:
             self._queue.append(delivery)
             self._line.wake()
@@ -375,7 +375,7 @@ class ServiceProxy:
         return self.call(*given, **named)
 
     def call(self, *given: Any, **named: Any) -> Any:
-        """Asks, and waits for the answer.
+        """Calls the service, and waits for the answer.
 
         Raises:
             rospy.ServiceException: if no node offers it, or the service raised it.

@@ -71,7 +71,7 @@ class Scheduler:
             self._fault = error
 
     def wait(self, timeout_ns: Optional[int] = None) -> bool:
-        """Lets others go on until `wake`, or for a time [ns]; whether it was woken."""
+        """Suspends the task until `wake`, or for a time [ns]; returns whether it was woken."""
         task = greenlet.getcurrent()
         if not isinstance(task, Task):
             raise RuntimeError("only a node can wait in a run within one process")
@@ -89,7 +89,7 @@ class Scheduler:
         return bool(self._hub.switch())
 
     def wake(self, task: Task) -> None:
-        """Lets a task that waits go on at its next turn."""
+        """Makes a suspended task continue at its next turn."""
         self._ready.append((task, task.waits))
 
     def later(self, delay_ns: int, work: Callable[[], None]) -> None:
@@ -98,7 +98,7 @@ class Scheduler:
         heapq.heappush(self._later, (self.now_ns + delay_ns, self._count, work))
 
     def run(self, over: Callable[[], bool], until_ns: int) -> None:
-        """Goes on until something is over or a time [ns] is reached.
+        """Runs the tasks until something is over or a time [ns] is reached.
 
         Raises:
             what a task raised.

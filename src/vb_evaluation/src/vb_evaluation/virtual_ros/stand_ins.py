@@ -45,7 +45,7 @@ class StandIns:
                     self._replaced.append((module, attribute, real))
 
     def restore(self) -> None:
-        """Gives the modules back what they had."""
+        """Restores the modules' original contents."""
         for module, attribute, real in self._replaced:
             setattr(module, attribute, real)
         self._replaced.clear()
@@ -103,7 +103,7 @@ class WaitQueue:
         self._tasks: Deque[Task] = deque()
 
     def wait(self, timeout_ns: Optional[int] = None) -> bool:
-        """Waits; tells whether it was woken within a time [ns]."""
+        """Waits; returns whether it was woken within a time [ns]."""
         task = greenlet.getcurrent()
         self._tasks.append(task)
         try:
@@ -121,12 +121,12 @@ class WaitQueue:
         return bool(predicate())
 
     def wake(self, count: int = 1) -> None:
-        """Lets the first ones go on."""
+        """Wakes the tasks that have waited longest."""
         for _ in range(min(count, len(self._tasks))):
             self._scheduler.wake(self._tasks.popleft())
 
     def wake_all(self) -> None:
-        """Lets all go on."""
+        """Wakes all waiting tasks."""
         self.wake(len(self._tasks))
 
 
@@ -139,7 +139,7 @@ class Lock:
         self._depth = 0
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
-        """Takes it, waiting until it is free."""
+        """Acquires the lock, waiting until it is free."""
         current = greenlet.getcurrent()
         if self._again and self._holder is current:
             self._depth += 1
@@ -213,7 +213,7 @@ class Event:
         return self._set
 
     def set(self) -> None:
-        """Lets all that wait go on."""
+        """Sets the event, and wakes all that wait for it."""
         self._set = True
         self._line.wake_all()
 
@@ -246,7 +246,7 @@ class Thread:
         self.name, self.daemon = name, daemon
 
     def start(self) -> None:
-        """Begins."""
+        """Starts the thread."""
         self._started = True
         self._scheduler.spawn(self._run)
 
@@ -279,7 +279,7 @@ class Queue:
         self._line.wake()
 
     def get(self, block: bool = True, timeout: Optional[float] = None) -> Any:
-        """Takes the oldest item.
+        """Removes and returns the oldest item.
 
         Raises:
             queue.Empty: after `timeout` [s].

@@ -122,7 +122,7 @@ def border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH
 
 
 def preview_notices(preview: Optional[BorderPreview], language: str) -> List[PanelNotice]:
-    """Says why saving would fail, or what it would restrict and what to note."""
+    """Returns why saving would fail, or what it would restrict and what to note."""
     if preview is None:
         return []
 

@@ -152,7 +152,7 @@ def _transliterated(letter: str) -> str:
 
 
 def _width(letter: str) -> int:
-    """Advance width in thousandths of the font's size; an accent does not change it."""
+    """Returns advance width in thousandths of the font's size; an accent does not change it."""
     if letter in _MARKS:
         return _MARKS[letter]
     base = unicodedata.normalize("NFKD", letter)[0]

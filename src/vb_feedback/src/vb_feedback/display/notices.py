@@ -1,4 +1,4 @@
-"""What the display says beside the last answer: other nodes' notices, an unseen spot.
+"""The display's sentences beside the last answer: other nodes' notices, and a spot that no camera sees.
 
 Everything comes as a code with values; the sentence is looked up in the display's language, and no wording is read.
 """
@@ -45,7 +45,7 @@ def coverage_notices(
     held: Sequence[notices.Notice],
     language: str,
 ) -> List[PanelNotice]:
-    """Says why no spot is seen while spots are wanted.
+    """Returns why no spot is seen while spots are wanted.
 
     Args:
         state: the interaction's.
@@ -69,7 +69,7 @@ def coverage_notices(
 
 
 def _sees_all(coverage: GridMap, place: Tuple[float, float]) -> bool:
-    """Whether stationary cameras see all the floor about a place."""
+    """Returns whether stationary cameras see all the floor about a place."""
     row, column = coverage.world_to_cell([place])[0]
     reach = int(round(_NEAR / coverage.resolution))
     rows = slice(max(0, row - reach), max(0, row + reach + 1))

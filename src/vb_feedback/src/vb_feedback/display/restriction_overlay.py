@@ -41,7 +41,7 @@ def draw_restrictions(
 
 
 def _edge(area: np.ndarray) -> np.ndarray:
-    """The outermost cells of an area: an edge all round makes small ones visible too."""
+    """Returns the outermost cells of an area: an edge all round makes small ones visible too."""
     inner = area.copy()
     inner[1:, :] &= area[:-1, :]
     inner[:-1, :] &= area[1:, :]

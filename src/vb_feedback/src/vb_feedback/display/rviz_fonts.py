@@ -1,4 +1,4 @@
-"""Lets RViz draw more letters. No ROS.
+"""Makes RViz draw more letters. No ROS.
 
 RViz draws texts with Liberation Sans, but asks its font for the characters up to 166 alone (OGRE's default), and a text
 with another one is not drawn at all. The font itself has Latin, Greek and Cyrillic. So RViz is started with a separate

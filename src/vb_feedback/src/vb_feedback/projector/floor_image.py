@@ -81,7 +81,7 @@ class FloorImage:
 
     # ------------------------------------------------------------- parts
     def _drawing(self, content: FloorContent) -> np.ndarray:
-        """What changes during drawing. Only this is left out around the spot: a border there stays lit."""
+        """Draws what changes during drawing; only this is left out around the spot: a border there stays lit."""
         canvas, drawn = np.zeros((*self._shape, 3), np.uint8), content.drawing
         if len(drawn.chain) > 1:
             self._line(canvas, drawn.chain, drawn.closed, colors.ORANGE, 0.8)
@@ -96,7 +96,7 @@ class FloorImage:
         return tuple(int(round(255.0 * level * self._brightness * share)) for share in color)  # type: ignore[return-value]
 
     def _fixed(self, points: Sequence[Sequence[float]]) -> np.ndarray:
-        """Map coordinates to pixels of the drawing as OpenCV wants them, with fractional bits."""
+        """Converts map coordinates to pixels of the drawing as OpenCV wants them, with fractional bits."""
         pixels = (np.asarray(points, dtype=float).reshape(-1, 2) - self._low) * self._scale
         return np.clip(np.rint(pixels * (1 << _SHIFT)), -(2**26), 2**26).astype(np.int32)
 

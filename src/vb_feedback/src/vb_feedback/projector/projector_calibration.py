@@ -149,5 +149,5 @@ def _transformed(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """[m^2] twice the area of a triangle, above 0 if it goes round counter-clockwise."""
+    """Computes twice the area [m^2] of a triangle, above 0 if it goes round counter-clockwise."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

@@ -47,7 +47,7 @@ class ProjectorWindow:
             self._next = data
 
     def close(self) -> None:
-        """Takes the window away."""
+        """Closes the window."""
         self._closing = True
         self._thread.join(5.0)
 

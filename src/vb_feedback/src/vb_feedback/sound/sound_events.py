@@ -40,7 +40,7 @@ class SoundEvents:
         stopped: bool = False,
         ending: bool = False,
     ) -> List[str]:
-        """Takes a state message and returns the sounds that it calls for.
+        """Returns the sounds that a state message calls for.
 
         Args:
             name: the state's name.
@@ -70,7 +70,7 @@ class SoundEvents:
         return sounds
 
     def on_spot(self, now: float) -> List[str]:
-        """Takes a spot at a time [s] and returns a tick, if spots are wanted and the last one is long enough ago."""
+        """Returns a tick for a spot at a time [s], if spots are wanted and the last tick is long enough ago."""
         if self._state not in ("border", "seed"):
             return []
         if self._last_tick is not None and 0.0 <= now - self._last_tick < TICK_PERIOD:

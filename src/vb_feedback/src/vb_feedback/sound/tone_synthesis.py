@@ -69,7 +69,7 @@ def synthesize(name: str, volume: float = 1.0) -> np.ndarray:
 
 
 def _tone(note: Note) -> np.ndarray:
-    """(N,) float64, -1 .. 1."""
+    """Synthesises a tone, (N,) float64, -1 .. 1."""
     time = np.arange(int(round(note.seconds * RATE))) / RATE
     if note.frequency <= 0:
         return np.zeros(len(time))

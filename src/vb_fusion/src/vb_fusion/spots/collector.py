@@ -19,15 +19,9 @@ SEED = "seed"
 class CollectorParams(Parameters):
     """Limits of the collection."""
 
-    max_spots: int = param(
-        60000, low=100, high=1000000, doc="spots kept for the border; when they are full every other one is dropped"
-    )
-    stamp_tolerance: float = param(
-        0.05, "s", low=0.0, high=10.0, doc="a spot this much older than the state still counts as seen in it"
-    )
-    seen_timeout: float = param(
-        0.5, "s", above=0.0, high=10.0, doc="a camera sees the spot if it did so within this time"
-    )
+    max_spots: int = param(60000, low=100, high=1000000)
+    stamp_tolerance: float = param(0.05, "s", low=0.0, high=10.0)
+    seen_timeout: float = param(0.5, "s", above=0.0, high=10.0)
 
 
 @dataclass(frozen=True)
@@ -46,8 +40,10 @@ COLUMNS = 6
 
 
 class SpotStore:
-    """Spots in arrays that grow up to a limit; at the limit every other spot is dropped, so that memory is bounded
-    and no part of the drawing is lost."""
+    """Stores spots in arrays of limited size.
+
+    When they are full, every other spot is dropped, so that memory is bounded and no part of the drawing is lost.
+    """
 
     def __init__(self, limit: int) -> None:
         self._limit = limit

@@ -22,7 +22,7 @@ MAX_COORDINATE = 1e5  # [m] from the origin: no floor is larger
 
 @dataclass(frozen=True)
 class Observations:
-    """What the cameras saw; arrays with one row per observation, ordered by time if there are stamps.
+    """The cameras' observations as arrays, one row per observation, ordered by time if there are stamps.
 
     Attributes:
         points: (N, 2) [m].

@@ -35,7 +35,7 @@ MAX_SIMULTANEOUS_PLACES = 10
 
 @dataclass(frozen=True)
 class Places:
-    """What was seen in each moment; ordered by time."""
+    """Candidate places of the pointer, ordered by time."""
 
     points: np.ndarray  # (P, 2) [m]
     stamps: np.ndarray  # (P,) [s]

@@ -26,7 +26,7 @@ _HEAD = """\
 
 @dataclass(frozen=True)
 class CameraPose:
-    """What is read from a calibration file.
+    """The contents of a calibration file.
 
     Attributes:
         camera: its name.

@@ -26,7 +26,7 @@ _SAME_PLACE_PX = 15.0  # what is shown nearer to an earlier place was not moved
 
 
 class HeldSpot:
-    """Where a laser spot that is held still is in the image."""
+    """Finds a laser spot that is held still in the image."""
 
     def __init__(self) -> None:
         self._sightings: Deque[Tuple[float, float, float]] = deque(maxlen=500)

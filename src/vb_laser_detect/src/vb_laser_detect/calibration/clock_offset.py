@@ -1,4 +1,4 @@
-"""How far another computer's clock is from this one's, by the exchange of times that NTP uses (RFC 5905, Sect. 8)."""
+"""Measures how far another computer's clock is from this one's, by NTP's exchange of times (RFC 5905, Sect. 8)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well overlapping cameras agree: the same spot, seen by two of them, must be at one place on the floor."""
+"""Measures how well overlapping cameras agree: a spot that two of them see must be at one place on the floor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Sighting = Tuple[str, float, float, float]  # camera, stamp [s], x [m], y [m]
 
 @dataclass(frozen=True)
 class CameraConsistency:
-    """Where two cameras see the same spot.
+    """Positions at which two cameras see the same spot.
 
     Attributes:
         first, second: the cameras' names.

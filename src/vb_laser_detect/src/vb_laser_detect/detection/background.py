@@ -1,4 +1,4 @@
-"""What a camera sees without a spot: a background updated slowly, never from a spot.
+"""Models what a camera sees without a spot: a background that is updated slowly, never from a spot.
 
 One idea for cameras that move: a keyframe. The background stays where it was taken, and each image is compared with it
 through one motion, from the keyframe to now, so that nothing is resampled twice and no error adds up. Every few images

@@ -1,4 +1,4 @@
-"""Whether a blob is a laser spot: a sum of what each feature says for or against it.
+"""Decides whether a blob is a laser spot, by a sum of each feature's contribution.
 
 An additive logistic model. Each feature has a curve, linear between knots, whose value is what it adds to the logarithm
 of the odds; it is 0 for a usual spot, so the feature that lowers it most is the reason for a rejection. The curves are
@@ -26,7 +26,7 @@ _NOT_AGAINST_EXPECTED = ("darker", "fall", "busy", "chroma_mosaic")
 
 
 class Classification(NamedTuple):
-    """How likely a blob is a spot, 0 ... 1, and the feature that lowers it most."""
+    """Probability that a blob is a spot, 0 ... 1, and the feature that lowers it most."""
 
     probability: float
     rejection_reason: str

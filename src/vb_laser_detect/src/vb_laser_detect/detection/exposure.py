@@ -1,4 +1,4 @@
-"""Whether an image is too bright for a spot to show on it."""
+"""Checks whether an image is too bright for a spot to show in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a proposal looks like at full resolution, in numbers that a classifier can weigh.
+"""Measures a proposal at full resolution, in numbers that a classifier can weigh.
 
 One pure function: `measure` cuts a blob out of the rise over the reference and describes it. Light falls on
 a floor that goes on beside it, is brightest in its middle, ends within some pixels and darkens nothing;
@@ -28,7 +28,7 @@ _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
 @dataclass(frozen=True)
 class Blob:
-    """A place that became brighter, in the image's pixels.
+    """A region of an image that became brighter, in the image's pixels.
 
     Attributes:
         u, v: [px] centroid, sub-pixel; the centre of the first pixel is 0.
@@ -47,7 +47,7 @@ class Blob:
 
 
 class ImageTraits(NamedTuple):
-    """What is known of a camera's images: their diagonal [px], a Bayer mosaic or not, the brightest value that it shows."""
+    """Properties of a camera's images: diagonal [px], Bayer or not, and the brightest value that they show."""
 
     diagonal: float
     mosaic: bool

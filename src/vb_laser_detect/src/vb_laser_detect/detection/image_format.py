@@ -1,4 +1,4 @@
-"""What an image's numbers mean: 8-bit pixels from any camera encoding, and whether they are a mosaic."""
+"""Interprets an image's numbers: 8-bit pixels from any camera encoding, Bayer images included."""
 
 from __future__ import annotations
 

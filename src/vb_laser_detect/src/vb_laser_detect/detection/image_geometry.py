@@ -50,12 +50,12 @@ class ImageGeometry:
 
     @cached_property
     def pose(self) -> np.ndarray:
-        """(4, 4) T_map_camera."""
+        """Returns T_map_camera (4, 4)."""
         return self._ask_pose()
 
     @cached_property
     def cylinders(self) -> Sequence[RobotCylinder]:
-        """What may hide the floor."""
+        """Cylinders that may hide the floor."""
         return self._ask_cylinders()
 
     def to_floor(self, pixels: np.ndarray) -> np.ndarray:

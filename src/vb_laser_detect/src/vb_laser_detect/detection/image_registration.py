@@ -1,4 +1,4 @@
-"""How a camera moved since a keyframe, judged by what is stationary in the room.
+"""Estimates how a camera moved since a keyframe, from what is stationary in the room.
 
 Corners of the keyframe are followed into each image (sparse optical flow), and most of them agree on one motion; what
 moves by itself, people and the laser spot, does not agree and is left out (RANSAC).

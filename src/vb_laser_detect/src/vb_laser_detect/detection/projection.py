@@ -35,10 +35,12 @@ _MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings are none, f
 class ProjectionParams(Parameters):
     """Limits of what counts as a point on the floor."""
 
-    floor_height: float = param(0.0, "m", low=-10.0, high=10.0, doc="of the floor in the map frame")
-    max_range: float = param(12.0, "m", above=0.0, high=100.0, doc="from the camera to the point")
-    max_incidence_deg: float = param(85.0, "deg", low=0.0, high=89.9, doc="between the ray and the floor's normal")
-    max_height: float = param(0.08, "m", above=0.0, high=2.0, doc="of a depth point above or below the floor")
+    floor_height: float = param(0.0, "m", low=-10.0, high=10.0, doc="z of the floor in the map frame")
+    max_range: float = param(12.0, "m", above=0.0, high=100.0, doc="largest distance from the camera to the spot")
+    max_incidence_deg: float = param(
+        85.0, "deg", low=0.0, high=89.9, doc="largest angle between the ray and the floor's normal"
+    )
+    max_height: float = param(0.08, "m", above=0.0, high=2.0, doc="largest distance of a depth point from the floor")
 
 
 @dataclass(frozen=True)

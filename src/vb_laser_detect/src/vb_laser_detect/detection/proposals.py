@@ -25,9 +25,8 @@ _MIN_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is small
 _SATURATED = 0.97
 _MAX_REGIONS = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.3  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
-_MAX_CHANGE_LOST = (
-    0.12  # the same, for a moving camera whose motion is not known: else all that it passes would be examined
-)
+# the same for a moving camera whose motion is not known: otherwise everything that it passes would be examined
+_MAX_CHANGE_LOST = 0.12
 
 
 class Proposal(NamedTuple):
@@ -39,7 +38,7 @@ class Proposal(NamedTuple):
 
     @property
     def middle(self) -> Tuple[float, float]:
-        """Of the region [px]."""
+        """The region's middle (u, v) [px]."""
         left, top, right, bottom = self.region
         return (left + right) / 2.0, (top + bottom) / 2.0
 

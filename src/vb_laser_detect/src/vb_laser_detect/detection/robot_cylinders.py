@@ -1,4 +1,4 @@
-"""What hides the floor from a camera.
+"""Finds which robots hide the floor from a camera.
 
 One idea: a ray that meets a robot before it meets the floor shows the robot, and nothing on it is a spot on the floor,
 whatever it looks like. Where robots are is known, so no rule about their lights, buttons and reflections is needed.

@@ -24,17 +24,14 @@ from vb_laser_detect.detection.features import ImageTraits, chroma
 
 _SLACK, _SLACK_PX = 0.05, 12.0  # [m] what noise alone may move a spot between two images
 _MAX_SPEED = 8.0  # [m/s] of a spot on the floor: a wrist's flick
-_GAP_TIME, _GAP_PERIODS = (
-    0.25,
-    3.5,
-)  # a spot may be hidden so long, a leg's time, and be missing in two images of any camera
+# a spot may be hidden so long, a leg's time, and be missing in two images of any camera
+_GAP_TIME, _GAP_PERIODS = (0.25, 3.5)
 _RECALL_TIME = 1.0  # [s] older sightings of a spot confirmed late are not published
 _DIAGONAL = 5.0  # [m] without a pose an image's diagonal counts as this much
 _PERIODS = 15  # [images] whose median distance in time is the period
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
-_PALE = (
-    0.25  # ... of a laser on a floor that is nearly white; a mosaic's mean of white glints over half a second is less
-)
+# ... of a laser on a floor that is nearly white; the mean of white glints in Bayer images over half a second is less
+_PALE = 0.25
 # [s] colourless light is followed for longer before it counts: a glint on a shoe, a watch or a cup lasts
 # less than a step, half a second. Nothing is lost, as the spots until then are backfilled
 _STEP_TIME = 0.6
@@ -73,7 +70,7 @@ class BackfilledSpot(NamedTuple):
 
 
 class Expected(NamedTuple):
-    """Where a confirmed spot is in the next image if it moves on as before.
+    """Predicted position of a confirmed spot in the next image, if it keeps moving as before.
 
     Attributes:
         reach: [px] about its place (u, v).
@@ -97,7 +94,7 @@ class Expected(NamedTuple):
         return math.hypot(u - self.u, v - self.v) <= self.reach
 
     def clip(self, region: Region) -> Region:
-        """Returns the part of a region [px] that is within reach; empty, with its ends in turn, if none is."""
+        """Returns the part of a region [px] that is within reach; if none is, left >= right or top >= bottom."""
         left, top, right, bottom = region
         return (
             max(left, int(self.u - self.reach)),

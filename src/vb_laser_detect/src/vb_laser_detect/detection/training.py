@@ -72,7 +72,7 @@ class Examples(NamedTuple):
 
 
 class Oracle(SpotClassifier):
-    """Knows where the spots of the current frame are, and notes what it is asked."""
+    """Stands in for the classifier: answers from the current frame's labels, and records the candidates."""
 
     def __init__(self, reach: float) -> None:
         super().__init__({}, 0.0)

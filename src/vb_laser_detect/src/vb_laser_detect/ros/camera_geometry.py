@@ -1,4 +1,4 @@
-"""Where a camera was when it took an image, what its lens does, and what depth it saw."""
+"""Finds a camera's pose, lens and depth image for the time of an image."""
 
 from __future__ import annotations
 
@@ -24,9 +24,8 @@ from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 
 
-_LOOKUP_PERIOD = (
-    0.5  # [s] between looks at a camera's pose: a recalibrated one is soon known, and no image waits for it
-)
+# [s] between lookups of a camera's pose: a recalibrated camera is soon known, and no image waits for it
+_LOOKUP_PERIOD = 0.5
 _TF_TIMEOUT = 0.15  # [s] odometry comes in after the image
 _TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any does
 _MAX_DEPTH_AGE = 0.08  # [s] largest time between image and depth image
@@ -71,10 +70,8 @@ class InfoTopic:
     def __init__(self, topic: str, report: DetectorDiagnostics, rectified: bool = False) -> None:
         self._report, self._rectified = report, rectified
         self._known: Optional[list] = None  # what the last one said
-        self._latest: Tuple[Optional[CameraModel], str] = (
-            None,
-            f"no camera_info on {topic}",
-        )  # the model, or why there is none
+        # the model, or why there is none
+        self._latest: Tuple[Optional[CameraModel], str] = (None, f"no camera_info on {topic}")
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
 
     def model_for(self, shape: Tuple[int, ...]) -> CameraModel:

@@ -16,8 +16,8 @@ from vb_map_integration.border import MAX_COORDINATE, MAX_POINTS, VirtualBorder
 class ClickParams(Parameters):
     """Parameters of clicks."""
 
-    closing_distance: float = param(0.15, "m", above=0.0, doc="a click so near to an end ends the chain")
-    occupancy: float = param(1.0, low=0.0, high=1.0, doc="delta of the border")
+    closing_distance: float = param(0.15, "m", above=0.0)
+    occupancy: float = param(1.0, low=0.0, high=1.0)
 
 
 class Clicks:

@@ -94,7 +94,7 @@ def _border(feature: Any) -> VirtualBorder:
 
 
 def _positions(values: Any) -> List[List[float]]:
-    """The x and y of positions, whose height is left out; a ring's repeated first point goes with the rest."""
+    """Returns the x and y of positions, whose height is left out; a ring's repeated first point goes with the rest."""
     if not isinstance(values, list):
         raise _wrong("coordinates", "[[x, y], ...]", values)
     for value in values:
@@ -109,7 +109,7 @@ def _positions(values: Any) -> List[List[float]]:
 
 
 def _point_inside(points: List[List[float]]) -> List[float]:
-    """A point within a polygon, as far from its outline as a few centimetres tell."""
+    """Returns a point within a polygon, as far from its outline as a few centimetres tell."""
     if len(points) < 4 or not all(math.isfinite(value) for point in points for value in point):
         return points[0] if points else [0.0, 0.0]  # what is wrong is the points: the border says so
     inside = shapely.polygons(np.array(points)).buffer(0).representative_point()

@@ -1,4 +1,4 @@
-"""How a costmap of move_base treats soft values, by its parameters."""
+"""Tells from move_base's parameters how its costmaps treat soft values."""
 
 from __future__ import annotations
 

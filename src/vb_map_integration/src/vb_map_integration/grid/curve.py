@@ -57,7 +57,7 @@ class Cut:
 
     @property
     def separates(self) -> bool:
-        """Whether the region is on one side of the curve only, and there is something on the other."""
+        """Returns whether the region is on one side of the curve only, and there is something on the other."""
         sides = sorted((self.left, self.right))
         return not any(math.isnan(side) for side in sides) and sides[1] > 0.0 and sides[0] < TOUCHES
 
@@ -143,7 +143,7 @@ def separate(
 def _stops(
     cells: np.ndarray, trace: raster.Trace, beyond: np.ndarray, point: np.ndarray, tolerance: float, outwards: int
 ) -> List[_Stop]:
-    """Where an end of the curve may stop, the nearest first; what is ahead comes before what is beside it.
+    """Finds where an end of the curve may stop, the nearest first; what is ahead comes before what is beside it.
 
     Args:
         beyond: (K,) [cells] how far each cell of the trace is beyond the drawn end; negative within the drawn chain.
@@ -176,7 +176,7 @@ def _stops(
 
 
 def _stops_on_one_piece(cells: np.ndarray, starts: List[_Stop], ends: List[_Stop]) -> Optional[Tuple[_Stop, _Stop]]:
-    """The nearest stops of both ends on one and the same connected piece of blocked cells.
+    """Returns the nearest stops of both ends on one and the same connected piece of blocked cells.
 
     Both ends grow at the same pace; each piece that one of them meets is marked.
     """

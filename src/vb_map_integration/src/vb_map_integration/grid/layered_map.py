@@ -14,7 +14,7 @@ from vb_map_integration.integration import Area
 
 @dataclass(frozen=True)
 class Region:
-    """What one border does to the map; one bit for each cell of its window.
+    """Cells of the map that one border restricts; one bit for each cell of its window.
 
     Attributes:
         window: the part of the map that it is in.

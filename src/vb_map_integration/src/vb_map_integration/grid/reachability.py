@@ -17,7 +17,7 @@ MAX_CELLS = 2_000_000
 
 @dataclass(frozen=True)
 class Reachability:
-    """Where a robot can go in a map.
+    """Computes where a robot can go in a map.
 
     Attributes:
         free_parts: number of parts of the free space, for a robot of this radius; tiny ones do not count.

@@ -98,7 +98,7 @@ class PlaceRecognizer:
         return replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
-        """The maps of each place that it may be; without maps that could not be taken over."""
+        """Returns the maps of each place that it may be; without maps that could not be taken over."""
         places: Dict[int, List[KnownMap]] = {}
         for one in self._database.maps():
             places.setdefault(one.place, []).append(one)
@@ -118,7 +118,7 @@ class PlaceRecognizer:
         return self._wall_maps[one.fingerprint]
 
     def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
-        """Whether a map fits one at which borders were drawn, where it is expected to be."""
+        """Returns whether a map fits one at which borders were drawn, where it is expected to be."""
         for one in maps:
             reference = self._wall_map_of(one)
             if reference is None:
@@ -162,7 +162,7 @@ class PlaceRecognizer:
     def _unmoved(
         reference: Optional[WallMap], wall_map: WallMap, found: Registration, guesses: List[Transform]
     ) -> Registration:
-        """In doubt nothing is moved, unless another transform is plausible and fits clearly better."""
+        """Decides that borders stay where they are, unless another transform is plausible and fits clearly better."""
         assert reference is not None
         still = max((measure_at(reference, wall_map, guess) for guess in guesses), key=lambda one: one.agreement)
         moves = found.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)

@@ -117,12 +117,12 @@ class Registration:
 
     @property
     def is_unambiguous(self) -> bool:
-        """Whether it may be acted on without a person."""
+        """Returns whether it may be acted on without a person."""
         return self.local and self.margin >= MIN_MARGIN
 
     @property
     def local(self) -> bool:
-        """Whether the maps agree at this transform, whatever another one would give."""
+        """Returns whether the maps agree at this transform, whatever another one would give."""
         return self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
 
     @property
@@ -157,7 +157,7 @@ class WallMap:
 
     @cached_property
     def fields(self) -> np.ndarray:
-        """Distance fields (H, W, 3) float32: distance to the nearest wall [m] and its gradient along columns and rows."""
+        """Computes distance fields (H, W, 3) float32: distance to the nearest wall [m], gradient along columns and rows."""
         if not self._surface.any():
             distance = np.full(self.grid.shape, 1e3, np.float32)
         else:
@@ -192,7 +192,7 @@ class WallMap:
 
     @cached_property
     def floor(self) -> np.ndarray:
-        """Up to 2000 free places (N, 2) [m], spread evenly."""
+        """Returns up to 2000 free places (N, 2) [m], spread evenly."""
         where = cv2.findNonZero(self.free)
         if where is None:
             return np.zeros((0, 2))
@@ -221,7 +221,7 @@ class WallMap:
 
     @cached_property
     def center(self) -> np.ndarray:
-        """The middle (2,) [m] of what is known."""
+        """Returns the middle (2,) [m] of what is known."""
         points = np.concatenate([self.walls, self.floor])
         return (points.min(axis=0) + points.max(axis=0)) / 2.0 if len(points) else np.zeros(2)
 

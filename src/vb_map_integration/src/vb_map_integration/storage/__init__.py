@@ -1,1 +1,1 @@
-"""Where borders are kept."""
+"""Storage of borders on disk."""

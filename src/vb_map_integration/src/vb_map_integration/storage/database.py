@@ -118,7 +118,7 @@ class KnownMap:
 
     @cached_property
     def grid(self) -> Optional[GridMap]:
-        """The map; None if its cells could not be imported."""
+        """Returns the map; None if its cells could not be imported."""
         if self._cells is None:
             return None
         data = np.frombuffer(zlib.decompress(self._cells), np.int8).reshape(self._shape)
@@ -126,7 +126,7 @@ class KnownMap:
 
 
 class DatabaseSummary(NamedTuple):
-    """What a sound file holds, beside its rows."""
+    """Facts about a readable database file, besides its rows."""
 
     revision: int
     next_number: int
@@ -539,7 +539,7 @@ class Database:
         return [("undo", "redo")[undone] for (undone,) in found]
 
     def _newest(self, place: int, kind: str) -> Tuple[int, Change]:
-        """The change that undo reverts, or redo repeats: its number, and what it did."""
+        """Returns the change that undo reverts, or redo repeats: its number, and what it did."""
         undone, order = (0, "DESC") if kind == "undo" else (1, "ASC")
         row = self._main.execute(
             f"SELECT number, body FROM changes WHERE place = ? AND undone = ? ORDER BY number {order} LIMIT 1",
@@ -632,7 +632,7 @@ def _create(connection: sqlite3.Connection) -> None:
 
 
 def _run(connection: sqlite3.Connection, statements: Iterable[Statement]) -> None:
-    """A transaction, all or nothing."""
+    """Runs a transaction, all or nothing."""
     connection.execute("BEGIN IMMEDIATE")
     try:
         for statement, arguments in statements:
@@ -646,7 +646,7 @@ def _run(connection: sqlite3.Connection, statements: Iterable[Statement]) -> Non
 
 
 def _copy(connection: sqlite3.Connection, path: Path) -> None:
-    """A whole copy by SQLite's backup, on the disk when this returns."""
+    """Copies the whole database by SQLite's backup; it is on the disk when this returns."""
     target = sqlite3.connect(str(path), isolation_level=None)
     try:
         connection.backup(target)
@@ -723,7 +723,7 @@ def _facts(state: DatabaseSummary) -> List[Tuple[str, str]]:
 
 
 def _digest(*values: Any) -> str:
-    """16 hexadecimal digits of a row's values."""
+    """Returns 16 hexadecimal digits of a row's values."""
     digest = hashlib.blake2b(digest_size=8)
     for value in values:
         digest.update(value if isinstance(value, bytes) else repr(value).encode())
@@ -750,6 +750,6 @@ def _map_from_row(row: Sequence[Any]) -> KnownMap:
 
 
 def _number_of(border_id: str) -> int:
-    """The number in an id that the database gave; the higher, the younger."""
+    """Returns the number in an id that the database gave; the higher, the younger."""
     digits = border_id[1:]
     return int(digits) if border_id[:1] == "b" and digits.isdigit() and len(digits) < 10 else 0

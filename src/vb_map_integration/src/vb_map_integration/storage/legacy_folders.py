@@ -20,7 +20,7 @@ _DAMAGE = (CodedError, OSError, ValueError, TypeError, KeyError)
 
 
 class LegacyFolder(NamedTuple):
-    """What a folder held.
+    """Contents of a folder.
 
     Attributes:
         name: of the folder.

@@ -1,4 +1,4 @@
-"""Command: checks the database of borders, repairs it, or restores one of its daily copies."""
+"""Checks the database of borders, repairs it, or restores one of its daily copies."""
 
 from __future__ import annotations
 

@@ -1,10 +1,11 @@
 """Decides where each robot should be going: the policy, apart from maps, messages and actions.
 
-The idea: a place is a promise. Each robot that can offers the cheapest place from which it would see the target; its
-present place costs nothing. The best offer wins: fewest failures first, then the shortest path. A place that does not
-keep its promise in time (navigation accepts it, the robot gets on, a camera sees the spot from there) has failed and is
-not offered for a while: so the next best is tried. The robot that serves is asked again only when its place has been
-unfit for a while, and its offer counts as SWITCH_GAIN cheaper, so that two do not take turns.
+The idea: robots offer places, and a place that fails is not offered again for a while. Each robot offers the cheapest
+place from which it would see the target; its present place costs nothing. The best offer wins: that of the robot with the
+fewest failures; among equals, the cheapest. A place fails if navigation does not accept it, the robot makes no
+progress, or no camera sees the spot from there in time; then the next best place is tried. A new place is chosen only
+when the active robot's place has been unsuitable for a while; that robot's offer counts as SWITCH_GAIN cheaper, so that
+two robots do not alternate.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ SWITCH_GAIN = 1.0  # [m] how much better placed another robot must be to take ov
 
 
 class SentGoalState(enum.Enum):
-    """What became of the goal that was sent last."""
+    """State of the goal that was sent last."""
 
     NONE = "none"
     SENT = "sent"  # not acknowledged yet
@@ -46,8 +47,14 @@ class SentGoalState(enum.Enum):
 
 @dataclass(frozen=True)
 class DispatchInputs:
-    """What holds for all robots: the time [s], whether one is wanted, what changes with interaction and state, and for
-    how long [s] no camera has seen the spot."""
+    """Inputs that are the same for all robots.
+
+    Attributes:
+        now: [s].
+        wanted: whether a robot is wanted.
+        key: changes with interaction and state.
+        time_since_seen: [s] since a camera saw the spot.
+    """
 
     now: float
     wanted: bool
@@ -56,13 +63,13 @@ class DispatchInputs:
 
     @property
     def lost(self) -> bool:
-        """Whether no camera sees the spot."""
+        """Returns whether no camera sees the spot."""
         return self.time_since_seen > LOST_TIMEOUT
 
 
 @dataclass(frozen=True)
 class RobotStatus:
-    """How a robot is now.
+    """A robot's current state.
 
     Attributes:
         pose: (x, y, yaw) [m, m, rad], map frame; None if it is not localised.
@@ -80,7 +87,7 @@ class RobotStatus:
 
     @property
     def running(self) -> bool:
-        """Whether it is on its way to the goal that was sent last."""
+        """Returns whether it is on its way to the goal that was sent last."""
         return self.goal in (SentGoalState.SENT, SentGoalState.ACTIVE)
 
     def places(self) -> List[Tuple[float, float]]:
@@ -90,7 +97,7 @@ class RobotStatus:
 
 @dataclass(frozen=True)
 class Failure:
-    """When [s] and where (x, y) [m] a place did not keep its promise; `blind`: no camera saw the spot from there."""
+    """A place (x, y) [m] that failed, and when [s]; `blind`: no camera saw the spot from there."""
 
     stamp: float
     x: float
@@ -100,14 +107,14 @@ class Failure:
 
 @dataclass(frozen=True)
 class Offer:
-    """Where a robot would go (None: it sees the target from where it is), and how offers are ordered."""
+    """Pose that a robot offers (None: it sees the target from where it is), and its cost."""
 
     order: Tuple[bool, int, bool, bool, float]
     place: Optional[Viewpoint]
 
 
 class RobotRecord:
-    """What is remembered of one robot: its goal, how that goes, and what failed."""
+    """Record of one robot: its goal, the goal's progress, and what failed."""
 
     def __init__(self) -> None:
         self.goal: Optional[Viewpoint] = None
@@ -202,7 +209,7 @@ class RobotRecord:
         return leaves and not self._endangered
 
     def _target_rests(self, goal: Viewpoint, planner: ViewpointPlanner) -> bool:
-        """Whether the target is still about where it was when the goal was chosen."""
+        """Returns whether the target is still about where it was when the goal was chosen."""
         return math.dist(planner.drawing.look_at, goal.spot) < MIN_SPOT_MOVE
 
     def make_offer(self, now: float, status: RobotStatus, planner: ViewpointPlanner, serves: bool) -> Optional[Offer]:
@@ -247,7 +254,7 @@ class Fleet:
 
     @property
     def searched(self) -> float:
-        """How much [m] of the line ahead robots have searched in vain, beyond where the spot was seen last."""
+        """Length [m] of the line ahead, beyond the last sighting, that robots have searched in vain."""
         return max(record.searched for record in self.records.values())
 
     def step(

@@ -24,9 +24,8 @@ from vb_robot.floor_view import FloorView
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.poses import Pose
 
-SILENCE = rospy.Duration(
-    2.0
-)  # without a status message for this long navigation counts as gone: it sends five a second
+# without a status message for this long navigation counts as gone: it sends five a second
+SILENCE = rospy.Duration(2.0)
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE)
 OUTCOMES = {
     GoalStatus.SUCCEEDED: SentGoalState.REACHED,
@@ -124,7 +123,7 @@ class DispatchedRobot:
         return status is not None and now - self._heard < SILENCE and self._client.pub_goal.get_num_connections() > 0
 
     def _running(self) -> List[str]:
-        """The ids of the goals that navigation works on, no matter who gave them."""
+        """Returns the ids of the goals that navigation works on, no matter who gave them."""
         status = self._client.last_status_msg
         return [
             entry.goal_id.id for entry in (status.status_list if status is not None else []) if entry.status in RUNNING
@@ -149,7 +148,7 @@ class DispatchedRobot:
         return pose2d_from_message(target.pose)[:2] if target.header.frame_id.lstrip("/") == MAP_FRAME else None
 
     def _goal_status(self) -> SentGoalState:
-        """What became of the goal that was sent last."""
+        """Returns the state of the goal that was sent last."""
         if self._handle is None:
             return SentGoalState.NONE
         state = self._handle.get_comm_state()

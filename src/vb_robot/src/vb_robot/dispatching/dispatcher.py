@@ -29,7 +29,7 @@ class RobotMap:
         self._terrain: Optional[Tuple[Window, ClearanceMap]] = None
 
     def set_map(self, grid: GridMap, which: str = "borders") -> None:
-        """Takes the map with the borders that are for this robot, or the one without ("physical")."""
+        """Stores the map with the borders that are for this robot, or the one without ("physical")."""
         self._maps[which], self._terrain = grid, None
 
     def make_planner(
@@ -47,7 +47,7 @@ class RobotMap:
 
 
 class Dispatcher:
-    """Knows an interaction and decides where robots go. One thread feeds and asks it.
+    """Decides where robots go, from an interaction's messages. It must be used by one thread.
 
     A goal is given only after a stationary camera saw the spot in this interaction: with none of them the person
     guides the robot. From then on every camera's spots tell where the spot is.
@@ -71,14 +71,14 @@ class Dispatcher:
         self._drawn: Tuple[str, DrawingState] = ("", DrawingState())  # in which interaction, and what
 
     def set_physical_map(self, grid: GridMap) -> None:
-        """Takes the map without borders: what hides the spot."""
+        """Stores the map without borders: what is on it hides the spot."""
         for known in self.maps.values():
             known.set_map(grid, "physical")
 
     def set_progress(
         self, interaction: str, chain: np.ndarray, closed: bool, points: np.ndarray, cameras: Iterable[str]
     ) -> None:
-        """Takes what has been drawn so far in an interaction.
+        """Stores what has been drawn so far in an interaction.
 
         Args:
             chain: (M, 2) [m] the border's chain, empty before there is one; `closed` if it is a polygon.
@@ -139,7 +139,7 @@ class Dispatcher:
         )
 
     def _notice(self, lost: bool, drawing: DrawingState, able: bool) -> Optional[Notice]:
-        """Says what people should know: that no camera sees the spot, or will soon lose it, and what follows."""
+        """Chooses the notice for people: that no camera sees the spot, or will soon lose it, and what happens next."""
         serving = self._fleet.serving
         comes = serving is not None and self._fleet.records[serving].goal is not None
         if lost and not (comes and able):

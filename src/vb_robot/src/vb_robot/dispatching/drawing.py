@@ -1,4 +1,4 @@
-"""What is being drawn, what a robot should look at, and the floor that the border will probably restrict.
+"""Derives from a drawing what a robot should look at, and which floor the border will probably restrict.
 
 The idea: a robot does not look at the spot but at where the ceiling cameras will lose it, before they do; and since
 navigation does not know a border before it is saved, its paths avoid what the border will probably restrict.
@@ -28,7 +28,7 @@ NO_POINTS = np.zeros((0, 2))
 
 @dataclass(frozen=True)
 class DrawingState:
-    """What is being drawn, map frame.
+    """The drawing so far, map frame.
 
     Attributes:
         spot: (2,) [m] where the spot is, or was last; None: not known.

@@ -20,10 +20,8 @@ from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap, ShortestPaths, cle
 from vb_robot.floor_view import FloorView
 from vb_robot.poses import Pose
 
-MIN_DISTANCE, MAX_DISTANCE = (
-    0.8,
-    1.5,
-)  # [m] to what the camera looks at: nearer it leaves the image, farther it is small
+# [m] to what the camera looks at: nearer it leaves the image, farther it is small
+MIN_DISTANCE, MAX_DISTANCE = (0.8, 1.5)
 BEST_DISTANCE = 1.1  # [m]
 DISTANCES, BEARINGS = 4, 36  # how many are checked
 IMAGE_MARGIN = 0.15  # fraction of the image that must be beyond what a new pose looks at ...
@@ -53,7 +51,7 @@ class Viewpoint:
 
 
 class ViewpointPlanner:
-    """What one robot can see of a drawing, from where it is and from where it could go.
+    """Computes what one robot can see of a drawing, from where it is and from where it could go.
 
     Args:
         others: (K, 2) [m] where other robots are or drive to.
@@ -141,7 +139,7 @@ class ViewpointPlanner:
 
     # ------------------------------------------------------------- candidates
     def _in_order(self, robot: Pose, paths: ShortestPaths, avoid: Iterable) -> List[Viewpoint]:
-        """The reachable poses that show the target, the cheapest first."""
+        """Returns the reachable poses that show the target, the cheapest first."""
         look_at = self.drawing.look_at
         places, yaws, distances = _poses_round(look_at, robot)
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
@@ -172,7 +170,7 @@ class ViewpointPlanner:
         ]
 
     def _retreat(self, paths: ShortestPaths, robot: Pose) -> Optional[Viewpoint]:
-        """The nearest place off the side to be restricted, if the robot is on it."""
+        """Returns the nearest place off the side to be restricted, if the robot is on it."""
         terrain, spot = self.terrain, self.drawing.spot
         if self._off_side is None or sample(terrain.grid, self._off_side, np.array([robot[:2]]))[0] > 0:
             return None

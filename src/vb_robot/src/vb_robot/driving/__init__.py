@@ -1,1 +1,1 @@
-"""Whether a robot may drive, and how it follows the spot and leaves a border."""
+"""Decides whether a robot may drive, and makes it follow the spot and leave a border."""

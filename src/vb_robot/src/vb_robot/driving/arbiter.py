@@ -89,7 +89,7 @@ class Arbiter:
 
     # ------------------------------------------------------------- inputs
     def set_state(self, state: int, interaction: str, entered: float, stamp: float, stopped: bool = False) -> None:
-        """Takes the interaction's state, said at a time [s]."""
+        """Stores the interaction's state, published at a time [s]."""
         with self._lock:
             if self._spots.set_state(state, interaction, entered):
                 # what was seen in another state guides no robot
@@ -102,7 +102,7 @@ class Arbiter:
             self._stopped["state"] = stopped
 
     def set_stop(self, stopped: bool, now: float) -> None:
-        """Takes a message of the stop topic that comes at a time [s].
+        """Stores a message of the stop topic that arrived at a time [s].
 
         A stop holds until this topic releases it, or a later state that is not stopped after one that was. An
         interaction manager that starts again and knows of no stop releases none.
@@ -114,11 +114,11 @@ class Arbiter:
 
     @property
     def stopped(self) -> bool:
-        """Whether a stop holds."""
+        """Returns whether a stop holds."""
         return any(self._stopped.values())
 
     def add(self, sighting: Sighting) -> None:
-        """Takes a spot of any camera."""
+        """Adds a spot of any camera."""
         with self._lock:
             self._spots.add(sighting)
             if sighting.mobile and sighting.camera == self._camera and self._spots.newest() is sighting:
@@ -130,18 +130,18 @@ class Arbiter:
             self._spots.add_contributors(interaction, cameras)
 
     def set_maps(self, workspace: Workspace) -> None:
-        """Takes new maps."""
+        """Stores new maps."""
         with self._lock:
             self.gate.workspace = workspace
             self.exit.set_maps(workspace)
 
     def set_path(self, path: np.ndarray) -> None:
-        """Takes navigation's newest path (N, 2) [m], map frame."""
+        """Stores navigation's newest path (N, 2) [m], map frame."""
         with self._lock:
             self._rotation_shim.path = path
 
     def request(self, source: str, v: float, w: float, now: float) -> None:
-        """Takes a command of navigation or teleoperation [m/s, rad/s]."""
+        """Stores a command of navigation or teleoperation [m/s, rad/s]."""
         self._commands[source], self.gate.stamps[source] = VelocityRequest(v, w), now
 
     # ------------------------------------------------------------- who drives

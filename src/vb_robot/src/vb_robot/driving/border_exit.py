@@ -24,10 +24,8 @@ MAX_PATH_DEVIATION = 0.15  # [m] farther off (the localisation jumped) a new pat
 MARGIN = 0.08  # [m] beyond the radius counts as free: cells and localisation are a few centimetres off
 MAP_MARGIN = 0.05  # [m] from mapped obstacles on the path
 MIN_AREA = 0.3  # [m^2] less room for the robot's centre is a gap between border and wall, not a goal
-PROGRESS_TIMEOUT, MIN_PROGRESS = (
-    15.0,
-    0.05,
-)  # [s, m] if in that time the rest of the path has not become shorter, it gives up
+# [s, m] if in that time the rest of the path has not become shorter, it gives up
+PROGRESS_TIMEOUT, MIN_PROGRESS = (15.0, 0.05)
 PINCHED_AFTER = 1.5  # [s] navigation has a goal and moves nothing: beside something it may find no path from here
 RETRY_DELAY = 20.0  # [s] after it gave up: the person in the way may have gone
 WINDOW = 10.0  # [m] around the robot: no path out is that long
@@ -96,7 +94,7 @@ class BorderExit:
         self.pause()
 
     def set_maps(self, workspace: Workspace) -> None:
-        """Takes new maps."""
+        """Stores new maps."""
         self._workspace, self._enclosed, self._retry_at, self.failed = workspace, None, -math.inf, ""
         self._end()
 

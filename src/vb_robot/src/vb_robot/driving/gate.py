@@ -55,7 +55,7 @@ CLEARANCES = {
 
 
 class Gate:
-    """Knows what lies ahead of one robot, and how old each of its inputs is. Several threads may feed it.
+    """Limits one robot's commands by what is ahead of it and by the age of its inputs. Several threads may feed it.
 
     Attributes:
         workspace: the maps; None before there are any. speed_limits: where there are slow zones.
@@ -81,13 +81,13 @@ class Gate:
 
     # ------------------------------------------------------------- inputs
     def set_scan(self, scan: Scan, stamp: float) -> None:
-        """Takes a scan of a time [s]."""
+        """Stores a scan taken at a time [s]."""
         with self._lock:
             self._scan = scan
             self.record_input("scan", stamp)
 
     def set_pose(self, pose: Optional[Pose], stamp: float, correction: float = 0.0) -> None:
-        """Takes where the robot was (x, y, yaw), map frame, at a time [s]; None: it is not known.
+        """Stores the robot's pose (x, y, yaw), map frame, at a time [s]; None: it is not known.
 
         Args:
             correction: date [s] of the newest correction that localisation has made to odometry; 0: there is none to be
@@ -122,7 +122,7 @@ class Gate:
     # ------------------------------------------------------------- what is known
     @property
     def other_publishers(self) -> str:
-        """Who else commanded the robot lately."""
+        """Returns the other nodes that have recently commanded the robot."""
         return ", ".join(sorted(self._other_publishers))
 
     def pose(self, now: float) -> Optional[Pose]:

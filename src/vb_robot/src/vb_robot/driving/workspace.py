@@ -34,7 +34,7 @@ UNCERTAINTY_UPDATES = 5  # of the localisation, half a metre of driving: for tha
 
 @dataclass(frozen=True)
 class KnownBorder:
-    """What names a border: its name, chain (N, 2) [m], seed (2,) [m], and kind."""
+    """A border as the driver knows it: name, chain (N, 2) [m], seed (2,) [m], and kind."""
 
     name: str
     points: np.ndarray
@@ -49,7 +49,7 @@ class KnownBorder:
 
 
 class BorderContact(enum.Enum):
-    """Where a footprint is with respect to the borders, from best to worst."""
+    """Position of a footprint with respect to the borders, from best to worst."""
 
     FREE = 0
     TOUCHES = 1
@@ -68,7 +68,7 @@ class PoseUncertainty:
         self._last: Deque[float] = deque(maxlen=UNCERTAINTY_UPDATES)
 
     def add(self, covariance: np.ndarray) -> bool:
-        """Takes the covariance (2, 2) [m^2] of x and y of one update; returns whether the uncertainty has changed."""
+        """Adds the covariance (2, 2) [m^2] of x and y of one update; returns whether the uncertainty has changed."""
         worst = float(np.linalg.eigvalsh(covariance)[-1]) if np.isfinite(covariance).all() else math.inf
         self._last.append(STD_FACTOR * math.sqrt(max(worst, 0.0)))
         before = self.meters

@@ -1,4 +1,4 @@
-"""What the nodes of simulated cameras share: they receive where everything is, take images when due, and report."""
+"""The shared part of the simulated cameras' nodes: they receive the lab's state, render images when due, and report."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ class CameraNode:
         self._running = False
 
     def _publish(self, index: int, stamp_s: float) -> None:
-        """Takes and sends one image: index of the camera, stamp [s]."""
+        """Renders and publishes one image: index of the camera, stamp [s]."""
         raise NotImplementedError
 
     def _figures(self) -> List[Dict[str, object]]:
-        """How each camera gets on: "camera", its name, and figures by name."""
+        """Returns each camera's figures by name, with its name as "camera"."""
         raise NotImplementedError
 
     def _on_state(self, message: LabState) -> None:

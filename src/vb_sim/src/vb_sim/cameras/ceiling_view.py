@@ -108,7 +108,7 @@ class CeilingView:
 
     # ------------------------------------------------------------- static parts
     def _floor_coordinates(self, grid: RayGrid) -> Tuple[np.ndarray, np.ndarray]:
-        """x and y (H, W) float32 [m] where each pixel's ray meets the floor; far away at and above the horizon."""
+        """Computes x and y (H, W) float32 [m] where each pixel's ray meets the floor; far away from the horizon on."""
         rotation, origin = self.pose[:3, :3].astype(np.float32), self.pose[:3, 3]
         down = np.minimum(grid.combine(*rotation[2]), np.float32(-1e-4))
         steps = np.float32(-origin[2]) / (down * np.ones((grid.camera.height, grid.camera.width), np.float32))
@@ -151,7 +151,7 @@ class CeilingView:
         return images
 
     def _make_noise_tile(self) -> np.ndarray:
-        """Noise of a mid-grey surface, shifted to above zero, larger than the image to be cut from anywhere."""
+        """Makes noise of a mid-grey surface, shifted to above zero, larger than the image to be cut from anywhere."""
         shape = (self.model.height + 64, self.model.width + 64)
         if self._images[0].ndim == 3:
             shape += (3,)
@@ -159,7 +159,7 @@ class CeilingView:
         return np.clip(noise + _NOISE_OFFSET + 0.5, 0, 255).astype(np.uint8)
 
     def set_floor_light(self, light: Optional[FloorLight]) -> None:
-        """Lets a projector's light fall on the floor until the next call; None: it is switched off."""
+        """Sets a projector's light on the floor until the next call; None: it is switched off."""
         self._clean()
         if self._unlit is None:
             if light is None:

@@ -37,7 +37,7 @@ class SmoothClock:
 
 
 class FrameSchedule:
-    """Takes the images of several cameras evenly spread over the time between two frames.
+    """Spreads the images of several cameras evenly over the time between two frames.
 
     Each camera's stamps are on a fixed grid of its period, shifted against the others'.
 

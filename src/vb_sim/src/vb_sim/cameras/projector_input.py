@@ -44,7 +44,7 @@ class ProjectorInput:
         self._light = floor_light(image, self._projector, self._optics)
 
     def update(self, index: int) -> None:
-        """Lets the newest light shine in a view, before its next frame; from the thread that takes the frames."""
+        """Sets the newest light in a view, before its next frame; must be called from the thread that renders."""
         light = self._light
         if light is not self._shown[index]:
             self._shown[index] = light

@@ -85,7 +85,7 @@ class RobotView:
         self._drawn_key = self._color_key = self._depth_key = None
 
     def draw_from(self, draw: np.random.Generator) -> None:
-        """Takes another source of noise, for frames that do not depend on those before."""
+        """Sets another source of noise, for frames that do not depend on those before."""
         self._rng = draw
 
     def _make_noise(self) -> None:
@@ -107,7 +107,7 @@ class RobotView:
         return geometry.transform_from_pose2d(*self._pose) @ self._mount
 
     def _scene_key(self, snapshot: Snapshot) -> Tuple:
-        """The same as long as nothing has moved but the spot; to be called after `camera_pose`."""
+        """Returns a key that stays the same while nothing but the spot has moved; to be called after `camera_pose`."""
         others = tuple(
             (name, bodies.robot_key(pose)) for name, pose in snapshot.robots.items() if name not in self._names
         )
@@ -147,7 +147,7 @@ class RobotView:
         return image
 
     def set_floor_light(self, light: Optional[FloorLight]) -> None:
-        """Lets a projector's light fall on the floor until the next call; None: it is switched off."""
+        """Sets a projector's light on the floor until the next call; None: it is switched off."""
         self._light = light
         self._color_key = None
 
@@ -179,7 +179,7 @@ class RobotView:
         cv2.add(image, cv2.multiply(image, added, scale=light.strength / 255.0), dst=image)
 
     def _draw_floor(self, pose: np.ndarray) -> np.ndarray:
-        """The floor through its homography, further away from a coarser texture."""
+        """Draws the floor through its homography, farther away from a coarser texture."""
         camera = self.color_model
         height, width = camera.height, camera.width
         image = np.empty((height, width, 3), np.uint8)
@@ -255,7 +255,7 @@ class RobotView:
         return self._visible(spot) if spot is not None else 0.0
 
     def _visible(self, spot: SpotImage) -> float:
-        """The share of a spot's light that nothing hides; 0 if its middle is hidden or outside the image."""
+        """Returns the share of a spot's light that nothing hides; 0 if its middle is hidden or outside the image."""
         column, row = int(round(spot.center[0])), int(round(spot.center[1]))
         inside = 0 <= column < self.color_model.width and 0 <= row < self.color_model.height
         if not inside or self._buffer.ids[row, column]:

@@ -196,7 +196,7 @@ def perceive_border(
 
 
 def _beyond(chain: np.ndarray, reach: float) -> np.ndarray:
-    """A closed chain whose end is beyond its start [m], along its first side, or short of it on the last one."""
+    """Returns a closed chain whose end is beyond its start [m], along its first side, or short of it on the last."""
     first, last = chain[1] - chain[0], chain[-1] - chain[-2]
     if reach >= 0.0:
         length = float(np.linalg.norm(first))
@@ -206,7 +206,7 @@ def _beyond(chain: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _ends_on_floor(border: np.ndarray, is_floor: IsFloor) -> np.ndarray:
-    """The chain with its first and last point moved along it to a centimetre within where the floor begins."""
+    """Returns the chain with its first and last point moved along it to a centimetre within where the floor begins."""
     result = border.copy()
     for end, neighbor in ((0, 1), (-1, -2)):
         side = border[neighbor] - border[end]

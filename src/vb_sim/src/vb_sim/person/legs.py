@@ -49,7 +49,7 @@ class Walker:
 
     @property
     def walking(self) -> bool:
-        """Whether some path is left."""
+        """Returns whether some path is left."""
         return len(self._way) > 0
 
     def find_place_near(
@@ -72,7 +72,7 @@ class Walker:
         return way is not None
 
     def stop(self) -> None:
-        """Stops."""
+        """Stops the person."""
         self._way = np.zeros((0, 2))
 
     def step(self, dt: float, robot: Optional[np.ndarray], look_at: Optional[np.ndarray]) -> None:
@@ -162,7 +162,7 @@ class Walker:
             return None
 
     def _planner_round(self, robot: np.ndarray) -> Planner:
-        """A planner for which the robot is an obstacle; kept while the robot stays about where it is."""
+        """Returns a planner for which the robot is an obstacle; kept while the robot stays about where it is."""
         if self._round_robot is None or np.linalg.norm(self._round_robot[0] - robot) > 0.1:
             rows, columns = np.indices(self._grid.shape)
             column, row = self._grid.world_to_grid(robot)[0]

@@ -73,7 +73,7 @@ class Perception:
     def record_spot(
         self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool
     ) -> None:
-        """Takes note that some camera saw something.
+        """Records that some camera saw something.
 
         Args:
             spot: (x, y) [m] where the person's own spot is now; None while the laser is off.
@@ -217,7 +217,7 @@ class Person:
             yield
 
     def react(self) -> Step:
-        """Takes a moment, longer or shorter."""
+        """Waits for a reaction time, which varies."""
         yield from self.wait(self.model.reaction_time * float(self.rng.uniform(0.7, 1.6)))
 
     def walk(self, place: np.ndarray) -> Step:
@@ -273,7 +273,7 @@ class Person:
         raise ParticipantGaveUp(f"{command} was not taken: {self.last_answer.message} [{self.last_answer.code}]")
 
     def _maybe_give_wrong_command(self, command: str, source: str) -> Step:
-        """Now and then another command is said, understood or pressed; the person sees on the display what it did.
+        """Gives another command now and then, as if misspoken or misheard; the person sees on the display what it did.
 
         Raises:
             DrawingSlip: if the state is another one now, so that the person starts over.
@@ -313,7 +313,7 @@ class Person:
         return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor, self.style)
 
     def maybe_make_slip(self, stroke: Stroke, arc: float, speed: float) -> Step:
-        """Lets the hand go wrong, once in a lifetime, at some place of the stroke.
+        """Makes the hand go wrong, at most once per person, at some place of the stroke.
 
         Raises:
             DrawingSlip: when the person has noticed.
@@ -351,7 +351,7 @@ class ParticipantScript:
         self._script = self._run()
 
     def step(self, percept: Perception) -> Action:
-        """Lets the person perceive and act once."""
+        """Makes the person perceive and act once."""
         self.person.step(percept, self._script)
         return self.person.action(self.outcome)
 
@@ -421,7 +421,7 @@ class ParticipantScript:
         raise ParticipantGaveUp(f"not saved: {refusal.message} [{refusal.code}]")
 
     def _attempt(self) -> Generator[None, None, bool]:
-        """Draws, shows the seed and saves once; whether a border was saved.
+        """Draws, shows the seed and saves once; returns whether a border was saved.
 
         Raises:
             DrawingSlip: the person has noticed that something went wrong.

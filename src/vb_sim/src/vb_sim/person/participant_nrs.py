@@ -78,7 +78,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         return begin if first_seen is None else first_seen
 
     def _seen_start(self) -> Generator[None, None, Stroke]:
-        """A stroke that begins where a camera sees the spot, if there is such an end."""
+        """Returns a stroke that begins where a camera sees the spot, if there is such an end."""
         person = self.person
         ways = (
             [person.scenario.border]

@@ -104,7 +104,7 @@ class RobotOnlyScript(ParticipantScript):
 
     # ------------------------------------------------------------ leading
     def _is_as_good(self, place: np.ndarray) -> bool:
-        """Whether a place (2,) [m] is on the side of the seed that the person has in mind, and clearly so."""
+        """Returns whether a place (2,) [m] is on the side of the seed that the person has in mind, and clearly so."""
         person = self.person
         region, border = Polygon(person.scenario.region), person.scenario.border
         chain = np.vstack([border, border[:1]]) if person.scenario.closed else border
@@ -173,7 +173,7 @@ class RobotOnlyScript(ParticipantScript):
         return np.array([x, y]) + distance * direction
 
     def _pace(self) -> float:
-        """Share of the speed at which the spot moves: slower where the robot is about to lose it, 0 where it lags."""
+        """Computes the share of its speed that the spot moves at: less where the robot may lose it, 0 where it lags."""
         person = self.person
         x, y, yaw = person.percept.robot
         dx, dy = person.spot[0] - x, person.spot[1] - y

@@ -69,7 +69,7 @@ class Follower:
         self._turning = self._at_goal = False
 
     def set_path(self, path: np.ndarray) -> None:
-        """Takes a path (N, 2) [m], N >= 1, from about where the robot is to the goal."""
+        """Sets the path (N, 2) [m], N >= 1, from about where the robot is to the goal."""
         self._path = np.asarray(path, dtype=float)
         self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self._path, axis=0), axis=1))])
 
@@ -78,7 +78,7 @@ class Follower:
         return self._path[self._nearest(pose) :] if len(self._path) else self._path
 
     def halt(self) -> None:
-        """Takes note that another node stopped the robot."""
+        """Records that another node stopped the robot."""
         self._speed = 0.0
 
     def step(self, pose: Pose, obstacles: np.ndarray, dt: float) -> Motion:

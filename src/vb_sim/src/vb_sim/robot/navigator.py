@@ -89,7 +89,7 @@ class Navigator:
 
     # ------------------------------------------------------------ maps
     def set_map(self, grid: GridMap) -> Costmap:
-        """Takes the static map; returns its costs."""
+        """Sets the static map, and returns its costs."""
         costmap = Costmap(grid, self._costmap_params)
         planner = Planner(costmap, self._planner_params)
         with self._lock:
@@ -141,7 +141,7 @@ class Navigator:
         self._forget()
 
     def halt(self) -> None:
-        """Takes note that another node stopped the robot."""
+        """Records that another node stopped the robot."""
         self._follower.halt()
 
     def step(self, now: float, pose: Pose, obstacles: np.ndarray, dt: float) -> Drive:
@@ -177,7 +177,7 @@ class Navigator:
         return Drive(motion.speed, motion.turn_rate, path=path)
 
     def _replan(self, static: Planner, pose: Pose, obstacles: np.ndarray, now: float) -> Optional[np.ndarray]:
-        """Gives the follower a new path; raises CodedError if there has been none for too long."""
+        """Sets the follower's new path; raises CodedError if there has been none for too long."""
         start, end = np.array(pose[:2]), np.array(self._goal[:2])
         try:
             try:

@@ -115,7 +115,7 @@ class Planner:
     def _nearest(
         self, point: np.ndarray, limit: float, among: Optional[np.ndarray] = None
     ) -> Optional[Tuple[int, np.ndarray]]:
-        """The nearest traversable node within `limit` [m] and its place."""
+        """Returns the nearest traversable node within `limit` [m] and its place."""
         center = self.costmap.grid.world_to_grid(point)[0][::-1]
         distances = np.linalg.norm(self._cells - center, axis=1) * self.costmap.grid.resolution
         if among is not None:
@@ -165,7 +165,7 @@ class Planner:
 
     # ------------------------------------------------------------ shape of the path
     def _shortened(self, nodes: List[int], costs: np.ndarray) -> List[int]:
-        """The nodes between which straight lines cost no more than the path over the cells (eight directions only)."""
+        """Returns the nodes between which straight lines cost no more than the path over the cells (eight directions)."""
         kept = [nodes[0]]
         at = 0
         while at < len(nodes) - 1:

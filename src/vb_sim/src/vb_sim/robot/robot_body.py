@@ -66,7 +66,7 @@ class RobotBody:
 
     # ------------------------------------------------------------ commands
     def command(self, speed: float, turn_rate: float, now: float) -> None:
-        """Takes a velocity command [m/s, rad/s] that holds until `command_timeout` after `now` [s]."""
+        """Sets a velocity command [m/s, rad/s] that holds until `command_timeout` after `now` [s]."""
         if math.isfinite(speed) and math.isfinite(turn_rate):
             self._command = (speed, turn_rate)
             self._command_time = now

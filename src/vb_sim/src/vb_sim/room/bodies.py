@@ -24,7 +24,7 @@ class BodyProportions(Parameters):
     """How tall and how broad a person is."""
 
     height: float = param(1.75, "m", low=1.0, high=2.3)
-    breadth: float = param(1.0, "", low=0.5, high=2.0, doc="share of an average person's breadth")
+    breadth: float = param(1.0, "", low=0.5, high=2.0)
 
 
 AVERAGE = BodyProportions()

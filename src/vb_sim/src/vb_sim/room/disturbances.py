@@ -1,4 +1,4 @@
-"""What changes in a room besides robots, participant and laser: light, sun, reflections, other people."""
+"""Disturbances in a room besides robots, participant and laser: light, sun, reflections, other people."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class SceneConditions:
 
     @property
     def lit(self) -> bool:
-        """Whether the light differs from the drawn world's."""
+        """Returns whether the light differs from the drawn world's."""
         return self.light * self.exposure != 1.0 or bool(self.sun)
 
 

@@ -111,7 +111,7 @@ def _brightness(floor: Floor, shape: Tuple[int, int], resolution: float, rng: np
 
 
 def _local(image: np.ndarray, texture: FloorTexture, patch: FloorPatch):
-    """The part of the image that contains a patch, and (x, y) [m] of its pixels in the patch's own axes."""
+    """Returns the part of the image that contains a patch, and (x, y) [m] of its pixels in the patch's own axes."""
     corners = texture.pixels(patch.footprint())
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
     high = np.maximum(np.ceil(corners.max(axis=0)).astype(int) + 1, low)

@@ -172,7 +172,7 @@ class RayGrid:
 
 
 class DepthBuffer:
-    """What is nearest in each pixel.
+    """Buffer of the nearest surface in each pixel.
 
     Attributes:
         inverse: (H, W) float32 [1/m] inverse depth along the optical axis, 0 where there is only floor.
@@ -193,7 +193,7 @@ class DepthBuffer:
         self._floats = np.empty(size[0] * size[1], np.float32)
 
     def clear(self) -> None:
-        """Takes everything away."""
+        """Empties the buffer."""
         self.inverse.fill(0)
         self.ids.fill(0)
         self._count = 0

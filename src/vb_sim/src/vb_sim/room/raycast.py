@@ -89,7 +89,7 @@ class DistanceField:
     def _sample(
         self, x: float, y: float, direction_x: np.ndarray, direction_y: np.ndarray, ranges: np.ndarray, range_max: float
     ) -> np.ndarray:
-        """Goes on from `ranges` (N,) by half a cell at a time, all beams at once."""
+        """Extends all beams at once from `ranges` (N,), by half a cell at a time."""
         count = int(max(range_max - ranges.min(), 0.0) / (0.5 * self._resolution)) + 2
         result = np.full(len(ranges), np.inf)
         beams = np.arange(len(ranges))

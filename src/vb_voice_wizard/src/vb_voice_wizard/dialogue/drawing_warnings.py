@@ -25,7 +25,7 @@ class DrawingWarnings:
         self._failed = self._cameras()
 
     def update(self, notices: Sequence[Notice]) -> None:
-        """Takes all notices that hold now."""
+        """Stores all current notices."""
         self._standing = tuple(
             notice
             for notice in notices
@@ -35,7 +35,7 @@ class DrawingWarnings:
 
     @property
     def all(self) -> Tuple[Notice, ...]:
-        """What holds now, then the cameras that failed meanwhile."""
+        """Returns the current warnings, then the cameras that failed meanwhile."""
         over = sorted(self._failed - self._cameras())
         return self._standing + tuple(
             Notice("camera_failed_meanwhile", Severity.WARNING, camera=name, values={"camera": name}) for name in over

@@ -43,7 +43,7 @@ class PreviewInputs:
 
     @property
     def complete(self) -> bool:
-        """Whether there is something to preview."""
+        """Returns whether there is something to preview."""
         return bool(self.interaction_id) and len(self.chain) > 0 and len(self.seed) > 0
 
     def is_equivalent(self, other: "PreviewInputs") -> bool:

@@ -47,8 +47,9 @@ class Previewer:
 
     # ------------------------------------------------------------------ inputs
     def on_interaction(self, interaction_id: str, saving: bool) -> None:
-        """Takes the current interaction ("" for none), again and again. While it is being saved, nothing more is
-        previewed.
+        """Stores the current interaction, "" for none; called again and again.
+
+        While it is being saved, nothing more is previewed.
         """
         with self._condition:
             self._held = saving
@@ -66,14 +67,14 @@ class Previewer:
             return bool(interaction_id) and (self._warned_of == interaction_id or bool(self._inputs.warnings))
 
     def on_progress(self, message: BorderProgress) -> None:
-        """Takes what was drawn so far."""
+        """Stores what was drawn so far."""
         with self._condition:
             self._progress = message
             self._take_progress()
             self._condition.notify()
 
     def on_borders(self, message: VirtualBorderArray) -> None:
-        """Takes the borders in the map; they are sent again whenever the map changes."""
+        """Stores the borders in the map; they are sent again whenever the map changes."""
         with self._condition:
             borders = (message.header.stamp.to_sec(), message.revision)
             self._inputs = dataclasses.replace(self._inputs, borders=borders)

@@ -21,7 +21,7 @@ class Resampler:
         self._stream: Optional[soxr.ResampleStream] = None
 
     def push(self, pcm: np.ndarray, rate: int) -> np.ndarray:
-        """The stream's next samples, (N,) int16 at a rate [1/s], to (M,) int16 at 16 kHz; another rate is another stream."""
+        """Resamples the next samples, (N,) int16 at a rate [1/s], to (M,) int16 at 16 kHz; a new rate is a new stream."""
         if rate == SAMPLE_RATE:
             self._stream = None
             return np.asarray(pcm, dtype=np.int16)
@@ -31,7 +31,7 @@ class Resampler:
 
 
 def level_db(pcm: np.ndarray) -> float:
-    """Effective value of (N,) int16 [dB], full scale is 0; digital silence is -100."""
+    """Computes the effective value of (N,) int16 [dB], full scale is 0; digital silence is -100."""
     power = float(np.mean(np.square(pcm, dtype=np.float64))) / 32768.0**2 if len(pcm) else 0.0
     return max(-100.0, 10.0 * float(np.log10(max(power, 1e-12))))
 
@@ -111,7 +111,7 @@ class Microphone:
 
 
 def arecord(device: str) -> list:
-    """The command line that records from an ALSA device as the model wants it."""
+    """Returns the command line that records from an ALSA device as the model wants it."""
     return [
         "arecord",
         "-q",

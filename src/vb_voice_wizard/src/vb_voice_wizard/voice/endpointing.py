@@ -69,11 +69,11 @@ class Endpointer:
 
     @property
     def speaking(self) -> bool:
-        """Whether there is speech right now."""
+        """Returns whether there is speech right now."""
         return self._first >= 0
 
     def push(self, pcm: np.ndarray) -> List[Utterance]:
-        """Takes the stream's next samples, (N,) int16, any N; returns the utterances that ended in them."""
+        """Adds the stream's next samples, (N,) int16, any N; returns the utterances that ended in them."""
         samples = np.concatenate([self._rest, np.asarray(pcm, dtype=np.int16)])
         whole = len(samples) // CHUNK * CHUNK
         self._rest = samples[whole:]

@@ -1,4 +1,4 @@
-"""How much better a text explains an utterance than silence would: a likelihood ratio, by a network that knows people's speech.
+"""Scores how much better a text explains an utterance than silence does: a likelihood ratio from a speech network.
 
 The idea: a network that its authors trained on a great deal of human speech recognises more than what one
 laboratory can train on synthetic voices. This is Moonshine (tiny, English; MIT licence); scripts/setup takes its files
@@ -64,7 +64,7 @@ class SpeechModel:
         return self._written(pcm) - self._rarity
 
     def _continued(self, pcm: np.ndarray, tokens: np.ndarray) -> np.ndarray:
-        """(M, L) tokens to (M, L, tokens there are): logarithms of the probabilities of what follows each of them."""
+        """Returns the log probabilities of what follows each of (M, L) tokens, as (M, L, number of tokens)."""
         samples = np.asarray(pcm, dtype=np.float32)[None]
         samples = samples * (_PEAK / max(1.0, float(np.abs(samples).max())))
         heard = self._encoder.run(None, {"input_values": samples, "attention_mask": np.ones(samples.shape, np.int64)})[
@@ -83,7 +83,7 @@ class SpeechModel:
         return found - np.log(np.exp(found).sum(axis=2, keepdims=True))
 
     def _written(self, pcm: np.ndarray) -> np.ndarray:
-        """(M,) logarithm of the probability that the network, left to itself, writes exactly each text."""
+        """Returns (M,) log probabilities that the network, left to itself, writes exactly each text."""
         rows, found = len(self._given), self._continued(pcm, self._given)
         steps = np.take_along_axis(found[:, :-1], self._given[:, 1:, None], axis=2)[..., 0]
         steps[np.arange(steps.shape[1]) >= self._length[:, None]] = 0.0
@@ -92,7 +92,7 @@ class SpeechModel:
 
 
 def _tokenise(text: str, tokens: Dict[bytes, int]) -> List[int]:
-    """A text as Moonshine writes it, with a capital first: the pair of pieces that makes the first token in its list is joined first."""
+    """Splits a text into Moonshine's tokens, with a capital first; pairs are joined in the order of its list."""
     found = []
     for word in (text[:1].upper() + text[1:]).split():
         pieces = [letter.encode() for letter in "\u2581" + word]
@@ -107,7 +107,7 @@ def _tokenise(text: str, tokens: Dict[bytes, int]) -> List[int]:
 
 
 def _read_tokens(path: Path) -> Dict[bytes, int]:
-    """The number of each of Moonshine's tokens; in the file each one follows its length, which takes two bytes if it is long."""
+    """Reads the number of each of Moonshine's tokens; in the file each follows its length, two bytes if it is long."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -117,9 +117,8 @@ def _read_tokens(path: Path) -> Dict[bytes, int]:
         length, at = data[at], at + 1
         if length >= 128:
             length, at = length - 128 + 128 * data[at], at + 1
-        found[data[at : at + length]] = (
-            number  # a single letter is there twice: first as a mere byte, which is never written
-        )
+        # a single letter is there twice: first as a mere byte, which is never written
+        found[data[at : at + length]] = number
         at, number = at + length, number + 1
     return found
 
