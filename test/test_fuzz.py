@@ -38,7 +38,7 @@ from vb_laser_detect.calibration import calibration_file
 from vb_map_integration.borders import border_files, border_messages, geojson
 from vb_msgs.msg import VirtualBorder
 from vb_sim.room.world import load_world
-from vb_web import requests
+from vb_web import action_requests
 
 TOP = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(TOP / "src" / "vb_map_integration" / "test"))
@@ -328,13 +328,15 @@ def test_a_damaged_database_loses_nothing_that_its_twin_has(tmp_path):
     st.text(max_size=80)
     | ANYTHING.map(json.dumps)
     | st.fixed_dictionaries(
-        {"id": st.just("r1"), "do": st.sampled_from(sorted(requests.ACTIONS)) | ANYTHING},
-        optional={key: ANYTHING for key in sorted({name for fields in requests.ACTIONS.values() for name in fields})},
+        {"id": st.just("r1"), "do": st.sampled_from(sorted(action_requests.ACTIONS)) | ANYTHING},
+        optional={
+            key: ANYTHING for key in sorted({name for fields in action_requests.ACTIONS.values() for name in fields})
+        },
     ).map(json.dumps)
 )
 def test_websocket_messages(text):
-    for bounds in (None, requests.Bounds((-1.0, -1.0), (9.0, 9.0))):
+    for bounds in (None, action_requests.Bounds((-1.0, -1.0), (9.0, 9.0))):
         try:
-            assert requests.parse(text, bounds).action in requests.ACTIONS
+            assert action_requests.parse(text, bounds).action in action_requests.ACTIONS
         except CodedError as error:
             assert error.code in ("page_bad_request", "page_no_map")

@@ -173,6 +173,25 @@ def test_manifests_are_of_format_3():
         assert root.get("format") == "3", package
 
 
+def test_all_nodes_have_the_same_entry_point():
+    """A node's module has `build`, which its script runs; `main` is for a program that ends by itself."""
+    count = 0
+    for path in TOP.glob("src/*/src/*/*_node.py"):
+        package, module = path.parts[-2], path.stem
+        functions = {
+            node.name for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.FunctionDef)
+        }
+        assert len(functions & {"build", "main"}) == 1, path
+        if "build" in functions:
+            count += 1
+            lines = (
+                (TOP / "src" / package / "scripts" / module[: -len("_node")]).read_text(encoding="utf-8").splitlines()
+            )
+            assert lines[1:4] == ["from vb_core.ros import node", f"from {package}.{module} import build", ""], path
+            assert len(lines) == 5 and re.fullmatch(r'node\.run\("\w+", build\)', lines[4]), path
+    assert count > 20
+
+
 # ------------------------------------------------------------ pure modules
 ROS = (
     "rospy",
@@ -488,7 +507,7 @@ def texts():
         TOP / name
         for name in found
         if "/de/" not in name
-        and not name.startswith(("docs/glossary", "CHANGELOG", "docs/results"))
+        and not name.startswith(("docs/glossary", "docs/reference/renamed", "CHANGELOG", "docs/results"))
         and (TOP / name).is_file()
     ]
 

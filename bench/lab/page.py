@@ -349,13 +349,13 @@ def hostile():
     from vb_core.errors import CodedError
     from vb_msgs.msg import InteractionState
     from vb_msgs.srv import ListBorders
-    from vb_web import requests
+    from vb_web import action_requests
 
-    bounds = requests.Bounds((-0.2, -0.2), (8.2, 5.2))
+    bounds = action_requests.Bounds((-0.2, -0.2), (8.2, 5.2))
 
     def is_request(text):
         try:
-            requests.parse(text, bounds)
+            action_requests.parse(text, bounds)
         except CodedError:
             return False
         return True

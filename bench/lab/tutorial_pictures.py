@@ -29,7 +29,7 @@ from sensor_msgs.msg import Image
 
 from vb_core import names
 from vb_core.ros.messages import message_from_grid, message_from_transform
-from vb_evaluation.live.screenshots import TIMEOUT, still_picture
+from vb_evaluation.demonstration.screenshots import TIMEOUT, still_picture
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port, start_screen
 from vb_laser_detect.detection.exposure import saturated_share

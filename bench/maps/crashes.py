@@ -74,7 +74,7 @@ def change(keeper: MapIntegrator, random: np.random.Generator, now: float, out: 
     elif kind == "rename":
         keeper.rename(some, f"name {random.integers(1e6)}", now)
     elif kind == "enable":
-        keeper.enable(some, bool(random.random() < 0.5), now, expires=now + random.integers(0, 3) * 2.5)
+        keeper.set_enabled(some, bool(random.random() < 0.5), now, expires=now + random.integers(0, 3) * 2.5)
     elif kind == "update":
         keeper.update(border.replace(id=some), now)
     elif kind == "remove":

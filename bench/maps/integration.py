@@ -119,9 +119,9 @@ def keeper_times(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
 def store_times(keeper: MapIntegrator) -> List[float]:
     """Times [ms] a change that touches no cell: what is left is the store's files."""
     last = keeper.borders[-1].id
-    keeper.enable(last, False, 1e5)
+    keeper.set_enabled(last, False, 1e5)
     times = [timed(lambda: keeper.rename(last, f"name {number}", 1e5)) for number in range(2 * REPEATS)]
-    keeper.enable(last, True, 1e5)
+    keeper.set_enabled(last, True, 1e5)
     return times
 
 
@@ -157,7 +157,7 @@ def many_times(count: int = 10_000) -> Dict[str, Any]:
 
 
 def node_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
-    """Times add_border from its call to its answer, and to the whole posterior at a subscriber."""
+    """Times add_border from its call to its answer, and to the whole map with borders at a subscriber."""
     arrived: "queue.Queue[float]" = queue.Queue()
     started_at = time.monotonic()
     subscriber = rospy.Subscriber(

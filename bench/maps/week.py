@@ -94,7 +94,7 @@ def looked_up(keeper: MapIntegrator, borders: List[VirtualBorder], truth: Transf
         lattice = np.meshgrid(np.linspace(low[0], high[0], 5), np.linspace(low[1], high[1], 5))
         places = truth.apply(np.stack(lattice, -1).reshape(-1, 2))
         free = keeper.physical.values_at(places) == 0
-        values = keeper.posterior.values_at(places)[free]
+        values = keeper.map_with_borders.values_at(places)[free]
         if len(values) and (values == 100).mean() >= 0.5:
             shut += 1
         elif len(values):
@@ -118,7 +118,7 @@ def week(seed: int, rows: Dict[str, Dict[str, int]]) -> None:
                 says = bool(getattr(keeper, "needs_confirmation", False))
                 shut, wide = looked_up(keeper, borders[floor], truth)
                 other = borders["upstairs" if floor == "ground" else "ground"]
-                restricts = bool((keeper.posterior.data != keeper.physical.data).any())
+                restricts = bool((keeper.map_with_borders.data != keeper.physical.data).any())
                 foreign = bool(other) and not borders[floor] and restricts
                 row["in_doubt"] += says
                 row["rooms_closed"] += shut
@@ -150,10 +150,10 @@ def answer(keeper: MapIntegrator, floor: str, truth: Transform, borders: Dict[st
     ours = {len(borders["ground"]): "ground", len(borders["upstairs"]): "upstairs"}.get(len(keeper.borders))
     if ours != floor:
         return
-    proposal = keeper.propose("")
+    proposal = keeper.propose_transfer("")
     apart, _ = proposal.transform.distance(truth, (4.0, 4.0))
     if apart < 0.15:
-        keeper.adopt(proposal, 2.0)
+        keeper.transfer(proposal, 2.0)
 
 
 def main() -> int:

@@ -15,7 +15,7 @@ import numpy as np
 
 from vb_core.grid_map import GridMap
 from vb_evaluation.provenance import revision
-from vb_robot.dispatching.dispatch import RobotStatus
+from vb_robot.dispatching.dispatch_policy import RobotStatus
 from vb_robot.dispatching.dispatcher import RobotMap
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.floor_view import FloorView

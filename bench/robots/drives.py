@@ -116,8 +116,8 @@ def places(scenario: str, seed: int):
     posterior = integrate(grid, Border(np.array(what.border), np.array(what.seed), 1.0, what.closed)).posterior
     restricted = posterior.data > np.maximum(grid.data, 0)
     rng = np.random.default_rng([seed, SCENARIOS.index(scenario)])
-    terrain = ClearanceMap(posterior, RADIUS, travel_margin=PATH_MARGIN + 0.03)
-    cells = posterior.cell_to_world(np.argwhere(terrain.clearance >= RADIUS + STOP_MARGIN))
+    clearance_map = ClearanceMap(posterior, RADIUS, travel_margin=PATH_MARGIN + 0.03)
+    cells = posterior.cell_to_world(np.argwhere(clearance_map.clearance >= RADIUS + STOP_MARGIN))
     yaws = rng.integers(-180, 180, 1000)
     chain = [(*cells[rng.integers(len(cells))], 0)]
     if scenario == "corner":  # what is not restricted may have other parts, as behind furniture
@@ -127,7 +127,7 @@ def places(scenario: str, seed: int):
         drawn = cells[rng.integers(len(cells), size=300)]
         drawn = drawn[
             (np.linalg.norm(drawn - here, axis=1) >= MIN_LEG)
-            & np.isfinite(terrain.shortest_paths(here).lengths_to(drawn))
+            & np.isfinite(clearance_map.shortest_paths(here).lengths_to(drawn))
         ]
         if not len(drawn):
             chain[-1] = (*cells[rng.integers(len(cells))], 0)  # a place that nothing leads to

@@ -154,7 +154,7 @@ def main() -> int:
     integrator = MapIntegrator(IntegratorParams(), None)
     integrator.set_map(grid)
     integrator.add(VirtualBorder(carpet.border, carpet.seed, 1.0, True), 0.0, {})
-    posterior = integrator.posterior
+    posterior = integrator.map_with_borders
     OUT.parent.mkdir(parents=True, exist_ok=True)
     done = json.loads(OUT.read_text()) if OUT.exists() and not arguments.fresh else {}
     for seed in range(arguments.times):

@@ -76,7 +76,7 @@ class Judge:
         self._radius = radius
         self._guided_method = guided
         self._lock = threading.Lock()
-        self._physical = self._posterior = None
+        self._physical = self._map_with_borders = None
         self._obstacle_gap = self._border_gap = None
         self._before = None
         self._allowed_gap = np.inf
@@ -95,16 +95,16 @@ class Judge:
             "way_m": 0.0,
         }
 
-    def set_maps(self, physical=None, posterior=None) -> None:
+    def set_maps(self, physical=None, map_with_borders=None) -> None:
         """Takes the maps without and with borders."""
         with self._lock:
             if physical is not None:
                 self._physical = physical
                 self._obstacle_gap = distance_to(physical.data >= 65) * physical.resolution
-            self._posterior = posterior if posterior is not None else self._posterior
-            if self._physical is None or self._posterior is None:
+            self._map_with_borders = map_with_borders if map_with_borders is not None else self._map_with_borders
+            if self._physical is None or self._map_with_borders is None:
                 return
-            restricted = self._posterior.data > np.maximum(self._physical.data, 0)
+            restricted = self._map_with_borders.data > np.maximum(self._physical.data, 0)
             self._border_gap = distance_to(restricted) * self._physical.resolution if restricted.any() else None
             # a border may be put where the robot stands: from then on it must not go deeper
             self._allowed_gap = np.inf
@@ -225,7 +225,7 @@ def watch(judge: Judge) -> list:
 
     return [
         rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, on_map, "physical"),
-        rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, on_map, "posterior"),
+        rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, on_map, "map_with_borders"),
         rospy.Subscriber(names.STATE, InteractionState, lambda m: setattr(judge, "state", m.name)),
         rospy.Subscriber(names.SPOTS, LaserSpot, lambda m: judge.spot_seen(m.header.stamp.to_sec())),
         rospy.Subscriber(names.LAB_STATE, LabState, on_lab),

@@ -6,7 +6,7 @@ setup(
         packages=[
             "vb_evaluation",
             "vb_evaluation.study_kit",
-            "vb_evaluation.live",
+            "vb_evaluation.demonstration",
             "vb_evaluation.report",
             "vb_evaluation.study",
             "vb_evaluation.virtual_ros",

@@ -14,14 +14,14 @@ def test_the_newest_item_wins_and_the_others_are_counted():
     mailbox = Mailbox()
     for number in range(5):
         mailbox.put(number)
-    assert mailbox.take() == 4
+    assert mailbox.get() == 4
     assert (mailbox.received, mailbox.dropped) == (5, 4)
 
 
 def test_closing_wakes_the_one_who_waits():
     mailbox = Mailbox()
     taken = []
-    thread = threading.Thread(target=lambda: taken.append(mailbox.take()))
+    thread = threading.Thread(target=lambda: taken.append(mailbox.get()))
     thread.start()
     mailbox.close()
     thread.join(10)
@@ -31,19 +31,19 @@ def test_closing_wakes_the_one_who_waits():
 def test_a_queue_keeps_the_order_and_says_when_it_is_full():
     queue = Queue(2)
     assert [queue.put(number) for number in range(3)] == [True, True, False]
-    assert [queue.take(), queue.take()] == [0, 1] and queue.put(7)
+    assert [queue.get(), queue.get()] == [0, 1] and queue.put(7)
     queue.close()
     # what was accepted is still handled
-    assert [queue.take(), queue.take()] == [7, None]
+    assert [queue.get(), queue.get()] == [7, None]
 
 
 def test_a_beat_comes_by_itself_or_when_something_is_announced():
-    assert WakeTimer(0.001).take() is False
+    assert WakeTimer(0.001).get() is False
     timer = WakeTimer(3600.0)
     timer.set()
-    assert timer.take() is True
+    assert timer.get() is True
     timer.close()
-    assert timer.take() is None
+    assert timer.get() is None
 
 
 class FakeClock:
@@ -69,10 +69,10 @@ class FakeClock:
 def test_a_beat_follows_the_quicker_of_wall_and_simulated_time(monkeypatch, pace, expected):
     timer = WakeTimer(1.0)
     clock = FakeClock(monkeypatch, timer, pace)
-    assert timer.take() is False  # learns how fast time runs
+    assert timer.get() is False  # learns how fast time runs
     began = clock.wall
     clock.waits = 0
-    assert [timer.take() for _ in range(20)] == [False] * 20
+    assert [timer.get() for _ in range(20)] == [False] * 20
     assert clock.wall - began == pytest.approx(20 * expected, abs=0.1)
     assert clock.waits <= 2 * 20 + 5, "it sleeps and does not poll"
 

@@ -11,7 +11,7 @@ from nav_msgs.msg import OccupancyGrid
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import node
-from vb_evaluation.live.navigation_check import NavigationCheck
+from vb_evaluation.navigation_check import NavigationCheck
 from vb_msgs.srv import ListBorders
 
 GOAL = (1.6, 1.6)

@@ -87,7 +87,7 @@ class RecordingTest(unittest.TestCase):
         self.wait(lambda: self.state.name == "seed", "the state Seed")
         self.draw(np.tile(SQUARE.mean(axis=0), (20, 1)))
         self.wait(self.saved, "the save")
-        self.wait(lambda: len(Recording(self.folder).maps) >= 2, "the record of the posterior map")
+        self.wait(lambda: len(Recording(self.folder).maps) >= 2, "the record of the map with borders")
         # rosbag gives a bag its name when it closes it; roslaunch starts the recorder again, into the next bag
         uri = rosgraph.Master("/test").lookupNode("/recorder")
         ServerProxy(uri).shutdown("/test", "the recording is over")

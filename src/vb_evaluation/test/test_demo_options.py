@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from vb_core.errors import CodedError
-from vb_evaluation.live import demo
+from vb_evaluation.demonstration import demo
 
 TOP = Path(__file__).resolve().parents[3]
 

@@ -9,8 +9,8 @@ import rospy
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_evaluation.live import navigation_check
-from vb_evaluation.live.navigation_check import NavigationCheck
+from vb_evaluation import navigation_check
+from vb_evaluation.navigation_check import NavigationCheck
 
 
 def test_without_move_base_it_says_so_at_once(monkeypatch):

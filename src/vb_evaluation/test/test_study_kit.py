@@ -335,7 +335,7 @@ def do(planned, keys, started=None):
         (started if started is not None else []).append(plan.command)
         return lambda: None
 
-    return conduct.conduct(planned, start, iter(keys), lambda words: None)
+    return conduct.conduct_run(planned, start, iter(keys), lambda words: None)
 
 
 def test_runs_come_in_the_planned_order_in_their_condition(planned):
@@ -378,11 +378,11 @@ def test_a_system_that_came_up_otherwise_is_told_at_once(planned):
         (plan.folder / "session.yaml").write_text(f"method: {other}\ncameras: [blue]\n")
         return lambda: None
 
-    conduct.conduct(run, start, iter("bc"), said.append)
+    conduct.conduct_run(run, start, iter("bc"), said.append)
     assert any(f"method:={other}" in words for words in said) and any(
         "cameras blue instead of" in words for words in said
     )
-    silent = conduct.conduct(conduct.next_run(planned, "p02"), lambda plan: lambda: None, iter("c"), said.append)
+    silent = conduct.conduct_run(conduct.next_run(planned, "p02"), lambda plan: lambda: None, iter("c"), said.append)
     assert silent["recorded"] is False and "nothing was recorded" in said[-1]
 
 
@@ -399,7 +399,7 @@ def test_the_launch_is_a_process_that_ends(planned):
         stops.append(stop.__self__)
         return stop
 
-    conduct.conduct(replaced, start, iter("c"), lambda words: None)
+    conduct.conduct_run(replaced, start, iter("c"), lambda words: None)
     assert not stops[0].running
 
 

@@ -57,12 +57,12 @@ def make_row(document, sources, job):
 def test_the_same_with_any_number_of_processes_and_after_an_interruption(tmp_path):
     jobs = plan.main_jobs(STUDY, 2)
     for folder, processes in (("one", 1), ("two", 2)):
-        assert campaign.conduct(STUDY, jobs, tmp_path / folder, processes, console=QUIET, work=make_row) == 0
+        assert campaign.run_jobs(STUDY, jobs, tmp_path / folder, processes, console=QUIET, work=make_row) == 0
     one, two = ((tmp_path / folder / "runs.csv").read_bytes() for folder in ("one", "two"))
     assert one == two and one.count(b"\n") == 13
     # as if the power had failed in the middle of the last row
     (tmp_path / "one" / "runs.csv").write_bytes(one[: one.rstrip(b"\n").rfind(b"\n") + 12])
-    assert campaign.conduct(STUDY, jobs, tmp_path / "one", 1, console=QUIET, work=make_row) == 0
+    assert campaign.run_jobs(STUDY, jobs, tmp_path / "one", 1, console=QUIET, work=make_row) == 0
     assert (tmp_path / "one" / "runs.csv").read_bytes() == one
 
 
@@ -101,7 +101,7 @@ def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, p
         return campaign.Outcome(job, {**dict.fromkeys(campaign.columns(job.file), 0), **job.columns(1), "map": ""})
 
     for folder in ("cut", "whole"):
-        assert campaign.conduct(STUDY, plan.main_jobs(STUDY, 2), tmp_path / folder, console=QUIET, work=work) == 0
+        assert campaign.run_jobs(STUDY, plan.main_jobs(STUDY, 2), tmp_path / folder, console=QUIET, work=work) == 0
     assert (tmp_path / "cut" / "runs.csv").read_bytes() == (tmp_path / "whole" / "runs.csv").read_bytes()
 
 
@@ -112,12 +112,12 @@ def test_a_cluster_gives_the_same_rows(tmp_path):
     jobs = plan.main_jobs(study, 1) + plan.world_jobs(study)
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster:
         assert (
-            campaign.conduct(
+            campaign.run_jobs(
                 study, jobs, tmp_path / "far", 2, console=QUIET, scheduler=cluster.scheduler_address, work=make_row
             )
             == 0
         )
-    assert campaign.conduct(study, jobs, tmp_path / "here", 1, console=QUIET, work=make_row) == 0
+    assert campaign.run_jobs(study, jobs, tmp_path / "here", 1, console=QUIET, work=make_row) == 0
     for file in ("runs.csv", "worlds.csv", "draws.csv"):
         assert (tmp_path / "far" / file).read_bytes() == (tmp_path / "here" / file).read_bytes()
 
@@ -131,7 +131,7 @@ def test_a_curve_repeats_no_run_that_the_study_has(tmp_path):
         done.append(job)
         return make_row(document, sources, job)
 
-    assert campaign.conduct(STUDY, jobs, tmp_path, console=QUIET, work=work) == 0
+    assert campaign.run_jobs(STUDY, jobs, tmp_path, console=QUIET, work=work) == 0
     assert (
         sum(job.task.participant == 1 for job in done) == 6 + sum(bool(job.changes) for job in curve) < 6 + len(curve)
     )
@@ -140,7 +140,7 @@ def test_a_curve_repeats_no_run_that_the_study_has(tmp_path):
 
 def test_no_scheduler_is_one_line(tmp_path):
     with pytest.raises(CodedError) as caught:
-        campaign.conduct(
+        campaign.run_jobs(
             moments(1.0), plan.main_jobs(STUDY, 1), tmp_path, console=QUIET, scheduler="nonsense://nowhere"
         )
     assert caught.value.code == "no_scheduler"
@@ -153,7 +153,7 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, capsys, monkeypa
     path.write_text("design: {worlds: 2}\n")
     study = config.load(path)
     job = plan.jobs(study, "full", only=name)[0]
-    assert campaign.conduct(study, [job], tmp_path, console=QUIET) == 0
+    assert campaign.run_jobs(study, [job], tmp_path, console=QUIET) == 0
     asked = [part for key, value in job.columns(1).items() for part in (f"--{key}", str(value))]
     given = ["run", "--config", str(path), *asked, "--compare", str(tmp_path / name)]
     assert main(given) == 0 and "the row is the same" in capsys.readouterr().out

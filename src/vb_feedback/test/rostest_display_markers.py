@@ -69,7 +69,7 @@ class DisplayMarkersTest(unittest.TestCase):
         rospy.init_node("rostest_display_markers")
         latched = {"queue_size": 1, "latch": True}
         cls.map = rospy.Publisher("/map", OccupancyGridArray, **latched)
-        cls.posterior = rospy.Publisher("/virtual_borders/map", OccupancyGridArray, **latched)
+        cls.map_with_borders = rospy.Publisher("/virtual_borders/map", OccupancyGridArray, **latched)
         cls.state = rospy.Publisher("/virtual_borders/state", InteractionState, **latched)
         cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, **latched)
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, **latched)
@@ -85,7 +85,7 @@ class DisplayMarkersTest(unittest.TestCase):
         cls.map.publish(message_from_grid(cls.grid, rospy.Time.now()))
 
     def publish_state(self, **changes):
-        message = InteractionState(name="default", commands=["define_border"], last_success=True)
+        message = InteractionState(name="default", available_commands=["define_border"], last_success=True)
         for key, value in changes.items():
             setattr(message, key, value)
         self.state.publish(message)
@@ -95,7 +95,7 @@ class DisplayMarkersTest(unittest.TestCase):
         wait_until(lambda: self.screen.text_of("words/state") == "Ready", "the default state's title")
         self.publish_state(
             name="seed",
-            commands=["save", "cancel"],
+            available_commands=["save", "cancel"],
             border_s=70.0,
             interaction_id="i",
             last_message="The map integrator does not answer; say save again in a moment.",
@@ -158,7 +158,7 @@ class DisplayMarkersTest(unittest.TestCase):
         self.assertEqual(len(self.screen.has("borders/outline")[0].points), 6)
         cells = self.grid.data.copy()
         cells[20:40, 40:80] = 100
-        self.posterior.publish(message_from_grid(self.grid.with_data(cells), rospy.Time.now()))
+        self.map_with_borders.publish(message_from_grid(self.grid.with_data(cells), rospy.Time.now()))
         wait_until(lambda: self.overlays and np.any(self.overlays[-1].data), "stripes")
         shown = np.asarray(self.overlays[-1].data).reshape(100, 160).copy()
         self.assertTrue(shown[20:40, 40:80].any())
@@ -168,9 +168,9 @@ class DisplayMarkersTest(unittest.TestCase):
         wait_until(lambda: not self.screen.has("borders/outline"), "the end of the border")
 
     def test_3_preview_belongs_to_its_interaction(self):
-        self.posterior.publish(message_from_grid(self.grid, rospy.Time.now()))
+        self.map_with_borders.publish(message_from_grid(self.grid, rospy.Time.now()))
         self.publish_state(
-            name="seed", interaction_id="i8", commands=["save", "cancel"], last_message="Point at the side."
+            name="seed", interaction_id="i8", available_commands=["save", "cancel"], last_message="Point at the side."
         )
         cells = np.zeros_like(self.grid.data)
         cells[50:70, 20:60] = 100
@@ -268,7 +268,7 @@ class DisplayMarkersTest(unittest.TestCase):
         self.assertAlmostEqual(view["X"], layout.view.center[0], 2)
 
     def test_5_a_newcomer_gets_everything(self):
-        self.publish_state(name="guide", interaction_id="i", commands=["cancel"])
+        self.publish_state(name="guide", interaction_id="i", available_commands=["cancel"])
         wait_until(lambda: self.screen.text_of("words/state") == "Guide", "the guide state's title")
         # two subscribers of one process share a connection: only a new connection makes a newcomer
         self.screen.subscriber.unregister()

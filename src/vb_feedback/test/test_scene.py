@@ -118,12 +118,12 @@ def test_overlay_marks_only_what_borders_changed():
     physical = np.zeros((40, 60), np.int8)
     physical[:2] = 100
     physical[20:, 50:] = -1
-    posterior = physical.copy()
-    posterior[10:30, 10:30] = 100
-    posterior[32:38, 5:45] = 40
-    found = draw_restrictions(physical, posterior, 4)
+    map_with_borders = physical.copy()
+    map_with_borders[10:30, 10:30] = 100
+    map_with_borders[32:38, 5:45] = 40
+    found = draw_restrictions(physical, map_with_borders, 4)
     assert set(np.unique(found)) == {CLEAR, STRIPE}
-    assert not found[(physical == posterior)].any()
+    assert not found[(physical == map_with_borders)].any()
     hard, soft = found[11:29, 11:29] == STRIPE, found[33:37, 6:44] == STRIPE
     assert 0.4 < hard.mean() < 0.6 and 0 < soft.mean() < hard.mean()
     assert (found[10, 10:30] == STRIPE).all() and (found[10:30, 29] == STRIPE).all()
@@ -132,10 +132,10 @@ def test_overlay_marks_only_what_borders_changed():
 
 def test_what_save_would_restrict_is_told_from_what_is_saved():
     physical = np.zeros((40, 60), np.int8)
-    posterior, wanted = physical.copy(), np.zeros((40, 60), np.int8)
-    posterior[5:20, 5:20] = 100
+    map_with_borders, wanted = physical.copy(), np.zeros((40, 60), np.int8)
+    map_with_borders[5:20, 5:20] = 100
     wanted[22:38, 30:55] = 100
-    found = draw_restrictions(physical, posterior, 4, wanted)
+    found = draw_restrictions(physical, map_with_borders, 4, wanted)
     assert set(np.unique(found[wanted > 0])) == {CLEAR, PREVIEW} and (found[wanted == 0] != PREVIEW).all()
     assert 0.4 < (found[23:37, 31:54] == PREVIEW).mean() < 0.6
     # stripes run down to the right here and up to the right there
@@ -146,6 +146,6 @@ def test_what_save_would_restrict_is_told_from_what_is_saved():
 
 def test_a_single_cell_is_visible():
     physical = np.zeros((9, 9), np.int8)
-    posterior = physical.copy()
-    posterior[4, 5] = 50
-    assert draw_restrictions(physical, posterior, 4)[4, 5] == STRIPE
+    map_with_borders = physical.copy()
+    map_with_borders[4, 5] = 50
+    assert draw_restrictions(physical, map_with_borders, 4)[4, 5] == STRIPE

@@ -229,7 +229,7 @@ class CalibrateCameraTest(unittest.TestCase):
                 answer = command.wait_for("is at", "! ", after=before)
                 if "is at" in answer:
                     break
-                self.assertTrue("spot_not_seen_by_camera" in answer or "spot_moves" in answer, answer)
+                self.assertTrue("spot_not_seen_by_camera" in answer or "spot_moving" in answer, answer)
             self.assertIn("is at", answer)
             command.wait_for(f"{i + 1} place", after=before)
         command.type("done")

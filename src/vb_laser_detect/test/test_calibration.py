@@ -192,7 +192,7 @@ def test_a_spot_is_taken_only_while_it_is_still():
     assert code() == "spot_not_seen_by_camera"
     for i in range(25):
         held.add(0.04 * i, [(300 + 20 * i, 200)])
-    assert code() == "spot_moves"
+    assert code() == "spot_moving"
     for i in range(25, 100):
         held.add(0.04 * i, [(800 + rng.normal(0, 0.5), 400 + rng.normal(0, 0.5))] if i % 3 else [])
     assert held.place() == pytest.approx((800, 400), abs=0.5)

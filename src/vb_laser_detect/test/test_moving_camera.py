@@ -95,7 +95,7 @@ def test_the_motion_is_the_camera_s_and_not_a_thing_s():
     moved[120:200, 200:330] = 160
     # people walk on, and it has still moved since the keyframe; from the next one on it has not
     assert np.abs(motion_of(registration, moved) - truth)[:2, 2].max() < 0.6
-    registration.take()
+    registration.set_keyframe()
     moved[120:200, 200:330] = 90
     assert is_still(motion_of(registration, moved), moved.shape)
     # a wall without anything on it tells nothing

@@ -10,7 +10,7 @@ from vb_core import geometry
 from vb_core.robot_profile import Limits, RobotProfile, RobotShape
 from vb_core.ros import robot_profile, transforms
 from vb_core.ros.messages import message_from_transform
-from vb_laser_detect.ros.camera_geometry import Robots
+from vb_laser_detect.camera_geometry import Robots
 
 PROFILE = RobotProfile(shape=RobotShape(radius=0.2, height=0.3), limits=Limits(max_speed=0.4))
 

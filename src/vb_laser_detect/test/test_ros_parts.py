@@ -22,9 +22,9 @@ from vb_laser_detect import calibrate_camera_node, clock_check_node, spot_detect
 from vb_laser_detect.calibration.clock_offset import ClockOffset
 from vb_laser_detect.detection.detector_counts import DetectorCounts
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.ros import camera_geometry
-from vb_laser_detect.ros.camera_geometry import is_rectified
-from vb_laser_detect.ros.diagnostics import DetectorDiagnostics, _Fault
+from vb_laser_detect import camera_geometry
+from vb_laser_detect.camera_geometry import is_rectified
+from vb_laser_detect.detector_diagnostics import DetectorDiagnostics, _Fault
 from vb_msgs.msg import DetectorStatus
 
 

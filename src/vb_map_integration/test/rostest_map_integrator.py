@@ -25,7 +25,7 @@ from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray  # noqa: 
 from vb_msgs.srv import (  # noqa: E402
     AddBorder,
     AddBorderRequest,
-    AdoptBorders,
+    TransferBorders,
     ConfirmMap,
     ConfirmMapRequest,
     ListBorders,
@@ -47,7 +47,7 @@ SERVICES = {
     "set_border_enabled": SetBorderEnabled,
     "rename_border": RenameBorder,
     "confirm_map": ConfirmMap,
-    "adopt_borders": AdoptBorders,
+    "transfer_borders": TransferBorders,
     "undo": Trigger,
     "redo": Trigger,
     "clear": Trigger,
@@ -221,7 +221,7 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual(len(self.call("list_borders").borders.borders), 1)
         self.assertEqual(self.call("rename_border", first.id, "rug", "test", first.revision).code, "ok")
         late = self.call("set_border_enabled", first.id, False, "test", first.revision)
-        self.assertEqual((late.success, late.code), (False, "changed_meanwhile"))
+        self.assertEqual((late.success, late.code), (False, "revision_conflict"))
         self.assertEqual(self.call("set_border_enabled", first.id, False, "test", late.revision).code, "ok")
         wait_until(lambda: self.borders.message.borders[0].reason == "disabled", "the border that sleeps")
         self.assertEqual(
@@ -256,7 +256,7 @@ class MapIntegratorTest(unittest.TestCase):
             self.assertEqual((self.cells()[45:55, 85:95] == 100).all(), True)  # still in force
             wait_until(lambda: "borders_unconfirmed" in [n.code for n in notices.message.notices], "the notice")
             self.assertEqual(self.call("add_border", polygon(x=2.0), "", "test").code, "confirm_map_first")
-            proposal = self.call("adopt_borders", "", True)
+            proposal = self.call("transfer_borders", "", True)
             self.assertTrue(proposal.success and bytes(proposal.image[:4]) == b"\x89PNG", proposal.message)
             self.assertEqual(self.call("confirm_map", ConfirmMapRequest.OTHER_PLACE, "upstairs", "test").code, "ok")
             wait_until(lambda: not self.borders.message.needs_confirmation, "no doubt")

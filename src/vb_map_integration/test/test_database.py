@@ -62,7 +62,7 @@ def test_borders_come_back_after_a_restart(tmp_path):
     first.close()
     second = integrator(tmp_path)
     assert second.borders == first.borders and second.revision == first.revision and codes(second) == []
-    assert np.array_equal(second.posterior.data, first.posterior.data)
+    assert np.array_equal(second.map_with_borders.data, first.map_with_borders.data)
     assert second.add(square(30, 50), 4.0).ids == ("b3",)  # ids are never used twice
     second.close()
 
@@ -76,14 +76,14 @@ def test_undo_and_redo_survive_a_restart(tmp_path):
     first.expire(6.0)  # is no command: undo goes past it
     first.close()
     second = integrator(tmp_path)
-    assert second.steps == ["undo", "redo"]
+    assert second.available_commands == ["undo", "redo"]
     assert second.redo().ids == ("b1",) and [border.id for border in second.borders] == ["b2"]
     second.undo()
     second.close()
     third = integrator(tmp_path)
     third.undo()
     third.undo()
-    assert third.borders == () and third.steps == ["redo"]
+    assert third.borders == () and third.available_commands == ["redo"]
     third.close()
     fourth = integrator(tmp_path)
     for expected in (["b1"], ["b1", "b2"], ["b2"]):
@@ -91,7 +91,7 @@ def test_undo_and_redo_survive_a_restart(tmp_path):
         assert [border.id for border in fourth.borders] == expected
     with pytest.raises(CodedError) as caught:
         fourth.redo()
-    assert caught.value.code == "nothing_to_redo" and fourth.steps == ["undo"]
+    assert caught.value.code == "nothing_to_redo" and fourth.available_commands == ["undo"]
     fourth.close()
 
 
@@ -111,7 +111,7 @@ def test_a_change_that_could_not_be_written_is_refused_and_nothing_is_kept(tmp_p
     """Was answered as success, and the border vanished later."""
     keeper = integrator(tmp_path)
     keeper.add(square(10, 10), 1.0)
-    cells = keeper.posterior.data.copy()
+    cells = keeper.map_with_borders.data.copy()
     size = sum(path.stat().st_size for path in tmp_path.glob(f"{FILE}*"))
     # as on a full disk: no file may grow any more
     code = f"""
@@ -134,7 +134,7 @@ for number in range(3):
     done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, universal_newlines=True, check=True)
     assert done.stdout.split() == ["cannot_write", "1"] * 3
     second = integrator(tmp_path)
-    assert second.borders == keeper.borders and np.array_equal(second.posterior.data, cells)
+    assert second.borders == keeper.borders and np.array_equal(second.map_with_borders.data, cells)
     assert size > 4096 and codes(second) == []
     second.close()
 
@@ -164,7 +164,7 @@ except CodedError as error:
 def test_a_pause_ends_on_a_full_disk_too(tmp_path, monkeypatch):
     keeper = integrator(tmp_path)
     keeper.add(square(10, 10), 1.0)
-    keeper.enable("b1", False, 2.0, expires=5.0)
+    keeper.set_enabled("b1", False, 2.0, expires=5.0)
 
     def fail(*_):
         raise sqlite3.OperationalError("disk is full")
@@ -172,7 +172,7 @@ def test_a_pause_ends_on_a_full_disk_too(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_run", fail)
     assert keeper.expire(4.0) is None and not keeper.status(keeper.borders[0])[0]
     assert keeper.expire(6.0).ids == ("b1",) and keeper.status(keeper.borders[0]) == (True, "")
-    assert (keeper.posterior.data == 100).sum() > (GRID.data == 100).sum()
+    assert (keeper.map_with_borders.data == 100).sum() > (GRID.data == 100).sum()
     with pytest.raises(CodedError):
         keeper.expire(7.0)
     keeper.close()
@@ -182,7 +182,7 @@ def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(
     """Borders that could not be kept were taken, and vanished."""
     (tmp_path / "file").write_text("")
     keeper = integrator(tmp_path / "file" / "store")
-    assert np.array_equal(keeper.posterior.data, GRID.data) and "database_read_only" in codes(keeper)
+    assert np.array_equal(keeper.map_with_borders.data, GRID.data) and "database_read_only" in codes(keeper)
     with pytest.raises(CodedError) as caught:
         keeper.add(square(10, 10), 1.0)
     assert caught.value.code == "cannot_write" and keeper.borders == ()
@@ -204,9 +204,9 @@ def test_a_disk_that_can_be_written_again_keeps_the_borders_that_acted(tmp_path,
         full.setattr(module, "_try_to_write", fail)
         keeper = integrator(tmp_path)
         assert keeper.borders == borders and keeper.reopen() is None
-    cells = keeper.posterior.data.copy()
+    cells = keeper.map_with_borders.data.copy()
     again = keeper.reopen()
-    assert again is not None and again.borders == borders and np.array_equal(again.posterior.data, cells)
+    assert again is not None and again.borders == borders and np.array_equal(again.map_with_borders.data, cells)
     assert again.undo().ids
     again.close()
 

@@ -42,7 +42,7 @@ def test_any_history_gives_the_map_of_the_borders_that_are_left(commands):
             elif command == "remove":
                 keeper.remove(some)
             elif command == "disable":
-                keeper.enable(some, False, now)
+                keeper.set_enabled(some, False, now)
             elif command == "update":
                 keeper.update(square(column, row, id=some), now)
             else:
@@ -58,16 +58,16 @@ def test_any_history_gives_the_map_of_the_borders_that_are_left(commands):
             states.append(keeper.borders)
             undone.clear()
         assert keeper.borders == states[-1]
-        assert np.array_equal(keeper.posterior.data, expected(keeper))
+        assert np.array_equal(keeper.map_with_borders.data, expected(keeper))
     for _ in states[1:]:
         keeper.undo()
-    assert keeper.borders == () and np.array_equal(keeper.posterior.data, GRID.data)
+    assert keeper.borders == () and np.array_equal(keeper.map_with_borders.data, GRID.data)
 
 
 def test_refusals_change_nothing(tmp_path):
     keeper = integrator(tmp_path)
     keeper.add(square(10, 10), 1.0)
-    before, cells, revision = keeper.borders, keeper.posterior.data.copy(), keeper.revision
+    before, cells, revision = keeper.borders, keeper.map_with_borders.data.copy(), keeper.revision
     files = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     for code, action in (
         ("seed_outside_map", lambda: keeper.add(square(10, 10).replace(seed=at((900, 5))[0]), 2.0)),
@@ -82,7 +82,7 @@ def test_refusals_change_nothing(tmp_path):
             action()
         assert caught.value.code == code
     assert keeper.borders == before and keeper.revision == revision
-    assert np.array_equal(keeper.posterior.data, cells)
+    assert np.array_equal(keeper.map_with_borders.data, cells)
     assert files == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
 
@@ -104,7 +104,7 @@ def test_undo_and_redo_bring_back_no_name_that_another_has(tmp_path):
         actions = [lambda: keeper.add(square(*draw.integers(5, 60, 2), name=""), float(step))]
         if names:
             actions += [lambda: keeper.remove(draw.choice(sorted(names)), float(step))] * 2
-        actions += [getattr(keeper, one) for one in keeper.steps]
+        actions += [getattr(keeper, one) for one in keeper.available_commands]
         actions[draw.integers(len(actions))]()
         after = [border.name for border in keeper.borders]
         assert len(set(after)) == len(after)
@@ -114,7 +114,7 @@ def test_undo_and_redo_bring_back_no_name_that_another_has(tmp_path):
 
 def test_before_a_map_everything_is_refused():
     keeper = MapIntegrator(IntegratorParams(), None)
-    for action in (lambda: keeper.add(square(10, 10), 1.0), keeper.clear, lambda: keeper.posterior):
+    for action in (lambda: keeper.add(square(10, 10), 1.0), keeper.clear, lambda: keeper.map_with_borders):
         with pytest.raises(CodedError):
             action()
 
@@ -123,10 +123,10 @@ def test_an_expiry_toggles_what_is_enabled():
     keeper = integrator()
     keeper.add(square(10, 10, expires=10.0), 1.0)
     keeper.add(square(60, 10), 1.0)
-    keeper.enable("b2", False, 2.0, expires=20.0)  # "allow the kitchen" until 20
+    keeper.set_enabled("b2", False, 2.0, expires=20.0)  # "allow the kitchen" until 20
     assert keeper.expire(9.9) is None
     assert keeper.expire(10.0).ids == ("b1",)
-    assert np.array_equal(keeper.posterior.data, GRID.data)
+    assert np.array_equal(keeper.map_with_borders.data, GRID.data)
     assert keeper.expire(25.0).ids == ("b2",)
     assert [border.enabled for border in keeper.borders] == [False, True]
     assert keeper.area_m2("b2") == pytest.approx(1.0, rel=0.1)
@@ -135,19 +135,19 @@ def test_an_expiry_toggles_what_is_enabled():
 def test_borders_for_other_robots_are_left_out():
     keeper = integrator(robot_name="ada")
     keeper.add(square(10, 10, robots=("bob",)), 1.0)
-    assert np.array_equal(keeper.posterior.data, GRID.data)
+    assert np.array_equal(keeper.map_with_borders.data, GRID.data)
     keeper.add(square(50, 10, robots=("ada", "bob")), 1.0)
     assert keeper.area_m2("b2") > 0
 
 
 def test_preview_changes_nothing_and_names_what_is_out_of_reach():
     keeper = integrator()
-    before = keeper.posterior.data.copy()
+    before = keeper.map_with_borders.data.copy()
     band = VirtualBorder(at((70, -5), (90, -5), (90, 125), (70, 125)), at((80, 60))[0], closed=True)
     check = keeper.check(band, {"robot": at((20, 60))[0]}, at((30, 30), (130, 30), (80, 60), (900, 0)))
     assert check.reachability.free_parts == 2 and check.reachability.unreachable == (1, 2, 3)
     assert "splits_free_space" in [found.code for found in check.issues]
-    assert np.array_equal(keeper.posterior.data, before) and keeper.borders == ()
+    assert np.array_equal(keeper.map_with_borders.data, before) and keeper.borders == ()
     outcome = keeper.add(band, 1.0)
     assert "splits_free_space" in [found.code for found in outcome.issues]
     # replacing the band by a small square joins the parts again

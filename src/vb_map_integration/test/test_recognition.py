@@ -71,7 +71,7 @@ def keep_out(transform=IDENTITY, **options):
 
 def closed_off(keeper, transform=IDENTITY):
     """Whether the middle of the border is closed in the map that navigation gets."""
-    return int(keeper.posterior.values_at(transform.apply(ROOM.apply([(0.5, 0.5)])))[0]) == 100
+    return int(keeper.map_with_borders.values_at(transform.apply(ROOM.apply([(0.5, 0.5)])))[0]) == 100
 
 
 # ----------------------------------------------------------------- registration
@@ -211,16 +211,16 @@ def test_borders_are_adopted_with_a_transform(tmp_path):
     keeper = integrator(tmp_path, flat())
     keeper.add(keep_out(), 1.0)
     keeper.set_map(flat(truth, seed=5, known=(0.0, 4.0)))
-    proposal = keeper.propose("")
+    proposal = keeper.propose_transfer("")
     assert proposal.registration is not None and proposal.image[:4] == b"\x89PNG"
-    keeper.adopt(keeper.propose("", truth), 2.0)
+    keeper.transfer(keeper.propose_transfer("", truth), 2.0)
     assert not keeper.needs_confirmation and closed_off(keeper, truth)
     with pytest.raises(CodedError) as caught:
-        keeper.propose("nowhere")
+        keeper.propose_transfer("nowhere")
     assert caught.value.code == "unknown_map"
     keeper.set_map(flat())
     with pytest.raises(CodedError) as caught:
-        keeper.adopt(keeper.propose("", truth), 3.0)
+        keeper.transfer(keeper.propose_transfer("", truth), 3.0)
     assert caught.value.code == "place_has_borders"
     keeper.close()
 
@@ -250,7 +250,7 @@ def test_undo_and_expiry_keep_what_does_not_act():
     border = keeper.borders[0]
     assert border.enabled and keeper.status(border) == (False, "inactive_on_this_map")
     assert "inactive_on_this_map" in [notice.code for notice in keeper.notices]
-    assert keeper.enable("b1", False, 3.0, expires=5.0).issues == ()
+    assert keeper.set_enabled("b1", False, 3.0, expires=5.0).issues == ()
     assert [found.code for found in keeper.expire(6.0).issues] == ["inactive_on_this_map"]
     # it is switched and renamed all the same, by whatever service
     assert keeper.rename("b1", "old rug", 7.0).ids == ("b1",)
@@ -267,12 +267,12 @@ def test_a_changed_border_is_not_overwritten():
     for action in (
         lambda: keeper.update(keep_out(id="b1"), 3.0, expected=seen),
         lambda: keeper.remove("b1", expected=seen),
-        lambda: keeper.enable("b1", False, 3.0, expected=seen),
+        lambda: keeper.set_enabled("b1", False, 3.0, expected=seen),
         lambda: keeper.add(keep_out(), 3.0, expected=seen),
     ):
         with pytest.raises(CodedError) as caught:
             action()
-        assert caught.value.code == "changed_meanwhile"
+        assert caught.value.code == "revision_conflict"
     assert keeper.borders[0].name == "rug"
 
 
@@ -291,12 +291,12 @@ def test_a_virtual_wall_stops_and_both_sides_stay_free():
     keeper.add(VirtualBorder([(3.1, 1.0), (3.1, 2.3)], None, wall=True), 1.0)  # across a doorway
     check = keeper.check(keep_out(), {"robot": (2.0, 2.0)}, [(4.5, 2.0)])
     assert check.reachability.unreachable == (0,)
-    added = keeper.posterior.data != keeper.physical.data
+    added = keeper.map_with_borders.data != keeper.physical.data
     assert 0 < added.sum() < 120 and keeper.status(keeper.borders[0]) == (True, "")
     # nothing slips through, not even over a corner
     import cv2
 
-    free = (keeper.posterior.data == 0).astype(np.uint8)
+    free = (keeper.map_with_borders.data == 0).astype(np.uint8)
     _, labels = cv2.connectedComponents(free, connectivity=8)
     cells = keeper.physical.world_to_cell(np.array([(2.5, 1.6), (3.7, 1.6)]))
     left, right = labels[cells[:, 0], cells[:, 1]]
@@ -307,7 +307,7 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
     keeper = integrator(grid=flat())
     keeper.add(keep_out(zone="slow", max_speed=0.3), 1.0)
     keeper.add(keep_out(zone="slow", max_speed=0.15), 2.0)
-    assert np.array_equal(keeper.posterior.data, keeper.physical.data)
+    assert np.array_equal(keeper.map_with_borders.data, keeper.physical.data)
     limits = keeper.speed_limits
     assert sorted(np.unique(limits.data)) == [0, 15] and (limits.data == 15).sum() == 400
     keeper.undo()
@@ -319,7 +319,7 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
 def test_a_zone_to_avoid_is_a_cost():
     keeper = integrator(grid=flat())
     keeper.add(keep_out(zone="avoid", occupancy=0.4), 1.0)
-    assert (keeper.posterior.data == 40).sum() == 400
+    assert (keeper.map_with_borders.data == 40).sum() == 400
     with pytest.raises(CodedError):
         keep_out(zone="avoid", occupancy=1.0)
 
@@ -360,7 +360,7 @@ def test_borders_of_one_home_stay_with_it_when_another_has_hundreds(tmp_path):
     if keeper.needs_confirmation:
         keeper.confirm(False, "", 5.0)
     keeper.add(square(10, 10), 6.0)
-    keeper.enable("b1", False, 7.0)  # of the other map
+    keeper.set_enabled("b1", False, 7.0)  # of the other map
     assert [border.id for border in keeper.borders] == ["b4"]
     keeper.set_map(flat())
     assert [border.enabled for border in keeper.borders] == [False, True, True]

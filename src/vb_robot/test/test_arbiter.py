@@ -244,7 +244,7 @@ def test_without_scan_pose_state_or_clock_it_rests_in_time_and_without_a_jerk(wh
     assert stopped and all(command.v == command.w == 0.0 for command in stopped)
     assert len(stopped) >= (3.0 - INPUT_TIMEOUT) / DT - 2, "in time, and for good"
     speeds = np.array([command.v for command in rig.commands])
-    assert -np.diff(speeds).min() <= 1.5 * PROFILE.limits.brake * DT, "its brakes can follow"
+    assert -np.diff(speeds).min() <= 1.5 * PROFILE.limits.deceleration * DT, "its brakes can follow"
     rig.silent.clear()
     rig.step(1.0)
     assert abs(rig.commands[-1].v) > 0.05, "it goes on when it is back"
@@ -369,7 +369,7 @@ def test_somebody_always_acts_and_never_two(state, seen):
             record.add(Sighting(0.1 * i, (1.0, 1.0), camera, camera == "robot", confidence))
     now = 0.1 * len(seen) + 1.5
     certain = {camera for camera, confidence in seen if confidence >= 0.4}
-    acting = driver.follows("robot", now), dispatcher.dispatches()
+    acting = driver.should_follow("robot", now), dispatcher.should_dispatch()
     assert sum(acting) == bool(certain)
 
 

@@ -43,9 +43,9 @@ def square(grid, x0, y0, x1, y1):
 class Rig:
     """An arbiter on a unicycle that a border has enclosed; its scanner sees `ranges`."""
 
-    def __init__(self, posterior, physical, pose, ranges=OPEN, exit_borders=True):
-        self.arbiter, self.maps = Arbiter(RobotProfile(), exit_borders=exit_borders), (posterior, physical)
-        self.arbiter.set_maps(Workspace(posterior, physical, RADIUS))
+    def __init__(self, map_with_borders, physical, pose, ranges=OPEN, exit_borders=True):
+        self.arbiter, self.maps = Arbiter(RobotProfile(), exit_borders=exit_borders), (map_with_borders, physical)
+        self.arbiter.set_maps(Workspace(map_with_borders, physical, RADIUS))
         self.pose, self.ranges, self.now, self.poses, self.state, self.said = pose, ranges, 100.0, [pose], 0, set()
 
     def step(self):
@@ -66,10 +66,10 @@ class Rig:
         return command
 
 
-def drive(posterior, physical, pose, ranges=OPEN, seconds=90.0):
+def drive(map_with_borders, physical, pose, ranges=OPEN, seconds=90.0):
     """(whether the robot became free, the poses, what held it or why it gave up)."""
-    rig = Rig(posterior, physical, pose, ranges)
-    watch = Workspace(posterior, physical, RADIUS)
+    rig = Rig(map_with_borders, physical, pose, ranges)
+    watch = Workspace(map_with_borders, physical, RADIUS)
     for _ in range(int(seconds / DT)):
         rig.step()
         if watch.distance_to_keep_out(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6:
@@ -93,9 +93,9 @@ def test_leaves_a_carpet_by_about_the_shortest_path(x, y, yaw):
 
 def test_everything_but_a_corner_is_restricted():
     physical = room()
-    posterior = restricted(physical, ~square(physical, 4.0, 3.4, 6.0, 5.0))
+    map_with_borders = restricted(physical, ~square(physical, 4.0, 3.4, 6.0, 5.0))
     # from the left of the wall round its end
-    free, poses, why = drive(posterior, physical, (2.0, 1.0, 2.0))
+    free, poses, why = drive(map_with_borders, physical, (2.0, 1.0, 2.0))
     assert free, why
     assert poses[-1, 0] > 4.2 and poses[-1, 1] > 3.6
     gap = min(Workspace(physical, physical, RADIUS).distance_to_blocked(pose) for pose in poses)
@@ -105,8 +105,8 @@ def test_everything_but_a_corner_is_restricted():
 def test_gap_between_border_and_wall_is_no_place_to_end():
     physical = room()
     # 0.6 m are left to the right wall: the robot fits in, but out of there nothing leads
-    posterior = restricted(physical, square(physical, 3.0, 0.0, 5.35, 5.0))
-    route = ExitPlanner(Workspace(posterior, physical, RADIUS), RADIUS, (5.1, 2.5)).plan_path((5.1, 2.5))
+    map_with_borders = restricted(physical, square(physical, 3.0, 0.0, 5.35, 5.0))
+    route = ExitPlanner(Workspace(map_with_borders, physical, RADIUS), RADIUS, (5.1, 2.5)).plan_path((5.1, 2.5))
     assert route is not None and route[-1, 0] < 3.0
 
 
@@ -115,8 +115,8 @@ def test_no_allowed_floor_and_no_path():
     full = Workspace(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS)
     assert ExitPlanner(full, RADIUS, (1, 1)).plan_path((1, 1)) is None
     shut = physical.with_data(np.where(np.arange(120) == 60, 100, physical.data).astype(np.int8))
-    posterior = restricted(shut, square(shut, 3.05, 0.0, 6.0, 5.0))
-    assert ExitPlanner(Workspace(posterior, shut, RADIUS), RADIUS, (4.0, 2.0)).plan_path((4.0, 2.0)) is None
+    map_with_borders = restricted(shut, square(shut, 3.05, 0.0, 6.0, 5.0))
+    assert ExitPlanner(Workspace(map_with_borders, shut, RADIUS), RADIUS, (4.0, 2.0)).plan_path((4.0, 2.0)) is None
 
 
 def enclosed(ranges=OPEN, pose=(4.5, 1.5, 0.0), exit_borders=True):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatching.dispatch import SentGoalState
+from vb_robot.dispatching.dispatch_policy import SentGoalState
 from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, RobotStatus
 from vb_robot.dispatching.drawing import UnseenFloor, DrawingState
 from vb_robot.spots import BORDER, Sighting
@@ -132,10 +132,10 @@ def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes
     lab = Lab()
     # what it hears after its restart: the state, who contributed, and no spot at all but the robot's single one
     lab.spot = np.array([EDGE + 0.5, 2.5])
-    assert not lab.dispatcher.sightings.dispatches()
+    assert not lab.dispatcher.sightings.should_dispatch()
     points = np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])
     lab.dispatcher.set_progress("a", np.zeros((0, 2)), False, points, ["red"])
-    assert lab.dispatcher.sightings.dispatches()
+    assert lab.dispatcher.sightings.should_dispatch()
     for _ in range(8):
         lab.step(robot_sees=False)
     assert lab.sent and lab.robot_views((EDGE + 0.2, 2.5)), "it comes to where the line was seen last"
@@ -173,7 +173,7 @@ def test_choosing_a_place_costs_the_same_in_a_hotel():
         data = np.zeros((cells, cells), dtype=np.int8)
         grid = GridMap(data, 0.05, (-0.025 * cells, -0.025 * cells, 0.0))
         outlook = look(grid, DrawingState(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]])), (-2.0, 0.0, 0.0))
-        assert max(outlook.terrain.grid.shape) * 0.05 <= 12.0
+        assert max(outlook.clearance_map.grid.shape) * 0.05 <= 12.0
         best = outlook.best_viewpoint((-2.0, 0.0, 0.0))
         answers.append(best.pose)
     assert answers[0] == pytest.approx(answers[1])
@@ -183,9 +183,11 @@ def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
     data = np.zeros((1200, 1200), dtype=np.int8)
     robot = (-25.0, 0.0, 0.0)
     outlook = look(GridMap(data, 0.05, (-30.0, -30.0, 0.0)), DrawingState(np.array([0.5, 0.3])), robot)
-    assert not outlook.terrain.grid.contains_cells(outlook.terrain.grid.world_to_cell(np.array([robot[:2]])))[0]
+    assert not outlook.clearance_map.grid.contains_cells(
+        outlook.clearance_map.grid.world_to_cell(np.array([robot[:2]]))
+    )[0]
     best = outlook.best_viewpoint(robot)
-    length = outlook.terrain.shortest_paths(robot[:2]).lengths_to(np.array([best.pose[:2]]))[0]
+    length = outlook.clearance_map.shortest_paths(robot[:2]).lengths_to(np.array([best.pose[:2]]))[0]
     assert best.pose[0] < 0.5 and length == pytest.approx(math.dist(robot[:2], best.pose[:2]), rel=0.1)
 
 

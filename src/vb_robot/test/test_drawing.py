@@ -22,12 +22,12 @@ def room():
     return ClearanceMap(GridMap(data, 0.05), 0.18), UnseenFloor(GridMap(coverage, 0.05))
 
 
-TERRAIN, UNSEEN = room()
+CLEARANCE_MAP, UNSEEN = room()
 
 
 def look(spot, direction=None, seen_by_stationary=True, unseen=UNSEEN, seeding=False):
     drawing = DrawingState(np.array(spot), NO_CHAIN, direction, seen_by_stationary=seen_by_stationary, seeding=seeding)
-    return drawing.with_target(TERRAIN, unseen)
+    return drawing.with_target(CLEARANCE_MAP, unseen)
 
 
 def focus(*args, **kwargs):

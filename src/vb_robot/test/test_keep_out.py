@@ -26,13 +26,13 @@ def open_room():
     return GridMap(data, 0.05)
 
 
-TERRAIN = ClearanceMap(open_room(), 0.18)
+CLEARANCE_MAP = ClearanceMap(open_room(), 0.18)
 CARPET = np.array([[3.1, 1.6], [5.1, 1.6], [5.1, 2.9], [3.1, 2.9]])
 
 
-def rank(robot, drawing, terrain=TERRAIN):
+def rank(robot, drawing, clearance_map=CLEARANCE_MAP):
     """The best place, the best one elsewhere, and so on."""
-    outlook, found = ViewpointPlanner(terrain, VIEW, drawing), []
+    outlook, found = ViewpointPlanner(clearance_map, VIEW, drawing), []
     while len(found) < 6:
         best = outlook.best_viewpoint(robot, [(*place.pose[:2], 0.3) for place in found])
         if best is None or best in found:
@@ -41,13 +41,13 @@ def rank(robot, drawing, terrain=TERRAIN):
     return found
 
 
-def route(robot, viewpoint, terrain=TERRAIN):
-    return terrain.shortest_paths(robot[:2]).path_to(viewpoint.pose[:2])
+def route(robot, viewpoint, clearance_map=CLEARANCE_MAP):
+    return clearance_map.shortest_paths(robot[:2]).path_to(viewpoint.pose[:2])
 
 
 def test_route_is_tight_and_keeps_off_obstacles():
     start, goal = (1.0, 2.5), (3.0, 2.4)
-    ways = TERRAIN.shortest_paths(start)
+    ways = CLEARANCE_MAP.shortest_paths(start)
     way = ways.path_to(goal)
     assert np.allclose(way[0], start) and np.allclose(way[-1], goal)
     assert np.linalg.norm(np.diff(way, axis=0), axis=1).max() <= 0.05 + 1e-9
@@ -55,8 +55,8 @@ def test_route_is_tight_and_keeps_off_obstacles():
     # round a corner of the shelf, which spans x 1.5 to 1.8 m and y 2 to 3 m
     least = math.dist(start, (1.5, 3.0)) + 0.3 + math.dist((1.8, 3.0), goal)
     assert least <= length <= ways.lengths_to(np.array([goal]))[0] + 0.1
-    assert TERRAIN.clearance_at(way).min() >= 0.18 - 0.025
-    free = TERRAIN.shortest_paths((4.0, 0.5)).path_to((7.0, 1.9))
+    assert CLEARANCE_MAP.clearance_at(way).min() >= 0.18 - 0.025
+    free = CLEARANCE_MAP.shortest_paths((4.0, 0.5)).path_to((7.0, 1.9))
     assert LineString(free).length == pytest.approx(math.dist((4.0, 0.5), (7.0, 1.9)), abs=1e-6), "straight on"
     assert ways.path_to((1.6, 2.5)) is None
 
@@ -72,8 +72,8 @@ def test_paths_never_enter_the_polygon(x, y, yaw, corner, seeding):
         assert not viewpoint.risky
         way = route((x, y), viewpoint)
         driven = LineString(way) if len(way) > 1 else Point(way[0])
-        assert polygon.distance(driven) >= TERRAIN.radius - 0.05 / 2
-        assert ViewpointPlanner(TERRAIN, VIEW, drawing).avoids_drawing((x, y, yaw), viewpoint.pose)
+        assert polygon.distance(driven) >= CLEARANCE_MAP.radius - 0.05 / 2
+        assert ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).avoids_drawing((x, y, yaw), viewpoint.pose)
 
 
 @settings(max_examples=8, deadline=None)
@@ -84,7 +84,7 @@ def test_robot_inside_leaves_when_the_seed_is_shown(x, y, yaw):
     assert found
     polygon = Polygon(CARPET)
     for viewpoint in found:
-        assert polygon.distance(Point(viewpoint.pose[:2])) >= TERRAIN.radius
+        assert polygon.distance(Point(viewpoint.pose[:2])) >= CLEARANCE_MAP.radius
         way = [polygon.contains(Point(p)) for p in route((x, y), viewpoint)]
         out = way.index(False)
         assert not any(way[out:]), "once out it stays out"
@@ -102,7 +102,7 @@ def test_robot_within_a_half_drawn_polygon_gets_no_viewpoint_within_it():
     drawing = DrawingState(CARPET[3], CARPET, np.array([0.0, -1.0]), seen_by_stationary=True)
     robot = (4.6, 2.2, math.pi / 2)
     found = rank(robot, drawing)
-    assert found and all(Polygon(CARPET).distance(Point(place.pose[:2])) >= TERRAIN.radius for place in found)
+    assert found and all(Polygon(CARPET).distance(Point(place.pose[:2])) >= CLEARANCE_MAP.radius for place in found)
 
 
 def test_short_line_changes_nothing():

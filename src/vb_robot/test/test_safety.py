@@ -55,8 +55,8 @@ def test_nearer_than_the_scanner_can_measure_is_an_obstacle(value):
 
 def test_a_scanner_that_says_0_for_no_echo():
     ranges = np.zeros(360)
-    assert scan(ranges, zero_is_nothing=True).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
-    assert scan(ranges, zero_is_nothing=True).sees_path(0.2, 0.0, RADIUS, 0.05)
+    assert scan(ranges, zero_means_no_return=True).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
+    assert scan(ranges, zero_means_no_return=True).sees_path(0.2, 0.0, RADIUS, 0.05)
 
 
 def test_free_distance_to_a_wall_and_round_a_post():

@@ -1,4 +1,4 @@
-"""Floor view, terrain and viewpoints: the invariants of every pose that is offered."""
+"""Floor view, clearance map and viewpoints: the invariants of every pose that is offered."""
 
 import math
 
@@ -31,7 +31,7 @@ def two_rooms(door=True):
     return GridMap(data, 0.025)
 
 
-TERRAIN = ClearanceMap(two_rooms(), 0.18)
+CLEARANCE_MAP = ClearanceMap(two_rooms(), 0.18)
 
 
 # ------------------------------------------------------------------ view
@@ -55,7 +55,7 @@ def test_base_and_map_are_inverse(x, y, yaw, px, py):
     assert np.allclose(to_base(point, (x, y, yaw))[0], oracle, atol=1e-9)
 
 
-# ------------------------------------------------------------------ terrain
+# ------------------------------------------------------------------ clearance map
 def test_clearance_never_says_more_than_there_is():
     rng = np.random.default_rng(3)
     blocked = rng.random((30, 40)) < 0.03
@@ -71,7 +71,7 @@ def test_clearance_never_says_more_than_there_is():
 
 def test_paths_lead_through_the_doorway_and_nowhere_without_one():
     start, goal = (1.0, 1.0), np.array([[7.0, 1.0]])
-    way = TERRAIN.shortest_paths(start).lengths_to(goal)[0]
+    way = CLEARANCE_MAP.shortest_paths(start).lengths_to(goal)[0]
     least = math.dist(start, (4.0, 3.7)) + math.dist((4.0, 3.7), goal[0])
     # eight-connected ways are up to 8 % too long, and they keep off the doorposts
     assert least <= way <= 1.15 * least
@@ -91,27 +91,27 @@ def test_borders_hide_nothing_but_walls_do():
     grid = two_rooms()
     data = grid.data.copy()
     data[:, 200:210] = 100
-    terrain = ClearanceMap(grid.with_data(data), 0.18, physical=grid)
-    assert terrain.line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
-    assert not terrain.line_of_sight(np.array([[3.5, 1.0]]), (4.8, 1.0))[0]
+    clearance_map = ClearanceMap(grid.with_data(data), 0.18, physical=grid)
+    assert clearance_map.line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
+    assert not clearance_map.line_of_sight(np.array([[3.5, 1.0]]), (4.8, 1.0))[0]
     assert not ClearanceMap(grid.with_data(data), 0.18).line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
 
 
 def test_sides_of_polygon_and_curve():
     square = np.array([[5.0, 1.0], [6.0, 1.0], [6.0, 2.0], [5.0, 2.0]])
-    inside = TERRAIN.side_of((5.5, 1.5), square, True)
+    inside = CLEARANCE_MAP.side_of((5.5, 1.5), square, True)
     assert inside.sum() * 0.025**2 == pytest.approx(1.0, abs=0.1)
     door = np.array([[4.0, 3.7], [4.0, 4.3]])
-    left = TERRAIN.side_of((1.0, 1.0), door, False)
+    left = CLEARANCE_MAP.side_of((1.0, 1.0), door, False)
     assert left[40, 40] and not left[40, 280]
     # a line in the middle of a room whose prolongation ends at walls on both ends parts that room
-    assert TERRAIN.side_of((5.5, 1.5), np.zeros((0, 2)), False) is None
+    assert CLEARANCE_MAP.side_of((5.5, 1.5), np.zeros((0, 2)), False) is None
 
 
 # ------------------------------------------------------------------ viewpoints
-def offers(terrain, robot, drawing, others=(), least=0.3):
+def offers(clearance_map, robot, drawing, others=(), least=0.3):
     """The best pose, the best one elsewhere, and so on."""
-    outlook, avoid = ViewpointPlanner(terrain, VIEW, drawing, others), []
+    outlook, avoid = ViewpointPlanner(clearance_map, VIEW, drawing, others), []
     while len(avoid) < 12:
         best = outlook.best_viewpoint(robot, avoid)
         if best is None:
@@ -120,14 +120,14 @@ def offers(terrain, robot, drawing, others=(), least=0.3):
         yield best
 
 
-def check_invariants(terrain, found, drawing, robot):
+def check_invariants(clearance_map, found, drawing, robot):
     assert all(a.cost <= b.cost or a.risky != b.risky for a, b in zip(found, found[1:]))
     for viewpoint in found:
         place = np.array([viewpoint.pose[:2]])
         # clearance by an oracle of its own: every blocked cell's centre
-        blocked = terrain.grid.cell_to_world(np.argwhere(terrain.blocked))
+        blocked = clearance_map.grid.cell_to_world(np.argwhere(clearance_map.blocked))
         gap = np.linalg.norm(blocked - place, axis=1).min()
-        assert gap >= terrain.radius + STOP_MARGIN
+        assert gap >= clearance_map.radius + STOP_MARGIN
         distance = math.dist(place[0], drawing.spot)
         at_home = math.dist(place[0], robot[:2]) < 1e-6  # where it stands it may be a little far: it only has to turn
         assert MIN_DISTANCE * (0.8 if at_home else 1.0) - 1e-6 <= distance
@@ -135,9 +135,9 @@ def check_invariants(terrain, found, drawing, robot):
         assert VIEW.sees(to_base(drawing.spot[None], viewpoint.pose), IMAGE_MARGIN - 1e-6)[0]
         assert abs(to_base(drawing.spot[None], viewpoint.pose)[0, 1]) < 1e-6, "faces the spot"
         for point in drawing.chain:
-            assert math.dist(place[0], point) >= terrain.radius + LINE_MARGIN
+            assert math.dist(place[0], point) >= clearance_map.radius + LINE_MARGIN
         assert viewpoint.cost >= math.dist(place[0], robot[:2]) - 0.6
-        assert ViewpointPlanner(terrain, VIEW, drawing).shows_target(viewpoint.pose)
+        assert ViewpointPlanner(clearance_map, VIEW, drawing).shows_target(viewpoint.pose)
 
 
 @settings(max_examples=8, deadline=None)
@@ -148,26 +148,26 @@ def test_every_viewpoint_is_sound(x, y, angle, length):
     chain = spot - np.linspace(0.0, 0.5 * length, 6)[:, None] * direction if length else NO_CHAIN
     drawing = DrawingState(spot, chain, direction if length else None)
     robot = (7.0, 0.7, 0.0)
-    check_invariants(TERRAIN, list(offers(TERRAIN, robot, drawing)), drawing, robot)
+    check_invariants(CLEARANCE_MAP, list(offers(CLEARANCE_MAP, robot, drawing)), drawing, robot)
 
 
 def test_open_floor_has_viewpoints_on_the_robots_side():
     drawing = DrawingState(np.array([6.0, 2.5]), NO_CHAIN)
-    found = list(offers(TERRAIN, (6.0, 0.5, 0.0), drawing))
+    found = list(offers(CLEARANCE_MAP, (6.0, 0.5, 0.0), drawing))
     assert len(found) == 12, "as many as are asked for"
     assert found[0].pose[1] < 2.0, "it need not go round the spot"
 
 
 def test_robot_that_only_has_to_turn_does_not_drive():
     # the spot lies 1.3 m to its left: places nearer to the best distance are a few decimetres away
-    found = list(offers(TERRAIN, (6.0, 1.0, 0.0), DrawingState(np.array([6.0, 2.3]), NO_CHAIN)))
+    found = list(offers(CLEARANCE_MAP, (6.0, 1.0, 0.0), DrawingState(np.array([6.0, 2.3]), NO_CHAIN)))
     assert found[0].pose == pytest.approx((6.0, 1.0, math.pi / 2))
 
 
 def test_focus_and_a_spot_that_only_the_robot_sees_lie_in_the_image():
     spot, focus = np.array([6.0, 2.5]), np.array([6.4, 2.5])
     drawing = DrawingState(spot, NO_CHAIN, np.array([1.0, 0.0]), focus=focus)
-    found = list(offers(TERRAIN, (6.0, 0.5, 0.0), drawing))
+    found = list(offers(CLEARANCE_MAP, (6.0, 0.5, 0.0), drawing))
     assert found
     for viewpoint in found:
         assert abs(to_base(focus[None], viewpoint.pose)[0, 1]) < 1e-6, "faces the focus"
@@ -177,20 +177,20 @@ def test_focus_and_a_spot_that_only_the_robot_sees_lie_in_the_image():
 def test_places_of_other_robots_are_taken():
     drawing = DrawingState(np.array([6.0, 2.5]), NO_CHAIN)
     robot = (6.0, 0.5, math.pi / 2)
-    free = list(offers(TERRAIN, robot, drawing))
+    free = list(offers(CLEARANCE_MAP, robot, drawing))
     taken = [free[0].pose[:2]]
-    for viewpoint in list(offers(TERRAIN, robot, drawing, taken)):
+    for viewpoint in list(offers(CLEARANCE_MAP, robot, drawing, taken)):
         assert math.dist(viewpoint.pose[:2], taken[0]) >= 2 * 0.18 + 0.10
 
 
 def test_paths_lead_round_other_robots_and_not_through_a_doorway_that_one_is_in():
     start, goal = (6.0, 1.0), np.array([[6.0, 3.0]])
-    straight = TERRAIN.shortest_paths(start).lengths_to(goal)[0]
+    straight = CLEARANCE_MAP.shortest_paths(start).lengths_to(goal)[0]
     assert straight == pytest.approx(2.0, abs=0.1)
-    around = TERRAIN.shortest_paths(start, [(6.0, 2.0)])
+    around = CLEARANCE_MAP.shortest_paths(start, [(6.0, 2.0)])
     assert straight < around.lengths_to(goal)[0] < straight + 0.5
     assert np.linalg.norm(around.path_to(goal[0]) - (6.0, 2.0), axis=1).min() > 2 * 0.18 - 0.03
-    assert TERRAIN.shortest_paths((1.0, 1.0), [(4.0, 4.0)]).lengths_to(np.array([[7.0, 1.0]]))[0] == np.inf
+    assert CLEARANCE_MAP.shortest_paths((1.0, 1.0), [(4.0, 4.0)]).lengths_to(np.array([[7.0, 1.0]]))[0] == np.inf
 
 
 def test_unreachable_spot_has_no_viewpoint():
@@ -201,7 +201,7 @@ def test_unreachable_spot_has_no_viewpoint():
 def test_stays_out_of_what_is_being_enclosed():
     chain = np.array([[5.0, 1.0], [7.0, 1.0], [7.0, 3.0], [5.2, 3.0]])
     drawing = DrawingState(np.array([5.0, 2.9]), chain, np.array([-0.2, -1.0]) / math.hypot(0.2, 1.0))
-    best = list(offers(TERRAIN, (6.0, 4.5, 0.0), drawing))[0]
+    best = list(offers(CLEARANCE_MAP, (6.0, 4.5, 0.0), drawing))[0]
     assert not (5.0 < best.pose[0] < 7.0 and 1.0 < best.pose[1] < 3.0)
 
 
@@ -209,8 +209,8 @@ def test_seed_side_is_left():
     door = np.array([[4.0, 3.65], [4.0, 4.35]])
     # the seed lies in the right room, the robot stands there too: it must come out
     drawing = DrawingState(np.array([7.0, 1.0]), door, None, closed=False, seeding=True)
-    found = list(offers(TERRAIN, (6.0, 1.0, 0.0), drawing))
+    found = list(offers(CLEARANCE_MAP, (6.0, 1.0, 0.0), drawing))
     assert found and found[0].pose[0] < 4.0 and not found[0].sees_spot
-    assert not ViewpointPlanner(TERRAIN, VIEW, drawing).shows_target((6.0, 1.0, 0.0))
+    assert not ViewpointPlanner(CLEARANCE_MAP, VIEW, drawing).shows_target((6.0, 1.0, 0.0))
     # from the left room nothing of the seed can be seen, and there is no need to go anywhere
-    assert list(offers(TERRAIN, (1.0, 3.0, 0.0), drawing)) == []
+    assert list(offers(CLEARANCE_MAP, (1.0, 3.0, 0.0), drawing)) == []

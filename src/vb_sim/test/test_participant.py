@@ -12,7 +12,7 @@ from shapely.geometry import Point, Polygon
 from vb_core import geometry
 from vb_core.errors import ParameterError
 from vb_sim.person.hand import Stroke, Tremor, perceive_border, load_styles
-from vb_sim.person.legs import distance_to_chain
+from vb_sim.person.walking import distance_to_chain
 from vb_sim.room.models import load_models, read_section
 from vb_sim.person.participant_model import ParticipantModel
 from vb_sim.person.participant import Perception, Person

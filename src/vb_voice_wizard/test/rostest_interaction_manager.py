@@ -372,7 +372,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.command("define_seed", "voice")
         topic.publish(True)
         before = self.state.wait(lambda message: message.stopped, "the stop by topic")
-        self.assertEqual((before.name, before.commands[0]), ("seed", "resume"))
+        self.assertEqual((before.name, before.available_commands[0]), ("seed", "resume"))
         self.node.kill()
         del self.state.all[:]
         self.node.start()

@@ -35,7 +35,7 @@ def refused(message, *issues):
 def drawing():
     view = ConsoleContent("http://here:11311", True)
     view.state = InteractionState(
-        name="border", interaction_id="ab12", guide_s=1.0, border_s=72.3, commands=["define_seed", "cancel"]
+        name="border", interaction_id="ab12", guide_s=1.0, border_s=72.3, available_commands=["define_seed", "cancel"]
     )
     view.progress = BorderProgress(
         interaction_id="ab12",

@@ -15,14 +15,14 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
 from vb_core.errors import CodedError, ParameterError  # noqa: E402
-from vb_web import access, requests, server  # noqa: E402
+from vb_web import access, action_requests, server  # noqa: E402
 from vb_web.access import AccessCodes, Role  # noqa: E402
 from vb_web.images import ImageCache, EncodedImage  # noqa: E402
 from vb_web.server import PageServer, ServerParams  # noqa: E402
 from vb_web.view import View  # noqa: E402
 
 KEYS = AccessCodes("view-er22", "oper-at33", "k" * 64)
-BOUNDS = requests.Bounds((0.0, 0.0), (8.0, 5.0))
+BOUNDS = action_requests.Bounds((0.0, 0.0), (8.0, 5.0))
 
 
 class FakeBackend:
@@ -396,7 +396,7 @@ def test_hostile_messages_leave_no_trace(local):
 
     def is_request(text):
         try:
-            requests.parse(text, BOUNDS)
+            action_requests.parse(text, BOUNDS)
         except CodedError:
             return False
         return True

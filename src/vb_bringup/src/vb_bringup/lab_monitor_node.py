@@ -233,8 +233,3 @@ def _diagnostics(lines: List[CheckLine]) -> DiagnosticArray:
 def build() -> LabMonitorNode:
     """Reads the parameters and makes the node."""
     return LabMonitorNode(parameters.read(LabMonitorParams))
-
-
-def main() -> None:
-    """Runs the node."""
-    node.run("lab_monitor", build)

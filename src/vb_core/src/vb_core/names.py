@@ -38,7 +38,7 @@ SET_BORDER_ENABLED = "/virtual_borders/set_border_enabled"
 RENAME_BORDER = "/virtual_borders/rename_border"
 CLEAR = "/virtual_borders/clear"
 CONFIRM_MAP = "/virtual_borders/confirm_map"
-ADOPT_BORDERS = "/virtual_borders/adopt_borders"
+TRANSFER_BORDERS = "/virtual_borders/transfer_borders"
 SAVE_MAP = "/virtual_borders/save_map"
 
 LAB_STATE = "/sim/lab_state"

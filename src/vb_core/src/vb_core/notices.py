@@ -11,7 +11,7 @@ from vb_core import sentences
 REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
 EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
 # what is said of all robots is not said again of each one
-_SAID_OF_ALL = {"robot_stopped": {"stopped", "stop_memory_lost"}}
+_SAID_OF_ALL = {"robot_stopped": {"stopped", "stop_state_lost"}}
 
 
 class Severity(enum.IntEnum):

@@ -29,11 +29,11 @@ class Limits(Parameters):
     """What the base can do, and what it is allowed to do."""
 
     max_speed: float = param(0.5, "m/s", above=0.0, high=3.0, doc="under navigation")
-    max_turn: float = param(1.0, "rad/s", above=0.0, high=6.0)
+    max_turn_rate: float = param(1.0, "rad/s", above=0.0, high=6.0)
     acceleration: float = param(1.0, "m/s^2", above=0.0, high=10.0)
     turn_acceleration: float = param(3.2, "rad/s^2", above=0.0, high=20.0)
-    brake: float = param(1.5, "m/s^2", above=0.0, high=10.0, doc="when it must stop")
-    reaction: float = param(0.15, "s", low=0.0, high=2.0, doc="from a scan to the wheels")
+    deceleration: float = param(1.5, "m/s^2", above=0.0, high=10.0, doc="when it must stop")
+    reaction_time: float = param(0.15, "s", low=0.0, high=2.0, doc="from a scan to the wheels")
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,9 @@ class Scanner(Parameters):
 
     topic: str = param("scan")
     present: bool = param(True, doc="false: the robot is driven by its map alone, and slowly")
-    zero_is_nothing: bool = param(False, doc="a range of 0 means that no echo came, not that something is very near")
+    zero_means_no_return: bool = param(
+        False, doc="a range of 0 means that nothing came back, not that something is very near"
+    )
     obstacle_range: float = param(2.5, "m", above=0.0, doc="up to here navigation marks obstacles")
 
 

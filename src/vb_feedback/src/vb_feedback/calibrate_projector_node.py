@@ -123,7 +123,8 @@ class CalibrateProjectorNode:
         rospy.signal_shutdown("calibrated")
 
 
-def _build() -> CalibrateProjectorNode:
+def build() -> CalibrateProjectorNode:
+    """Reads the parameters and makes the node."""
     params = parameters.read(CalibrationParams)
     if not params.file:
         raise ParameterError(
@@ -135,8 +136,3 @@ def _build() -> CalibrateProjectorNode:
         else None
     )
     return CalibrateProjectorNode(params, window)
-
-
-def main() -> None:
-    """Runs the node."""
-    node.run("calibrate_projector", _build)

@@ -53,7 +53,7 @@ class _Inputs:
     """The newest messages, as one drawing step uses them."""
 
     physical: Optional[GridMap] = None
-    posterior: Optional[GridMap] = None
+    map_with_borders: Optional[GridMap] = None
     coverage: Optional[GridMap] = None
     state: Optional[InteractionState] = None
     progress: Optional[BorderProgress] = None
@@ -112,7 +112,7 @@ class DisplayMarkersNode:
         node.Worker(self._wake, lambda _woken: self._work())
         for topic, which in (
             (names.PHYSICAL_MAP, "physical"),
-            (names.MAP_WITH_BORDERS, "posterior"),
+            (names.MAP_WITH_BORDERS, "map_with_borders"),
             (names.COVERAGE, "coverage"),
         ):
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, which, queue_size=1)
@@ -215,7 +215,7 @@ class DisplayMarkersNode:
         with self._lock:
             known = replace(self._known, spots=tuple(self._spots), held=tuple(self._notice_listener.current()))
             newcomers, self._newcomers = self._newcomers, []
-        grid = known.posterior or known.physical
+        grid = known.map_with_borders or known.physical
         if grid is not None:
             self._layout = fit_view(Box.around(grid.corners()), self._params.screen_aspect)
         self._show_restricted(known)
@@ -237,25 +237,25 @@ class DisplayMarkersNode:
         return any(shape.lifetime for shape in shapes)
 
     def _show_restricted(self, known: _Inputs) -> None:
-        physical, posterior, preview = known.physical, known.posterior, self._current_preview(known)
-        if physical is None or posterior is None:
+        physical, map_with_borders, preview = known.physical, known.map_with_borders, self._current_preview(known)
+        if physical is None or map_with_borders is None:
             return
-        shown, self._overlaid = self._overlaid, (physical, posterior, preview)
+        shown, self._overlaid = self._overlaid, (physical, map_with_borders, preview)
         if all(old is new for old, new in zip(shown, self._overlaid)):
             return
-        if not physical.same_geometry(posterior):
+        if not physical.same_geometry(map_with_borders):
             rospy.logwarn_throttle(5.0, "display_markers: /map and /virtual_borders/map differ in size or place")
             return
         wanted = None
         if preview is not None and len(preview.region.data):
             try:
                 region = grid_from_message(preview.region)
-                wanted = region.data if region.same_geometry(posterior) else None
+                wanted = region.data if region.same_geometry(map_with_borders) else None
             except CodedError as error:
                 rospy.logwarn_throttle(5.0, f"display_markers: the preview: {error}")
-        stripe = max(1, int(round(_STRIPE_WIDTH / posterior.resolution)))
-        cells = restriction_overlay.draw_restrictions(physical.data, posterior.data, stripe, wanted)
-        self._restricted.publish(message_from_grid(posterior.with_data(cells), rospy.Time.now()))
+        stripe = max(1, int(round(_STRIPE_WIDTH / map_with_borders.resolution)))
+        cells = restriction_overlay.draw_restrictions(physical.data, map_with_borders.data, stripe, wanted)
+        self._restricted.publish(message_from_grid(map_with_borders.with_data(cells), rospy.Time.now()))
 
     @staticmethod
     def _current_preview(known: _Inputs) -> Optional[BorderPreview]:
@@ -327,6 +327,6 @@ class DisplayMarkersNode:
         return before[1]
 
 
-def main() -> None:
-    """Runs the node."""
-    node.run("display_markers", lambda: DisplayMarkersNode(parameters.read(DisplayParams)))
+def build() -> DisplayMarkersNode:
+    """Reads the parameters and makes the node."""
+    return DisplayMarkersNode(parameters.read(DisplayParams))

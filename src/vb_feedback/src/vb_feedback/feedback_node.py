@@ -7,7 +7,6 @@ import threading
 import rospy
 from std_msgs.msg import ColorRGBA
 from vb_core import names
-from vb_core.ros import node
 from vb_msgs.msg import InteractionState, LaserSpot, Sound
 
 from vb_feedback.display import colors
@@ -65,10 +64,6 @@ class FeedbackNode:
             self._sound.publish(sound)
 
 
-def _build() -> FeedbackNode:
+def build() -> FeedbackNode:
+    """Reads the parameters and makes the node."""
     return FeedbackNode()
-
-
-def main() -> None:
-    """Runs the node."""
-    node.run("feedback", _build)

@@ -157,7 +157,8 @@ class FloorProjectorNode:
             self._window.show(image)
 
 
-def _build() -> FloorProjectorNode:
+def build() -> FloorProjectorNode:
+    """Reads the parameters and makes the node."""
     params = parameters.read(ProjectorParams)
     if not params.calibration:
         raise ParameterError("~calibration", "must name a file that calibrate_projector wrote")
@@ -165,8 +166,3 @@ def _build() -> FloorProjectorNode:
     size = (calibration.width, calibration.height)
     window = ProjectorWindow(params.window_x, params.window_y, *size, node.start_thread) if params.window else None
     return FloorProjectorNode(params, FloorImage(calibration, params.brightness), window)
-
-
-def main() -> None:
-    """Runs the node."""
-    node.run("floor_projector", _build)

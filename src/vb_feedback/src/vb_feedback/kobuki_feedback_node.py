@@ -8,7 +8,6 @@ from types import ModuleType
 import rospy
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.ros import node
 from vb_msgs.msg import InteractionState, Sound
 
 # by state a constant of kobuki_msgs/Led, as near to the display's colours as the LED can
@@ -58,7 +57,8 @@ class KobukiFeedbackNode:
             self._sound.publish(self._messages.Sound(value=getattr(self._messages.Sound, BEEPS[message.name])))
 
 
-def _build() -> KobukiFeedbackNode:
+def build() -> KobukiFeedbackNode:
+    """Reads the parameters and makes the node."""
     try:
         # by name: the package is not a dependency, only robots with this base have it
         messages = importlib.import_module("kobuki_msgs.msg")
@@ -68,8 +68,3 @@ def _build() -> KobukiFeedbackNode:
             "the package kobuki_msgs is not installed on this computer; without a Kobuki base leave this node out",
         ) from None
     return KobukiFeedbackNode(messages)
-
-
-def main() -> None:
-    """Runs the node."""
-    node.run("kobuki_feedback", _build)

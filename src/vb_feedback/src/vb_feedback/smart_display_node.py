@@ -81,7 +81,7 @@ def _fitted(params: SmartDisplayParams) -> str:
     return path
 
 
-def _give_letters(name: str) -> None:
+def _install_fonts(name: str) -> None:
     """Makes RViz draw more letters than its package asks for; if that fails, RViz starts with fewer."""
     try:
         rviz = Path(rospkg.RosPack().get_path("rviz"))
@@ -107,5 +107,5 @@ def main() -> None:
         return
     name = rospy.get_name().strip("/").replace("/", "_")
     rospy.signal_shutdown("RViz takes over")
-    _give_letters(name)
+    _install_fonts(name)
     os.execvp("rviz", ["rviz", "--fullscreen", "-d", path, *arguments])

@@ -86,11 +86,7 @@ class SoundPlayerNode:
             rospy.loginfo("sound_player: sounds are played again")
 
 
-def _build() -> SoundPlayerNode:
+def build() -> SoundPlayerNode:
+    """Reads the parameters and makes the node."""
     params = parameters.read(SoundParams)
     return SoundPlayerNode(params, AudioSink(params.device, params.program))
-
-
-def main() -> None:
-    """Runs the node."""
-    node.run("sound_player", _build)

@@ -16,7 +16,7 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
-from vb_core.ros import node, parameters
+from vb_core.ros import parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_fusion.extraction import ExtractionParams
@@ -309,8 +309,3 @@ def build() -> BorderFusionNode:
         parameters.read(CollectorParams, "~collector"),
         parameters.read(ExtractionParams, "~extraction"),
     )
-
-
-def main() -> None:
-    """Runs the node."""
-    node.run("border_fusion", build)

@@ -41,7 +41,7 @@ from vb_core.parameters import Parameters, param
 from vb_fusion.line.chain import BorderChain, ExtractionError
 from vb_fusion.line import closure
 from vb_fusion.line.fitting import fit_line
-from vb_fusion.line.resampling import ResampledStroke, make_stroke
+from vb_fusion.line.resampling import ResampledStroke, resample_stroke
 from vb_fusion.resumable_loop import ResumableLoop
 from vb_fusion.paper import bounding_diagonal, find_cluster, generate_polygon, thin_points
 from vb_fusion.stroke.observations import TREMOR, Observations, make_observations, merge_observations, time_bins
@@ -139,9 +139,9 @@ class GrowingBorder:
         # moments that are over stay as they are; from the first that gets a spot on they are looked at again
         begin = time_bins(spots.stamps).min()
         kept = int(np.searchsorted(time_bins(self._observations.stamps), begin))
-        recent = merge_observations(self._observations.select(slice(kept, None)).followed_by(spots))
-        self._observations = self._observations.select(slice(kept)).followed_by(recent)
-        self._places = self._places.until(begin).followed_by(find_places(recent))
+        recent = merge_observations(self._observations.select(slice(kept, None)).concatenate(spots))
+        self._observations = self._observations.select(slice(kept)).concatenate(recent)
+        self._places = self._places.before(begin).concatenate(find_places(recent))
 
     def chain(self) -> BorderChain:
         """Extracts the border of all spots so far.
@@ -225,7 +225,7 @@ def _make_line(
     """Runs stages 3 to 6: makes the line through the stroke as it was placed."""
     if len(placed.points) < 3 or not 0.8 * params.min_exp < bounding_diagonal(placed.points) < params.max_exp:
         raise _no_line(drawn, params)
-    stroke = make_stroke(placed.points, placed.weights, samples)
+    stroke = resample_stroke(placed.points, placed.weights, samples)
     if len(stroke.points) < 2:
         raise _no_line(drawn, params)
     decision = closure.classify_closure(stroke.points, params.kind)

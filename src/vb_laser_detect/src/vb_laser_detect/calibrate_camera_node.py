@@ -45,7 +45,7 @@ from vb_laser_detect.calibration.calibration_session import CalibrationSession, 
 from vb_laser_detect.calibration.consistency import Sighting, compare_cameras, find_suspect
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.detection.image_format import PixelReader, to_gray
-from vb_laser_detect.ros.camera_geometry import decode, is_rectified, sibling_topic
+from vb_laser_detect.camera_geometry import decode, is_rectified, sibling_topic
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 FOLDER = "~/.ros/virtual_borders/cameras"
@@ -57,7 +57,7 @@ _FIRST_SPOT_TIMEOUT = rospy.Duration(60.0)
 _SPOT_TIMEOUT = 4.0  # [s] for the spot to be seen and still
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     """Prints a line for the person, unbuffered."""
     print(text, flush=True)
 
@@ -128,7 +128,7 @@ def collect_detector_frames() -> Dict[str, str]:
 
     subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, hear, queue_size=20)
     if not node.wait_for_publishers([subscriber], _CONNECTION_TIMEOUT):
-        say("! not all running detectors answer: the frames of their cameras are not compared")
+        print_line("! not all running detectors answer: the frames of their cameras are not compared")
     rospy.rostime.wallsleep(_REPORTS_TIMEOUT)
     subscriber.unregister()
     return frames
@@ -149,7 +149,7 @@ class Inputs:
     def _on_click(self, message: PointStamped) -> None:
         if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
             frame = message.header.frame_id
-            say(f"! this point is in the frame '{frame}': set RViz' fixed frame to '{names.MAP_FRAME}'")
+            print_line(f"! this point is in the frame '{frame}': set RViz' fixed frame to '{names.MAP_FRAME}'")
             return
         self._events.put(("click", (message.point.x, message.point.y)))
 
@@ -199,7 +199,7 @@ class CalibrationDialog:
 
     def run(self) -> int:
         """Talks to the person until they are done; returns the exit status."""
-        say(self.help)
+        print_line(self.help)
         clicked: List[float] = []
         while True:
             kind, value = self._inputs.next()
@@ -207,36 +207,36 @@ class CalibrationDialog:
                 if kind == "click":
                     clicked += value
                     if len(clicked) < self.numbers:
-                        say(f"  P1 at {value[0]:.3f} {value[1]:.3f}; now click P2")
+                        print_line(f"  P1 at {value[0]:.3f} {value[1]:.3f}; now click P2")
                         continue
                     values, clicked = clicked, []
                     self.add_place(values)
                 elif value == "quit":
-                    say("nothing was written")
+                    print_line("nothing was written")
                     return 1
                 elif value == "undo":
                     clicked = []
-                    say("  taken back" if self.session.undo() else "  there is nothing to take back")
+                    print_line("  taken back" if self.session.undo() else "  there is nothing to take back")
                 elif value == "done":
                     return self._finish()
                 elif value:
                     numbers = parse_numbers(value, self.numbers)
                     if numbers is None:
-                        say(self.help)
+                        print_line(self.help)
                         continue
                     clicked = []
                     self.add_place(numbers)
                 if value != "":
-                    say("  " + self.session.describe_progress())
+                    print_line("  " + self.session.describe_progress())
             except CodedError as error:
                 clicked = []
-                say(f"! {error}")
+                print_line(f"! {error}")
 
     def _finish(self) -> int:
         estimate, observed = self.session.solve(), self.session.observed
-        say("")
+        print_line("")
         for line in describe(estimate, observed):
-            say("  " + line)
+            print_line("  " + line)
         a = self._arguments
         pose = calibration_file.CameraPose(
             a.camera, names.MAP_FRAME, self._frame, estimate.T_map_camera, float(self.camera.matrix[0, 0])
@@ -246,9 +246,11 @@ class CalibrationDialog:
         calibration_file.save(path, calibration_file.make_document(pose, estimate, observed, a.command, date))
         looked_for = str(rospy.get_param("/camera_poses/calibration_dir", ""))
         if looked_for and Path(looked_for).expanduser().resolve() != path.parent.resolve():
-            say(f"wrote {path}; the running lab.launch looks in {looked_for}: start it with calibration:={a.folder}")
+            print_line(
+                f"wrote {path}; the running lab.launch looks in {looked_for}: start it with calibration:={a.folder}"
+            )
         else:
-            say(f"wrote {path}; {'the running' if looked_for else 'a'} lab.launch takes it within seconds")
+            print_line(f"wrote {path}; {'the running' if looked_for else 'a'} lab.launch takes it within seconds")
         return 0
 
 
@@ -279,7 +281,7 @@ Four places are needed, six to eight are good: near the corners of what the came
         """Adds the place (x, y) [m] where the spot is held now."""
         u, v = self._rest()
         self.session.add([u, v], values)
-        say(f"  ({values[0]:.3f}, {values[1]:.3f}) m is at ({u:.1f}, {v:.1f}) px")
+        print_line(f"  ({values[0]:.3f}, {values[1]:.3f}) m is at ({u:.1f}, {v:.1f}) px")
 
     def _rest(self) -> Tuple[float, float]:
         """Waits until the spot has been still for long enough; returns its place (u, v) [px]."""
@@ -332,7 +334,7 @@ Lay it on three or four places that are far from each other in the image.
             raise reason
         view = merge_views(views)
         self.session.add(view.pixels, corners_on_map(self._board, view.corners, values[:2], values[2:]))
-        say(f"  {len(view.ids)} corners seen in {len(views)} images")
+        print_line(f"  {len(view.ids)} corners seen in {len(views)} images")
 
 
 def check(arguments: argparse.Namespace) -> int:
@@ -342,7 +344,9 @@ def check(arguments: argparse.Namespace) -> int:
     else:
         rospy.init_node("calibrate_camera", anonymous=True)
         sightings = []
-        say(f"Draw slowly with the spot where cameras overlap: {arguments.seconds:.0f} s from when it is seen first.")
+        print_line(
+            f"Draw slowly with the spot where cameras overlap: {arguments.seconds:.0f} s from when it is seen first."
+        )
         rospy.Subscriber(names.SPOTS, LaserSpot, lambda message: sightings.append(_sighting(message)), queue_size=100)
         end = rospy.Time.now() + _FIRST_SPOT_TIMEOUT
         while not sightings and not rospy.is_shutdown() and rospy.Time.now() < end:
@@ -352,11 +356,11 @@ def check(arguments: argparse.Namespace) -> int:
             rospy.rostime.wallsleep(0.1)
     pairs = compare_cameras([one for one in list(sightings) if one is not None])
     for pair in pairs:
-        say(pair.describe())
+        print_line(pair.describe())
     apart = any(pair.median > arguments.limit / 100.0 for pair in pairs)
     camera = find_suspect(pairs, arguments.limit / 100.0)
     remedy = "$calibrate_suspect" if camera else "$calibrate_moved"
-    say(
+    print_line(
         sentences.translate(
             "cameras_apart" if apart else "cameras_agree",
             {"limit": f"{arguments.limit:g}", "camera": camera, "remedy": remedy},
@@ -439,7 +443,7 @@ def main() -> int:
     try:
         if arguments.command == "print_board":
             for line in write_board(BoardParams.for_paper(arguments.paper), arguments.paper, arguments.file):
-                say(line)
+                print_line(line)
             return 0
         if arguments.command == "check":
             return check(arguments)

@@ -25,15 +25,8 @@ from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
 from vb_laser_detect.detection.image_geometry import ImageGeometry, locate_confirmed, search
 from vb_laser_detect.detection.image_format import PixelReader
 from vb_laser_detect.detection.projection import FloorPoint, FloorProjection, ProjectionParams
-from vb_laser_detect.ros.camera_geometry import (
-    CameraGeometry,
-    DepthTopic,
-    InfoTopic,
-    decode,
-    is_rectified,
-    sibling_topic,
-)
-from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
+from vb_laser_detect.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, decode, is_rectified, sibling_topic
+from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
 from vb_msgs.srv import GetTime, GetTimeRequest, GetTimeResponse
 
@@ -87,7 +80,7 @@ class SpotDetectorNode:
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
         self._camera_geometry = self._make_camera_geometry(image)
-        self._time_service = rospy.Service("~get_time", GetTime, _tell_time)
+        self._time_service = rospy.Service("~get_time", GetTime, _get_time)
         self._worker = Worker(self._mailbox, self._search)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
@@ -206,7 +199,7 @@ class SpotDetectorNode:
         self._debug.publish(message_from_image(picture, "bgr8", header.stamp, header.frame_id))
 
 
-def _tell_time(_request: GetTimeRequest) -> GetTimeResponse:
+def _get_time(_request: GetTimeRequest) -> GetTimeResponse:
     """Returns this computer's clock, whatever ROS time is."""
     received = rospy.Time.from_sec(time.time())
     return GetTimeResponse(received, rospy.Time.from_sec(time.time()))

@@ -96,7 +96,7 @@ class BorderClient:
         )
         return self._call(names.UPDATE_BORDER, UpdateBorder, request)
 
-    def enable(self, border_id: str, enabled: bool, revision: int = 0) -> ServiceResult:
+    def set_enabled(self, border_id: str, enabled: bool, revision: int = 0) -> ServiceResult:
         """Switches a border on or off."""
         request = SetBorderEnabledRequest(border_id, enabled, self._source, revision)
         return self._call(names.SET_BORDER_ENABLED, SetBorderEnabled, request)

@@ -125,7 +125,7 @@ class BorderEditorNode:
                     self._seen[key] = message.revision
             self._revision = message.revision
             self._stored = stored
-            steps = [{"undo": UNDO, "redo": REDO}[command] for command in message.commands]
+            steps = [{"undo": UNDO, "redo": REDO}[command] for command in message.available_commands]
             if steps != self._steps:
                 self._steps = steps
                 self._put_tool()
@@ -191,7 +191,7 @@ class BorderEditorNode:
                 self._replace(key, editing.simplify(stored, self._params.simplification_tolerance))
             elif entry == TOGGLE:
                 revision = self._revision
-                self._work.put(lambda: self._report(self._client.enable(key, not stored.enabled, revision)))
+                self._work.put(lambda: self._report(self._client.set_enabled(key, not stored.enabled, revision)))
             elif entry == DELETE:
                 revision = self._revision
                 self._work.put(lambda: self._report(self._client.remove(key, revision)))
@@ -324,6 +324,6 @@ def _control(mode: int, markers: List[Marker]) -> InteractiveMarkerControl:
     return control
 
 
-def main() -> None:
-    """Starts the node with the parameters that it finds."""
-    node.run("border_editor", lambda: BorderEditorNode(parameters.read(EditorParams)))
+def build() -> BorderEditorNode:
+    """Reads the parameters and makes the node."""
+    return BorderEditorNode(parameters.read(EditorParams))

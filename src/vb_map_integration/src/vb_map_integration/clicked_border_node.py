@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from typing import Any, Callable, List, Optional
+from typing import Callable, List, Optional
 
 import numpy as np
 import rospy
@@ -136,13 +136,9 @@ class ClickedBorderNode:
         self._markers_out.publish([clear] + draft_markers.numbered(markers, self._params.frame_id, "clicked_border"))
 
 
-def main() -> None:
-    """Starts the node with the parameters that it finds."""
-
-    def build() -> Any:
-        own, shared = (tuple(cls.__dataclass_fields__) for cls in (ClickedBorderParams, ClickParams))
-        return ClickedBorderNode(
-            parameters.read(ClickedBorderParams, ignore=shared), parameters.read(ClickParams, ignore=own)
-        )
-
-    node.run("clicked_border", build)
+def build() -> ClickedBorderNode:
+    """Reads the parameters and makes the node."""
+    own, shared = (tuple(cls.__dataclass_fields__) for cls in (ClickedBorderParams, ClickParams))
+    return ClickedBorderNode(
+        parameters.read(ClickedBorderParams, ignore=shared), parameters.read(ClickParams, ignore=own)
+    )

@@ -1,4 +1,4 @@
-"""Physical map, borders, their database and the posterior map, kept together.
+"""Physical map, borders, their database and the map with borders, kept together.
 
 Borders are kept in the frame of the map on which their place's first border was drawn; here they are moved into the
 current map's frame. Which borders are in force, and why others are not, is decided in one place: `_recompute`.
@@ -172,14 +172,14 @@ class MapIntegrator:
 
     # ------------------------------------------------------------- state
     @property
-    def posterior(self) -> GridMap:
+    def map_with_borders(self) -> GridMap:
         """The physical map with all borders that act; CodedError "no_map" before there is a map."""
-        return self._ready().posterior
+        return self._ready().map_with_borders
 
-    def posterior_for(self, robot: str) -> GridMap:
+    def map_with_borders_for(self, robot: str) -> GridMap:
         """Returns the physical map with the borders for one robot: those that name it, or none."""
         others = {border.id: None for border in self.borders if border.robots and robot not in border.robots}
-        return self._ready().with_regions(others).posterior if others else self.posterior
+        return self._ready().with_regions(others).map_with_borders if others else self.map_with_borders
 
     @property
     def speed_limits(self) -> GridMap:
@@ -395,7 +395,7 @@ class MapIntegrator:
         self._database.remember_place(place)
         return ChangeResult((), (), sentences.translate("map_confirmed", {"count": len(self.borders)}))
 
-    def propose(self, which: str, transform: Optional[Transform] = None) -> MapMatch:
+    def propose_transfer(self, which: str, transform: Optional[Transform] = None) -> MapMatch:
         """Finds where the borders of a known map would be in the current one; changes nothing.
 
         Args:
@@ -415,8 +415,8 @@ class MapIntegrator:
         image = draw_map_overlay(source.grid, grid, transform.after(source.transform.inverse), moved)
         return MapMatch(source.place, transform, found, image)
 
-    def adopt(self, proposal: MapMatch, now: float) -> ChangeResult:
-        """Adopts the borders of another map in the current one; from now on both show the same place.
+    def transfer(self, proposal: MapMatch, now: float) -> ChangeResult:
+        """Transfers the borders of another map to the current one; from now on both show the same place.
 
         Raises:
             CodedError: "place_has_borders", "cannot_write".
@@ -428,7 +428,7 @@ class MapIntegrator:
         self._database.add_map(self.physical, self._map_id, proposal.place, proposal.transform)
         self._use(self.physical, PlaceRecognition(proposal.place, proposal.transform), now)
         self._database.remember_place(proposal.place)
-        return ChangeResult((), (), sentences.translate("borders_adopted", {"count": len(self.borders)}))
+        return ChangeResult((), (), sentences.translate("borders_transferred", {"count": len(self.borders)}))
 
     def _source(self, which: str) -> KnownMap:
         maps = self._database.maps()
@@ -473,8 +473,8 @@ class MapIntegrator:
                 "occupied_threshold": self.params.occupied_threshold,
             }
             if self._parts is None:
-                self._parts = check_reachability(before.posterior, **options).free_parts
-            found = check_reachability(after.posterior, () if goals is None else goals, **options)
+                self._parts = check_reachability(before.map_with_borders, **options).free_parts
+            found = check_reachability(after.map_with_borders, () if goals is None else goals, **options)
             if found.free_parts > self._parts:
                 issues.append(make_issue(WARNING, "splits_free_space"))
             if found.free_parts == 0 and self._parts > 0:
@@ -504,7 +504,7 @@ class MapIntegrator:
         """
         known = self._database.find_border_of_request(request_id)
         if known:
-            return ChangeResult((known,), (), sentences.translate("added_before"))
+            return ChangeResult((known,), (), sentences.translate("already_added"))
         self._expect(expected)
         self._check_time(border, now)
         new = self._database.new_border(border, now, self._recognition.place)
@@ -551,7 +551,7 @@ class MapIntegrator:
         issues = self._commit(place, (BorderChange(border.id, before, after),), "new", now, "", check)
         return ChangeResult((border.id,), check.issues if check else issues, f"'{after.name}' was changed")
 
-    def enable(
+    def set_enabled(
         self, border_id: str, enabled: bool, now: float, expires: float = 0.0, expected: int = 0
     ) -> ChangeResult:
         """Turns a border of any map on or off, for ever or until `expires` [s]; raises CodedError."""
@@ -594,9 +594,9 @@ class MapIntegrator:
         return self._make_change(self._database.prepare_redo(self._recognition.place), "redo", "changed again", now)
 
     @property
-    def steps(self) -> List[str]:
+    def available_commands(self) -> List[str]:
         """Lists "undo" and "redo", each if there is something to undo or redo."""
-        return self._database.steps(self._recognition.place)
+        return self._database.available_commands(self._recognition.place)
 
     def expire(self, now: float) -> Optional[ChangeResult]:
         """Toggles borders that expire, begins and ends scheduled times; None if nothing changed."""
@@ -624,7 +624,7 @@ class MapIntegrator:
 
     def _expect(self, expected: int) -> None:
         if expected and expected != self.revision:
-            raise CodedError("changed_meanwhile")
+            raise CodedError("revision_conflict")
 
     def _check_confirmed(self) -> None:
         """Refuses changes while it is unknown which place the map shows: what is drawn would belong to no place."""
@@ -686,13 +686,13 @@ class MapIntegrator:
 
     # ------------------------------------------------------------- files
     def save(self, folder: Path, name: str, raw: bool) -> List[Path]:
-        """Writes the posterior as map_server files, and the borders as YAML beside it.
+        """Writes the map with borders as map_server files, and the borders as YAML beside it.
 
         Raises:
             CodedError: "bad_file_name", "no_map", "cannot_write".
         """
         stem = map_files.safe_path(folder, name)
-        files = map_files.write_map(stem, self.posterior, raw)
+        files = map_files.write_map(stem, self.map_with_borders, raw)
         borders = Path(f"{stem}.borders.yaml")
         write_atomically(borders, borders_to_yaml(self.borders).encode())
         return files + [borders]

@@ -15,8 +15,8 @@ from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import (
     AddBorder,
     AddBorderResponse,
-    AdoptBorders,
-    AdoptBordersResponse,
+    TransferBorders,
+    TransferBordersResponse,
     ConfirmMap,
     ConfirmMapRequest,
     ConfirmMapResponse,
@@ -88,7 +88,7 @@ class MapIntegratorNode:
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled): also for a border that does not fit the map.
         /virtual_borders/rename_border (vb_msgs/RenameBorder): likewise.
         /virtual_borders/confirm_map (vb_msgs/ConfirmMap): which place the current map shows.
-        /virtual_borders/adopt_borders (vb_msgs/AdoptBorders): borders of another map, moved by a transform.
+        /virtual_borders/transfer_borders (vb_msgs/TransferBorders): borders of another map, moved by a transform.
         /virtual_borders/undo, /virtual_borders/redo, /virtual_borders/clear (std_srvs/Trigger)
         /virtual_borders/save_map (vb_msgs/SaveMap): writes map_server files, and the borders next to them.
     Parameters:
@@ -130,7 +130,7 @@ class MapIntegratorNode:
             (names.SET_BORDER_ENABLED, SetBorderEnabled, self._enable),
             (names.RENAME_BORDER, RenameBorder, self._rename),
             (names.CONFIRM_MAP, ConfirmMap, self._confirm),
-            (names.ADOPT_BORDERS, AdoptBorders, self._adopt),
+            (names.TRANSFER_BORDERS, TransferBorders, self._transfer),
             (names.UNDO, Trigger, lambda _: self._trigger("undo")),
             (names.REDO, Trigger, lambda _: self._trigger("redo")),
             (names.CLEAR, Trigger, lambda _: self._trigger("clear")),
@@ -161,7 +161,7 @@ class MapIntegratorNode:
             waited += _MAP_WARNING_PERIOD
             missing = CodedError("no_map")
             if self._params.map_timeout and waited >= self._params.map_timeout:
-                node.fail(missing)
+                node.shut_down_with_error(missing)
                 return
             rospy.logwarn("%s: %s", rospy.get_name(), missing)
 
@@ -201,9 +201,11 @@ class MapIntegratorNode:
         self._last_stamp = stamp
         self._notices.set(self._integrator.notices)
         self._borders_out.publish(self._array(stamp))
-        self._map_out.publish(messages.message_from_grid(self._integrator.posterior, stamp, self._params.frame_id))
+        self._map_out.publish(
+            messages.message_from_grid(self._integrator.map_with_borders, stamp, self._params.frame_id)
+        )
         for name, publisher in self._robot_maps.items():
-            grid = self._integrator.posterior_for(name)
+            grid = self._integrator.map_with_borders_for(name)
             publisher.publish(messages.message_from_grid(grid, stamp, self._params.frame_id))
 
         if self._integrator.has_speed_limits or self._had_speeds:
@@ -217,7 +219,7 @@ class MapIntegratorNode:
         array.revision = self._integrator.revision
         array.map_id, array.map_name = self._integrator.map_id, self._integrator.map_name
         array.needs_confirmation = self._integrator.needs_confirmation
-        array.commands = self._integrator.steps
+        array.available_commands = self._integrator.available_commands
         array.code, array.message = "ok", ""
         about_all = [notice for notice in self._integrator.notices if not notice.border_id]
         if about_all:
@@ -357,7 +359,7 @@ class MapIntegratorNode:
 
     def _enable(self, request: Any) -> SetBorderEnabledResponse:
         def change(now: float) -> ChangeResult:
-            return self._integrator.enable(request.id, request.enabled, now, expected=request.expected_revision)
+            return self._integrator.set_enabled(request.id, request.enabled, now, expected=request.expected_revision)
 
         return self._change(SetBorderEnabledResponse(), change)
 
@@ -371,15 +373,15 @@ class MapIntegratorNode:
         same = request.answer == ConfirmMapRequest.SAME_PLACE
         return self._change(ConfirmMapResponse(), lambda now: self._integrator.confirm(same, request.name, now))
 
-    def _adopt(self, request: Any) -> AdoptBordersResponse:
-        response = AdoptBordersResponse()
+    def _transfer(self, request: Any) -> TransferBordersResponse:
+        response = TransferBordersResponse()
         given = Transform(request.x, request.y, request.yaw) if request.has_transform else None
 
         try:
             if given is not None and not np.isfinite(given).all():
                 raise CodedError("bad_transform")
             with self._lock:
-                proposal = self._integrator.propose(request.map, given)
+                proposal = self._integrator.propose_transfer(request.map, given)
         except CodedError as error:
             return self._refused(response, error)
         response.x, response.y, response.yaw = proposal.transform
@@ -387,7 +389,7 @@ class MapIntegratorNode:
         if proposal.registration is not None:
             response.score, response.unambiguous = proposal.registration.score, proposal.registration.is_unambiguous
         if not request.dry_run:
-            return self._change(response, lambda now: self._integrator.adopt(proposal, now))
+            return self._change(response, lambda now: self._integrator.transfer(proposal, now))
         message = sentences.translate("borders_proposed", {"score": f"{response.score:.2f}"})
         return self._done(response, ChangeResult((), (), message))
 
@@ -404,7 +406,7 @@ class MapIntegratorNode:
                 check = self._integrator.check(border, self._places(), goals.tolist())
         except CodedError as error:
             return self._refused(response, error)
-        after = check.layered_map.posterior
+        after = check.layered_map.map_with_borders
         region = after.with_data(np.where(check.area.region(after.shape), np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(region, self._now(), self._params.frame_id)
         response.area_m2 = check.area.area_m2
@@ -444,14 +446,10 @@ class MapIntegratorNode:
         return response
 
 
-def main() -> None:
-    """Starts the node with the parameters that it finds."""
-
-    def build() -> MapIntegratorNode:
-        own, shared = (tuple(cls.__dataclass_fields__) for cls in (MapIntegratorNodeParams, IntegratorParams))
-        params = parameters.read(MapIntegratorNodeParams, ignore=shared)
-        integrator = parameters.read(IntegratorParams, ignore=own)
-        radii = [robot_profile.read_radius(name, integrator.robot_radius) for name in integrator.robots or [""]]
-        return MapIntegratorNode(params, integrator.replace(robot_radius=max(radii)))
-
-    node.run("map_integrator", build)
+def build() -> MapIntegratorNode:
+    """Reads the parameters and makes the node."""
+    own, shared = (tuple(cls.__dataclass_fields__) for cls in (MapIntegratorNodeParams, IntegratorParams))
+    params = parameters.read(MapIntegratorNodeParams, ignore=shared)
+    integrator = parameters.read(IntegratorParams, ignore=own)
+    radii = [robot_profile.read_radius(name, integrator.robot_radius) for name in integrator.robots or [""]]
+    return MapIntegratorNode(params, integrator.replace(robot_radius=max(radii)))

@@ -1,4 +1,4 @@
-"""Node: stores each new posterior map on disk, for evaluation."""
+"""Node: stores each new map with borders on disk, for evaluation."""
 
 from __future__ import annotations
 
@@ -108,6 +108,6 @@ class MapRecorderNode:
         rospy.loginfo("%s: wrote %s", rospy.get_name(), path)
 
 
-def main() -> None:
-    """Starts the node with the parameters that it finds."""
-    node.run("map_recorder", lambda: MapRecorderNode(parameters.read(RecorderParams)))
+def build() -> MapRecorderNode:
+    """Reads the parameters and makes the node."""
+    return MapRecorderNode(parameters.read(RecorderParams))

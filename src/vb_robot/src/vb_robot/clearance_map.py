@@ -98,7 +98,7 @@ class ClearanceMap:
     """A map prepared for questions about places and paths. Made once per map and window.
 
     Args:
-        grid: the posterior map: physical obstacles and borders.
+        grid: the map with borders: physical obstacles and borders.
         radius: [m] of the robot; on its paths it keeps `travel_margin` [m] more.
         physical: the map without borders, which decides what blocks the view; a border does not. None: `grid`.
         edge: whether the map's edge is blocked; a window's is not.
@@ -205,21 +205,21 @@ class ShortestPaths:
     window's edge, with the straight line as the path up to there.
     """
 
-    def __init__(self, terrain: ClearanceMap, start: np.ndarray, others: np.ndarray) -> None:
-        self._terrain, self._start, self._others = terrain, start, others
-        self._shape = terrain.passable.shape
-        free = terrain.passable.copy()
+    def __init__(self, clearance_map: ClearanceMap, start: np.ndarray, others: np.ndarray) -> None:
+        self._clearance_map, self._start, self._others = clearance_map, start, others
+        self._shape = clearance_map.passable.shape
+        free = clearance_map.passable.copy()
         cells = np.argwhere(free)
         if len(others):
             gaps = np.linalg.norm(self._centers(cells)[:, None] - others[None], axis=2).min(axis=1)
-            free[tuple(cells[gaps < 2.0 * terrain.radius + terrain.travel_margin].T)] = False
+            free[tuple(cells[gaps < 2.0 * clearance_map.radius + clearance_map.travel_margin].T)] = False
         lengths, before = dijkstra(self._graph(free), directed=False, indices=free.size, return_predecessors=True)
         self._lengths = lengths[:-1].reshape(free.shape)
         self._before = np.where((before[:-1] < 0) | (before[:-1] == free.size), -1, before[:-1])
 
     def _graph(self, free: np.ndarray) -> csr_matrix:
         """Joins free cells (rows, columns) bool to their eight neighbours, by length [m]; the last node is the start."""
-        terrain, (rows, columns) = self._terrain, free.shape
+        clearance_map, (rows, columns) = self._clearance_map, free.shape
         index = np.arange(free.size).reshape(free.shape)
         gates, gaps = self._gates(np.argwhere(free))
         edges = [(np.full(len(gates), free.size), index[tuple(gates.T)], gaps)]  # (from, to, length [m])
@@ -227,16 +227,19 @@ class ShortestPaths:
             here = (slice(0, rows - dr), slice(max(0, -dc), columns - max(0, dc)))
             there = (slice(dr, rows), slice(max(0, dc), columns + min(0, dc)))
             both = free[here] & free[there]
-            length = np.full(int(both.sum()), np.hypot(dr, dc) * terrain.step * terrain.grid.resolution)
+            length = np.full(int(both.sum()), np.hypot(dr, dc) * clearance_map.step * clearance_map.grid.resolution)
             edges.append((index[here][both], index[there][both], length))
         begin, end, length = (np.concatenate(column) for column in zip(*edges))
         return csr_matrix((length, (begin, end)), shape=(free.size + 1, free.size + 1))
 
     def _gates(self, cells: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Returns free cells (K, 2) where paths begin, and (K,) [m] how far they are from the start."""
-        terrain = self._terrain
+        clearance_map = self._clearance_map
         gaps = np.linalg.norm(self._centers(cells) - self._start, axis=1)
-        if not terrain.edge and not terrain.grid.contains_cells(terrain.grid.world_to_cell(self._start))[0]:
+        if (
+            not clearance_map.edge
+            and not clearance_map.grid.contains_cells(clearance_map.grid.world_to_cell(self._start))[0]
+        ):
             edge = ((cells == 0) | (cells == np.array(self._shape) - 1)).any(axis=1)
             return cells[edge], gaps[edge]
         nearest = np.argsort(gaps, kind="stable")[:1]
@@ -244,11 +247,11 @@ class ShortestPaths:
         return cells[nearest], np.full(len(nearest), 1e-6)
 
     def _centers(self, cells: np.ndarray) -> np.ndarray:
-        step = self._terrain.step
-        return self._terrain.grid.cell_to_world(cells * step + (step - 1) / 2.0)
+        step = self._clearance_map.step
+        return self._clearance_map.grid.cell_to_world(cells * step + (step - 1) / 2.0)
 
     def _cells(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        cells = self._terrain.grid.world_to_cell(points) // self._terrain.step
+        cells = self._clearance_map.grid.world_to_cell(points) // self._clearance_map.step
         return cells, ((cells >= 0) & (cells < np.array(self._shape))).all(axis=1)
 
     def lengths_to(self, points: np.ndarray) -> np.ndarray:
@@ -275,11 +278,11 @@ class ShortestPaths:
         return geometry.resample_chain(corners, ROUTE_SPACING) if len(corners) > 1 else corners
 
     def _tightened(self, points: np.ndarray) -> np.ndarray:
-        terrain = self._terrain
+        clearance_map = self._clearance_map
         # a cell of the path grid is as free as its freest part
-        slack = 0.75 * terrain.step * terrain.grid.resolution
-        needed = terrain.radius + terrain.travel_margin - slack
-        apart = needed + terrain.radius
+        slack = 0.75 * clearance_map.step * clearance_map.grid.resolution
+        needed = clearance_map.radius + clearance_map.travel_margin - slack
+        apart = needed + clearance_map.radius
         kept, last = [0], len(points) - 1
         while kept[-1] < last:
             here = points[kept[-1]]
@@ -287,7 +290,7 @@ class ShortestPaths:
             reach = float(np.linalg.norm(targets - here, axis=1).max())
             share = np.linspace(0.0, 1.0, max(3, int(reach / ROUTE_SPACING)))
             samples = here + share[None, :, None] * (targets - here)[:, None, :]
-            room = terrain.clearance_at(samples.reshape(-1, 2)).reshape(len(targets), -1)
+            room = clearance_map.clearance_at(samples.reshape(-1, 2)).reshape(len(targets), -1)
             # a place that is too near to something may be left
             visible = (room >= min(needed, float(room[0, 0])) - 1e-6).all(axis=1)
             for other in self._others:

@@ -41,7 +41,7 @@ def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, 
         "DWAPlannerROS": {
             "max_vel_x": limits.max_speed,
             "max_vel_trans": limits.max_speed,
-            "max_vel_theta": limits.max_turn,
+            "max_vel_theta": limits.max_turn_rate,
             "acc_lim_x": limits.acceleration,
             "acc_lim_trans": limits.acceleration,
             "acc_lim_theta": limits.turn_acceleration,

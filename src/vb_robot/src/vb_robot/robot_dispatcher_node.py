@@ -19,9 +19,9 @@ from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_fro
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, InteractionState
-from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.drawing import UnseenFloor
+from vb_robot.dispatching.robot_client import RobotClient
 from vb_robot.floor_view import FloorView
 from vb_robot.inputs import SpotListener
 from vb_robot.poses import Pose
@@ -71,7 +71,7 @@ class RobotDispatcherNode:
         self._viewpoint = rospy.Publisher("~viewpoint", PoseStamped, queue_size=1, latch=True)
         self._notices = NoticePublisher()
         self._robots = [
-            DispatchedRobot(
+            RobotClient(
                 name,
                 profile,
                 transforms,
@@ -105,7 +105,7 @@ class RobotDispatcherNode:
         self._timer.close()
         self._notices.close()
         for robot in self._robots:
-            robot.pursue(None)
+            robot.set_goal(None)
 
     # ------------------------------------------------------------- what comes in; only the worker takes it in
     def _queue_input(self, take: Callable[..., None], *what: Any) -> None:
@@ -141,11 +141,11 @@ class RobotDispatcherNode:
     def _decide(self) -> None:
         while self._inputs:
             self._inputs.popleft()()
-        wanted = self._dispatcher.sightings.dispatches()
+        wanted = self._dispatcher.sightings.should_dispatch()
         robots = {robot.name: robot.status(wanted) for robot in self._robots}
         goals = self._dispatcher.decide(rospy.Time.now().to_sec(), robots)
         for robot in self._robots:
-            robot.pursue(goals[robot.name])
+            robot.set_goal(goals[robot.name])
         self._notices.set([self._dispatcher.notice] if self._dispatcher.notice else [])
 
     def _publish_viewpoint(self, pose: Pose) -> None:

@@ -246,7 +246,7 @@ class RobotDriverNode:
             message.range_max,
             self._mounts[frame],
             self._profile.radius,
-            self._profile.scanner.zero_is_nothing,
+            self._profile.scanner.zero_means_no_return,
         )
         self._arbiter.gate.set_scan(scan, message.header.stamp.to_sec())
 
@@ -328,13 +328,13 @@ class RobotDriverNode:
     def _run(self) -> None:
         # a robot must also stop when simulated time does
         last, moved = rospy.Time(0), time.monotonic()
-        while self._timer.take() is not None and not rospy.is_shutdown():
+        while self._timer.get() is not None and not rospy.is_shutdown():
             now = rospy.Time.now()
             try:
                 if now != last:
                     last, moved = now, time.monotonic()
                 self._arbiter.gate.clock_age = time.monotonic() - moved
-                self._locate()
+                self._update_pose()
                 self._execute(self._arbiter.step(now.to_sec()), now)
             except rospy.ROSException:
                 if not rospy.is_shutdown():
@@ -344,7 +344,7 @@ class RobotDriverNode:
                 self._execute(self._arbiter.halt("internal_error"), now)
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
 
-    def _locate(self) -> None:
+    def _update_pose(self) -> None:
         # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
         T = self._lookup(names.MAP_FRAME, self._base, stamp)
@@ -383,7 +383,7 @@ class RobotDriverNode:
             source=command.source,
             code=command.code,
             speed=command.v,
-            turn_rate=command.w,
+            angular_velocity=command.w,
             message=sentences.translate(code, {"who": sentences.robot_value(self._params.robot)}),
         )
         message.header.stamp = rospy.Time.from_sec(now)
@@ -410,7 +410,7 @@ class RobotDriverNode:
         self._stopped_since = {command.code: self._stopped_since.get(command.code, now)}
         held = now - self._stopped_since[command.code] >= MIN_STOP
         if held and self._arbiter.stopped and not self._stop_written and self._stop_file is not None:
-            found.append(self._notice("stop_not_remembered", Severity.WARNING))
+            found.append(self._notice("stop_not_persisted", Severity.WARNING))
         if command.code in STOP_CODES and (held or command.source == STOP):
             severity = Severity.INFO if command.code in ("obstacle", "border") else Severity.WARNING
             code = "robot_stopped_inside_border" if command.code == "inside_border" else f"robot_{command.code}"

@@ -95,11 +95,11 @@ class Sightings:
         self._runs[sighting.camera] = (since, max(until, sighting.stamp) if since < sighting.stamp else sighting.stamp)
         self._leader(sighting.stamp)
 
-    def dispatches(self) -> bool:
+    def should_dispatch(self) -> bool:
         """Returns whether to send a robot to where its camera sees the spot."""
         return self.state in (BORDER, SEED) and self.stationary_seen
 
-    def follows(self, camera: str, now: float) -> bool:
+    def should_follow(self, camera: str, now: float) -> bool:
         """Returns whether the robot with this camera should follow the spot."""
         if self._leader(now) != camera or self.state == DEFAULT:
             return False

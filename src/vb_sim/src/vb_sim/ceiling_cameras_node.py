@@ -128,7 +128,7 @@ class CeilingCamerasParams(Parameters):
 
 
 def build() -> CeilingCamerasNode:
-    """Reads the parameters."""
+    """Reads the parameters and makes the node."""
     cv2.setNumThreads(1)
     node.disable_heap_trimming()
     parameters.read_required("~world")
@@ -138,8 +138,3 @@ def build() -> CeilingCamerasNode:
     if not cameras:
         rospy.logwarn("world '%s' has no ceiling cameras", world.name)
     return CeilingCamerasNode(world, load_camera_models(models_file(params.models)), cameras, params.seed)
-
-
-def main() -> None:
-    """Runs the node."""
-    node.run("ceiling_cameras", build)

@@ -24,7 +24,7 @@ from tf2_msgs.msg import TFMessage
 
 from vb_core import geometry, names
 from vb_core.parameters import Parameters, param
-from vb_core.ros import messages, node, parameters
+from vb_core.ros import messages, parameters
 from vb_msgs.msg import LabState, ParticipantState
 from vb_sim.lab import Lab, Participant
 from vb_sim.lab_messages import models_file
@@ -361,7 +361,7 @@ def clock_publisher() -> rospy.Publisher:
 
 
 def build() -> LabSimulatorNode:
-    """Makes the node from the parameter server."""
+    """Reads the parameters and makes the node."""
     parameters.read_required("~world")
     params = parameters.read(LabSimulatorParams)
     models = load_models(models_file(params.models))
@@ -374,8 +374,3 @@ def build() -> LabSimulatorNode:
     state = CheckpointFile(folder, "lab", str(run))
     state.forget_others()
     return LabSimulatorNode(lab, params, localization, bool(rospy.get_param("/use_sim_time", False)), state)
-
-
-def main() -> None:
-    """Runs the executable lab_simulator."""
-    node.run("lab_simulator", build)

@@ -12,7 +12,7 @@ from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.map_files import map_path, read_map
 from vb_core.parameters import Parameters, param
-from vb_core.ros import messages, node, parameters
+from vb_core.ros import messages, parameters
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class MapServerNode:
 
 
 def build() -> MapServerNode:
-    """Makes the node from the parameter server."""
+    """Reads the parameters and makes the node."""
     params = parameters.read(MapServerParams)
     if bool(params.world) == bool(params.map_yaml):
         raise ParameterError(rospy.resolve_name("~world"), "either this or map_yaml must be set")
@@ -64,8 +64,3 @@ def _map_of_world(path: str) -> GridMap:
     from vb_sim.room.world import load_world
 
     return physical_map(load_world(path))
-
-
-def main() -> None:
-    """Runs the executable map_server."""
-    node.run("map_server", build)

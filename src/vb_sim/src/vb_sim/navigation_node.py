@@ -308,7 +308,7 @@ def path_message(path: np.ndarray, goal_yaw: float) -> Path:
 
 
 def build() -> NavigationNode:
-    """Makes the node from the parameter server."""
+    """Reads the parameters and makes the node."""
     params = parameters.read(NavigationParams, ignore=("costmap", "planner", "follower"))
     profile = robot_profile.read()
     costmap, follower = params_for_robot(
@@ -316,8 +316,3 @@ def build() -> NavigationNode:
     )
     base_frame = params.prefix + profile.frames.base
     return NavigationNode(params, costmap, parameters.read(PlannerParams, "~planner"), follower, base_frame)
-
-
-def main() -> None:
-    """Runs the executable navigation."""
-    node.run("move_base", build)

@@ -221,15 +221,10 @@ class ParticipantNode:
 
 
 def build() -> ParticipantNode:
-    """Makes the node from the parameter server."""
+    """Reads the parameters and makes the node."""
     for name in ("~world", "~scenario"):
         parameters.read_required(name)
     params = parameters.read(ParticipantParams, ignore=("finished",))
     world = load_world(params.world)
     model = read_section(load_models(models_file(params.models)), "participant", ParticipantModel)
     return ParticipantNode(world, world.scenario(params.scenario), model, params)
-
-
-def main() -> None:
-    """Runs the executable participant."""
-    node.run("participant", build)

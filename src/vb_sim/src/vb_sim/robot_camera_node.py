@@ -134,7 +134,7 @@ class RobotCameraParams(Parameters):
 
 
 def build() -> RobotCameraNode:
-    """Reads the parameters."""
+    """Reads the parameters and makes the node."""
     cv2.setNumThreads(1)
     node.disable_heap_trimming()
     parameters.read_required("~world")
@@ -143,8 +143,3 @@ def build() -> RobotCameraNode:
     robot = world.robot(params.robot) if params.robot else world.robots[0]
     models = load_camera_models(models_file(params.models))
     return RobotCameraNode(world, models, robot, params.seed, params.tf_prefix)
-
-
-def main() -> None:
-    """Runs the node."""
-    node.run("robot_camera", build)

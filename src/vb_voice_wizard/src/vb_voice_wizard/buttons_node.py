@@ -10,7 +10,7 @@ from sensor_msgs.msg import Joy
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_core.ros import commands, node, parameters
+from vb_core.ros import commands, parameters
 from vb_msgs.msg import InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
 
@@ -71,6 +71,6 @@ class ButtonsNode:
             rospy.logwarn("%s is lost: %s", request.command, error)
 
 
-def main() -> None:
-    """Runs the node."""
-    node.run("buttons", lambda: ButtonsNode(parameters.read(ButtonsParams)))
+def build() -> ButtonsNode:
+    """Reads the parameters and makes the node."""
+    return ButtonsNode(parameters.read(ButtonsParams))

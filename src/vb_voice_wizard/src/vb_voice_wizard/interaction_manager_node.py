@@ -68,7 +68,7 @@ class InteractionManagerNode:
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
         /virtual_borders/stop (std_msgs/Bool): on `stop` and `resume`, before anything else; not latched, the state has it too.
-        /virtual_borders/notices (vb_msgs/NoticeArray): stopped, stop_memory_lost, interaction_ends_soon, spot_not_seen_check_laser.
+        /virtual_borders/notices (vb_msgs/NoticeArray): stopped, stop_state_lost, interaction_ends_soon, spot_not_seen_check_laser.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
             border and seed, and again when they, the map or the borders in it change.
 
@@ -137,7 +137,7 @@ class InteractionManagerNode:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         with self._lock:
-            self._interaction.history = list(message.commands)
+            self._interaction.history = list(message.available_commands)
             self._publish()
         self._preview.on_borders(message)
 
@@ -330,7 +330,7 @@ class InteractionManagerNode:
         message.stopped, message.stopped_by = interaction.stopped, interaction.stopped_by
         message.ends_at = rospy.Time.from_sec(interaction.ends_at)
         message.confirm_save = interaction.confirm_save
-        message.commands = interaction.suggested_commands()
+        message.available_commands = interaction.suggested_commands()
         message.last_command = interaction.last_command
         message.last_source = interaction.last_source
         message.last_success = interaction.last_answer.success
@@ -347,7 +347,7 @@ class InteractionManagerNode:
     def _list_notices(self) -> List[Notice]:
         said = []
         if self._interaction.stopped:
-            code = "stop_memory_lost" if self._memory_lost else "stopped"
+            code = "stop_state_lost" if self._memory_lost else "stopped"
             said.append(Notice(code, Severity.WARNING, values={"by": self._interaction.stopped_by}))
         if self._interaction.ends_at:
             said.append(Notice("interaction_ends_soon", Severity.WARNING))
@@ -368,7 +368,7 @@ def _what_changed(command: str, before: Mapping[str, VirtualBorder], after: Mapp
         "border_restored": [border for key, border in after.items() if key not in before],
         "border_enabled": [after[key] for key in switched if after[key].enabled],
         "border_disabled": [after[key] for key in switched if not after[key].enabled],
-        "border_changed" if command == UNDO else "border_changed_again": [
+        "change_undone" if command == UNDO else "change_redone": [
             after[key] for key in both if key not in switched and _drawn(before[key]) != _drawn(after[key])
         ],
     }
@@ -399,13 +399,9 @@ def _await_clock(timeout: float = 3.0) -> None:
         waited += 0.02
 
 
-def _build() -> InteractionManagerNode:
+def build() -> InteractionManagerNode:
+    """Reads the parameters and makes the node."""
     params = parameters.read(ManagerParams)
     _await_clock()
     run_id: Optional[str] = rospy.get_param("/run_id", "")
     return InteractionManagerNode(params, str(run_id or ""))
-
-
-def main() -> None:
-    """Runs the node."""
-    node.run("interaction_manager", _build)

@@ -265,11 +265,7 @@ def _durations(sounds: dict) -> Dict[str, float]:
     return {str(name): float(duration) for name, duration in sounds.items()}
 
 
-def _build() -> VoiceCommandsNode:
+def build() -> VoiceCommandsNode:
+    """Reads the parameters and makes the node."""
     params = parameters.read(VoiceParams, ignore=("recognizer",))
     return VoiceCommandsNode(params, CommandRecognizer(parameters.read(RecognizerParams, "~recognizer")))
-
-
-def main() -> None:
-    """Runs the node."""
-    node.run("voice_commands", _build)

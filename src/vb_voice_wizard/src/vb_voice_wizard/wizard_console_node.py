@@ -132,11 +132,11 @@ class WizardConsoleNode:
         with self._lock:
             view = self._view
             if pid is None and view.connected:
-                self._add_code("console_master_away", BAD)
+                self._add_code("console_master_unreachable", BAD)
             elif pid is not None and self._master_pid not in (None, pid):
                 self.stale = True
             elif pid is not None and not view.connected:
-                self._add_code("console_master_back", GOOD)
+                self._add_code("console_master_connected", GOOD)
             # before the first state it is unknown which nodes to expect
             if pid is not None and view.state is not None:
                 for who, _ in _WATCHED:
@@ -231,7 +231,7 @@ class WizardConsoleNode:
                 NOTE,
                 command=f"$command_{message.command}",
                 confidence=f"{message.confidence:.2f}",
-                reason=f"$heard_{message.reason}",
+                reason=f"$utterance_{message.reason}",
             )
 
     # ------------------------------------------------------------------ commands

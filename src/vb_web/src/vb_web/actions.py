@@ -35,7 +35,7 @@ from vb_core.ros import services
 from vb_core.ros.commands import make_request, send
 from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
-from vb_web.requests import Request
+from vb_web.action_requests import Request
 from vb_web.ros_view import apply_draft, issues_section, region_uri
 from vb_web.view import rounded
 

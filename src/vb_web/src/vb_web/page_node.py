@@ -32,7 +32,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_web import access, images, ros_view
 from vb_web.actions import ActionHandler
 from vb_web.camera_images import CameraImages
-from vb_web.requests import Bounds
+from vb_web.action_requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
 from vb_web.view import View, border_changes, coarse_age, rounded
 
@@ -182,7 +182,12 @@ class PageNode:
             self._actions.carry_out, self._bounds, self._camera_images.camera_jpeg, self._camera_images.floor_webp
         )
         self._server = PageServer(
-            params, self._keys, self._view, self._images, backend, lambda error: node.fail(CodedError("internal_error"))
+            params,
+            self._keys,
+            self._view,
+            self._images,
+            backend,
+            lambda error: node.shut_down_with_error(CodedError("internal_error")),
         )
         self._server.start()
         self._addresses = addresses(params, self._server.port, _own_addresses())
@@ -448,6 +453,6 @@ def _own_addresses() -> List[str]:
     return [*found, socket.gethostname()]
 
 
-def main() -> None:
-    """Starts the node with the parameters that it finds."""
-    node.run("page", lambda: PageNode(parameters.read(PageParams)))
+def build() -> PageNode:
+    """Reads the parameters and makes the node."""
+    return PageNode(parameters.read(PageParams))

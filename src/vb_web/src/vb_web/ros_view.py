@@ -17,7 +17,7 @@ from vb_core import sentences
 from vb_core.notices import Notice
 from vb_core.ros.messages import mapping_from_values, points_from_array
 from vb_web import images
-from vb_web.requests import Draft
+from vb_web.action_requests import Draft
 from vb_web.view import rounded
 
 KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
@@ -50,7 +50,7 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
     ends = (message.ends_at - message.header.stamp).to_sec() if not message.ends_at.is_zero() else 0.0
     return {
         "name": message.name,
-        "commands": list(message.commands),
+        "available_commands": list(message.available_commands),
         "stopped": bool(message.stopped),
         "stopped_by": message.stopped_by,
         "ends_in_s": max(0, int(ends)),
@@ -134,7 +134,7 @@ def borders_section(message: VirtualBorderArray) -> Dict[str, Any]:
         "revision": int(message.revision),
         "map_name": message.map_name,
         "unconfirmed": bool(message.needs_confirmation),
-        "commands": list(message.commands),
+        "available_commands": list(message.available_commands),
         "list": [border_section(border) for border in message.borders],
         **coded_sentence(message),
     }

@@ -27,7 +27,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 from vb_core import sentences
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_web import access, requests
+from vb_web import access, action_requests
 from vb_web.access import AccessCodes, Limiter, LoginLimiter, Role
 from vb_web.images import ImageCache
 from vb_web.view import View
@@ -92,8 +92,8 @@ class Backend:
         floor_webp: the floor as the ceiling cameras see it; None if none does.
     """
 
-    act: Callable[[requests.Request, str], Dict[str, Any]]
-    bounds: Callable[[], Optional[requests.Bounds]]
+    act: Callable[[action_requests.Request, str], Dict[str, Any]]
+    bounds: Callable[[], Optional[action_requests.Bounds]]
     camera_jpeg: Callable[[str], Optional[bytes]]
     floor_webp: Callable[[], Optional[bytes]]
 
@@ -185,7 +185,7 @@ class PageServer:
             default_handler_class=_NotFoundHandler,
             default_handler_args=given,
             log_function=lambda _handler: None,
-            websocket_max_message_size=requests.MAX_BYTES,
+            websocket_max_message_size=action_requests.MAX_BYTES,
             websocket_ping_interval=15,
             websocket_ping_timeout=45,
         )
@@ -249,7 +249,7 @@ class PageServer:
             browser.pump()
 
     # ------------------------------------------------------------- browsers' requests
-    async def carry_out(self, request: requests.Request, browser: str) -> Dict[str, Any]:
+    async def carry_out(self, request: action_requests.Request, browser: str) -> Dict[str, Any]:
         """Carries out a request and returns its answer; a repeated request gets the answer that it got before."""
         key = (browser, request.id)
         answer = self.answers.get(key)
@@ -261,7 +261,7 @@ class PageServer:
                 self.answers.popitem(last=False)
         return await asyncio.shield(answer)
 
-    def _act(self, request: requests.Request, source: str) -> Dict[str, Any]:
+    def _act(self, request: action_requests.Request, source: str) -> Dict[str, Any]:
         try:
             return self.backend.act(request, source)
         except CodedError as error:
@@ -510,11 +510,11 @@ class _LinkHandler(_Guarded, WebSocketHandler):
             pass
 
     async def on_message(self, message: Any) -> None:
-        request: Optional[requests.Request] = None
+        request: Optional[action_requests.Request] = None
         try:
             if not self._asks.allows("", time.monotonic()):
                 raise CodedError("page_too_fast")
-            request = requests.parse(message, self.page.backend.bounds())
+            request = action_requests.parse(message, self.page.backend.bounds())
             if self.role < Role.OPERATOR:
                 raise CodedError("page_viewer_only")
         except CodedError as error:
@@ -534,7 +534,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         if request.action == "command":
             self._command = answering
 
-    async def _answer(self, request: requests.Request, before: Optional[asyncio.Future]) -> None:
+    async def _answer(self, request: action_requests.Request, before: Optional[asyncio.Future]) -> None:
         self._underway += 1
         try:
             if before is not None:

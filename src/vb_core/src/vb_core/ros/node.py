@@ -28,7 +28,7 @@ def run(name: str, build: Callable[[], Any]) -> None:
     Args:
         name: the node's default name.
         build: makes the node's object, whose class's docstring is the interface. A `CodedError` from it, for instance a
-            bad parameter, is logged as one line, and the process exits with status 1, as after `fail`.
+            bad parameter, is logged as one line, and the process exits with status 1, as after `shut_down_with_error`.
     """
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_interface(name, build))
@@ -88,7 +88,7 @@ def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float)
     return True
 
 
-def fail(error: CodedError) -> None:
+def shut_down_with_error(error: CodedError) -> None:
     """Ends a running node that cannot do its work: logs a line, and `run` exits with status 1."""
     rospy.logfatal("%s: %s", rospy.get_name(), error)
     _failures.append(error)
@@ -149,7 +149,7 @@ class Mailbox(Generic[T]):
             self._item = item
             self._condition.notify()
 
-    def take(self) -> Optional[T]:
+    def get(self) -> Optional[T]:
         """Waits for an item and takes it; None once the mailbox is closed."""
         with self._condition:
             while self._item is None and not self._closed:
@@ -158,7 +158,7 @@ class Mailbox(Generic[T]):
             return item
 
     def close(self) -> None:
-        """Wakes up the waiting thread; `take` then returns None."""
+        """Wakes up the waiting thread; `get` then returns None."""
         with self._condition:
             self._closed = True
             self._item = None
@@ -183,7 +183,7 @@ class Queue(Generic[T]):
             self._condition.notify()
             return True
 
-    def take(self) -> Optional[T]:
+    def get(self) -> Optional[T]:
         """Waits for the oldest item and takes it; None once the queue is closed and empty."""
         with self._condition:
             while not self._items and not self._closed:
@@ -191,7 +191,7 @@ class Queue(Generic[T]):
             return self._items.popleft() if self._items else None
 
     def close(self) -> None:
-        """Closes the queue: waiting items are still taken, then `take` returns None."""
+        """Closes the queue: waiting items are still taken, then `get` returns None."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()
@@ -219,16 +219,16 @@ class WakeTimer:
         """Announces something: the worker stops waiting."""
         self._wake.set()
 
-    def take(self) -> Optional[bool]:
+    def get(self) -> Optional[bool]:
         """Waits; returns whether something was announced, or None once closed."""
         if rospy.rostime.is_wallclock():
             woken = not self._closed and self._wake.wait(self._period)
         else:
-            woken = self._take_simulated()
+            woken = self._get_simulated()
         self._wake.clear()
         return None if self._closed else woken
 
-    def _take_simulated(self) -> bool:
+    def _get_simulated(self) -> bool:
         began, then = time.monotonic(), rospy.get_time()
         if not 0.0 <= self._due - then <= self._period:
             self._due = then + self._period  # the first time, too late for the last one, or time has jumped
@@ -243,7 +243,7 @@ class WakeTimer:
         return woken
 
     def close(self) -> None:
-        """Wakes up the worker; `take` then returns None."""
+        """Wakes up the worker; `get` then returns None."""
         self._closed = True
         self._wake.set()
 
@@ -258,7 +258,7 @@ def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread
             sound = True
         finally:
             if not sound:
-                fail(CodedError("internal_error"))
+                shut_down_with_error(CodedError("internal_error"))
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
@@ -283,7 +283,7 @@ class Worker:
 
     def _work(self) -> None:
         while True:
-            item = self._mailbox.take()
+            item = self._mailbox.get()
             if item is None:
                 return
             try:
@@ -319,7 +319,7 @@ def _await(what: str, arrived: Callable[[], bool], timeout: Optional[float]) -> 
         if rospy.is_shutdown():
             return False
         if timeout is not None and now - began > timeout:
-            fail(CodedError("input_timeout", what=what, seconds=round(now - began)))
+            shut_down_with_error(CodedError("input_timeout", what=what, seconds=round(now - began)))
             return False
         if now - said > LOG_DELAY:
             rospy.logwarn("%s waits for %s", rospy.get_name(), what)

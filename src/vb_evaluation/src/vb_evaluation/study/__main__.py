@@ -99,7 +99,7 @@ def _all(given: argparse.Namespace, console: Console) -> int:
         "size": given.size,
         "rerun": RERUN + (f" --config {given.config}" if given.config else ""),
     }
-    failed = campaign.conduct(
+    failed = campaign.run_jobs(
         study, jobs, given.out, max(1, given.processes), given.fresh, facts, console, given.scheduler
     )
     console.print(f"written to {given.out}")

@@ -106,7 +106,7 @@ def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
     return row, result.posterior
 
 
-def conduct(
+def run_jobs(
     study: Study,
     jobs: Sequence[Job],
     folder: Path,

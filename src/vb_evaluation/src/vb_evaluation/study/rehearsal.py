@@ -24,7 +24,10 @@ from vb_map_integration.storage.recording import MapRecording
 
 
 def person(study: Study, outcomes: List[bool]) -> Callable[[NextRun], Callable[[], None]]:
-    """Returns the person that `conduct` starts instead of the system; appends to `outcomes` whether the run was completed."""
+    """Returns the person that `conduct_run` starts instead of the system.
+
+    Whether the run was completed is appended to `outcomes`.
+    """
 
     # only running needs ROS
     from vb_evaluation.study import runner

@@ -38,7 +38,7 @@ from vb_sim.lab import Lab
 from vb_sim.lab_history import History
 from vb_sim.lab_messages import snapshot_from_message
 from vb_sim.lab_simulator_node import LabSimulatorNode, LabSimulatorParams
-from vb_sim.person.legs import distance_to_chain
+from vb_sim.person.walking import distance_to_chain
 from vb_sim.map_server_node import MapServerNode
 from vb_sim.room.camera_models import CameraModels
 from vb_sim.participant_node import ParticipantNode, ParticipantParams

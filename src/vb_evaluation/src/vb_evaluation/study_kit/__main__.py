@@ -112,7 +112,7 @@ def _run(given: argparse.Namespace) -> None:
         keys = ("b" if key else ("c" if outcomes[-1] else "f") for key in (1, 0))
     else:
         start, keys = conduct.roslaunch, conduct.read_keys()
-    run = conduct.conduct(planned, start, keys, say)
+    run = conduct.conduct_run(planned, start, keys, say)
     if "ended" not in run:
         raise CodedError("unfinished", f"the run was not ended: {planned.folder} is kept, --again does the run again")
     print(planned.folder)

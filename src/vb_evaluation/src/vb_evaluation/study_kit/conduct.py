@@ -150,7 +150,7 @@ def _planned(path: Path, entry: protocol.Entry) -> NextRun:
     return NextRun(entry, folder, command, cameras)
 
 
-def conduct(
+def conduct_run(
     planned: NextRun,
     start: Callable[[NextRun], Callable[[], None]],
     keys: Iterator[str],

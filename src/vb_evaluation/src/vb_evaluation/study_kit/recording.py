@@ -53,7 +53,7 @@ class StoredMap:
     borders_path: Path
 
     def grid(self) -> GridMap:
-        """Returns the posterior map."""
+        """Returns the map with borders."""
         return read_map(self.map_path)
 
     def borders(self) -> List[VirtualBorder]:

@@ -81,7 +81,7 @@ def panel_from_state(
         state.name,
         # whole seconds, as they are shown: less is not a change
         float(int(state.guide_s + state.border_s + state.seed_s)),
-        tuple(state.commands),
+        tuple(state.available_commands),
         state.last_success,
         message,
         tuple(cameras_seeing_spot),

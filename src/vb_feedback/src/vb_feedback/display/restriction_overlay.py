@@ -13,7 +13,7 @@ PREVIEW = 200 - 256
 
 
 def draw_restrictions(
-    physical: np.ndarray, posterior: np.ndarray, stripe: int = 4, preview: Optional[np.ndarray] = None
+    physical: np.ndarray, map_with_borders: np.ndarray, stripe: int = 4, preview: Optional[np.ndarray] = None
 ) -> np.ndarray:
     """Stripes where borders restrict the map: any eye can tell a pattern from walls.
 
@@ -21,16 +21,16 @@ def draw_restrictions(
     restrict is orange, and its stripes run the other way, so that it is not mistaken for what is saved.
 
     Args:
-        physical, posterior: (H, W) int8, without and with the virtual borders.
+        physical, map_with_borders: (H, W) int8, without and with the virtual borders.
         stripe: [cells] width of a stripe.
         preview: (H, W), above 0 where saving now would restrict the map; None: nowhere.
 
     Returns:
         (H, W) int8 for RViz's colour scheme "costmap".
     """
-    rows, columns = np.indices(posterior.shape)
-    changed = (posterior != physical) & (posterior > 0)
-    broad = np.where(posterior >= 100, stripe, max(1, stripe // 3))
+    rows, columns = np.indices(map_with_borders.shape)
+    changed = (map_with_borders != physical) & (map_with_borders > 0)
+    broad = np.where(map_with_borders >= 100, stripe, max(1, stripe // 3))
     result = np.where(changed & ((rows + columns) % (2 * stripe) < broad), STRIPE, CLEAR).astype(np.int8)
     result[_edge(changed)] = STRIPE
     if preview is not None:

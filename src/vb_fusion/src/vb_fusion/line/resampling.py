@@ -34,7 +34,7 @@ class ResampledStroke:
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMOR
 
 
-def make_stroke(observations: np.ndarray, trust: np.ndarray, loop: ResumableLoop) -> ResampledStroke:
+def resample_stroke(observations: np.ndarray, trust: np.ndarray, loop: ResumableLoop) -> ResampledStroke:
     """Resamples observations evenly along the stroke; what was drawn twice at the end is merged.
 
     Args:

@@ -44,7 +44,7 @@ class Observations:
         """Returns the observations where rows (N,) is true, or those with these indices."""
         return Observations(*(getattr(self, column.name)[rows] for column in fields(self)))
 
-    def followed_by(self, others: "Observations") -> "Observations":
+    def concatenate(self, others: "Observations") -> "Observations":
         """Returns these observations and then the others."""
         names = [column.name for column in fields(self)]
         return Observations(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in names))

@@ -42,12 +42,12 @@ class Places:
     bins: np.ndarray  # (P,) int
     cameras: np.ndarray  # (P,) how many cameras saw each
 
-    def until(self, time_bin: int) -> "Places":
+    def before(self, time_bin: int) -> "Places":
         """Returns the places of earlier time bins."""
         count = int(np.searchsorted(self.bins, time_bin))
         return Places(self.points[:count], self.stamps[:count], self.bins[:count], self.cameras[:count])
 
-    def followed_by(self, others: "Places") -> "Places":
+    def concatenate(self, others: "Places") -> "Places":
         """Returns these places and then the others."""
         return Places(
             np.vstack([self.points, others.points]),

@@ -43,7 +43,7 @@ class HeldSpot:
         """Returns the place (u, v) [px] of the spot in the images of the last two seconds.
 
         Raises:
-            CodedError: "spot_not_seen_by_camera" if it was not seen often enough, "spot_moves" if it was not still.
+            CodedError: "spot_not_seen_by_camera" if it was not seen often enough, "spot_moving" if it was not still.
         """
         recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_TIME])
         if len(recent) < _MIN_SIGHTINGS:
@@ -51,7 +51,7 @@ class HeldSpot:
         middle = np.median(recent, axis=0)
         away = np.linalg.norm(recent - middle, axis=1)
         if np.percentile(away, 80) > _STILL_PX:
-            raise CodedError("spot_moves")
+            raise CodedError("spot_moving")
         return float(middle[0]), float(middle[1])
 
 

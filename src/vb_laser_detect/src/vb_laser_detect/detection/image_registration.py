@@ -49,7 +49,7 @@ class ImageRegistration:
             gray, scale = halve(gray), 0.5 * scale
         self._latest = gray if gray.ndim == 2 else cv2.cvtColor(gray, cv2.COLOR_BGR2GRAY)
         if self._keyframe is None or self._keyframe.shape != self._latest.shape:
-            self.take()
+            self.set_keyframe()
             return np.eye(3)
         motion = self._follow()
         if motion is None:
@@ -58,7 +58,7 @@ class ImageRegistration:
         # numpy's inverse starts threads
         return cv2.invert(shrink)[1] @ motion @ shrink
 
-    def take(self) -> None:
+    def set_keyframe(self) -> None:
         """Makes the last image the keyframe."""
         self._keyframe = self._latest
         # where exactly a corner is does not matter

@@ -164,7 +164,7 @@ class Proposer:
         """Makes the last image the background's keyframe."""
         self._motion = np.eye(3)
         if self._registration is not None:
-            self._registration.take()
+            self._registration.set_keyframe()
 
     def update_background(self, view: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
         """Adds an image, except some spots.

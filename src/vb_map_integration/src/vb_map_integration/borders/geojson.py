@@ -79,7 +79,7 @@ def _border(feature: Any) -> VirtualBorder:
     if kind not in ("Polygon", "LineString") or not isinstance(coordinates, list):
         raise _wrong("geometry", "Polygon | LineString", kind)
     if kind == "Polygon" and len(coordinates) != 1:
-        raise CodedError("bad_border_file", reason="$file_holes", found=len(coordinates))
+        raise CodedError("bad_border_file", reason="$file_polygon_has_holes", found=len(coordinates))
     points = _positions(coordinates[0] if kind == "Polygon" else coordinates)
     given = dict(properties) if isinstance(properties, dict) else {}
     wall = kind == "LineString" and given.get("kind") == "virtual_wall"

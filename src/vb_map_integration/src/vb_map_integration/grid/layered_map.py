@@ -1,4 +1,4 @@
-"""The posterior map, always computed from the physical map and all regions that are in force."""
+"""The map with borders, always computed from the physical map and all regions that are in force."""
 
 from __future__ import annotations
 
@@ -67,12 +67,12 @@ class LayeredMap:
 
     Attributes:
         physical: the map without borders.
-        posterior: the map with them.
+        map_with_borders: the map with them.
     """
 
     def __init__(self, physical: GridMap) -> None:
         self.physical = physical
-        self.posterior = physical
+        self.map_with_borders = physical
         self._regions: Dict[str, Region] = {}
 
     def area_m2(self, key: str) -> float:
@@ -83,7 +83,7 @@ class LayeredMap:
         """Returns the map with some regions added or replaced, and without those whose value is None."""
         result = LayeredMap(self.physical)
         result._regions = {key: region for key, region in self._regions.items() if key not in changes}
-        cells = np.array(self.posterior.data, order="C")
+        cells = np.array(self.map_with_borders.data, order="C")
         for key in changes:
             old = self._regions.get(key)
             if old is not None:
@@ -94,7 +94,7 @@ class LayeredMap:
             if region is not None:
                 result._regions[key] = region
                 region.apply(cells)
-        result.posterior = self.physical.with_data(cells)
+        result.map_with_borders = self.physical.with_data(cells)
         return result
 
 

@@ -533,7 +533,7 @@ class Database:
             (f"DELETE FROM changes WHERE number <= (SELECT max(number) FROM changes) - {MAX_CHANGES}", ()),
         ]
 
-    def steps(self, place: int) -> List[str]:
+    def available_commands(self, place: int) -> List[str]:
         """Lists "undo" and "redo", each if there is something to undo or redo."""
         found = self._main.execute("SELECT DISTINCT undone FROM changes WHERE place = ? ORDER BY undone", (place,))
         return [("undo", "redo")[undone] for (undone,) in found]

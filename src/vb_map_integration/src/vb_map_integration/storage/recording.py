@@ -1,4 +1,4 @@
-"""Every posterior map on disk, for evaluation (paper, Sect. "Implementation")."""
+"""Every map with borders on disk, for evaluation (paper, Sect. "Implementation")."""
 
 from __future__ import annotations
 

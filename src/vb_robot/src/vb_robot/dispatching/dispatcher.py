@@ -11,7 +11,7 @@ from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_robot import spots
-from vb_robot.dispatching.dispatch import DispatchInputs, Fleet, RobotStatus
+from vb_robot.dispatching.dispatch_policy import DispatchInputs, Fleet, RobotStatus
 from vb_robot.dispatching.drawing import UnseenFloor, DrawingState
 from vb_robot.spots import LOST_TIMEOUT, Sightings
 from vb_robot.clearance_map import ClearanceMap, Window, bounding_window, crop
@@ -26,11 +26,11 @@ class RobotMap:
         self._radius = radius
         self.view: Optional[FloorView] = None
         self._maps: Dict[str, GridMap] = {}
-        self._terrain: Optional[Tuple[Window, ClearanceMap]] = None
+        self._clearance_map: Optional[Tuple[Window, ClearanceMap]] = None
 
     def set_map(self, grid: GridMap, which: str = "borders") -> None:
         """Stores the map with the borders that are for this robot, or the one without ("physical")."""
-        self._maps[which], self._terrain = grid, None
+        self._maps[which], self._clearance_map = grid, None
 
     def make_planner(
         self, drawing: DrawingState, status: RobotStatus, unseen: Optional[UnseenFloor], others: Sequence
@@ -39,11 +39,14 @@ class RobotMap:
         if self.view is None or status.pose is None or "borders" not in self._maps:
             return None
         window = bounding_window(drawing.spot, drawing.chain, [status.pose[:2]])
-        if self._terrain is None or self._terrain[0] != window:
+        if self._clearance_map is None or self._clearance_map[0] != window:
             grids = {which: crop(grid, window) for which, grid in self._maps.items()}
-            self._terrain = window, ClearanceMap(grids["borders"], self._radius, grids.get("physical"), edge=False)
-        terrain = self._terrain[1]
-        return ViewpointPlanner(terrain, self.view, drawing.with_target(terrain, unseen), others)
+            self._clearance_map = (
+                window,
+                ClearanceMap(grids["borders"], self._radius, grids.get("physical"), edge=False),
+            )
+        clearance_map = self._clearance_map[1]
+        return ViewpointPlanner(clearance_map, self.view, drawing.with_target(clearance_map, unseen), others)
 
 
 class Dispatcher:
@@ -100,7 +103,7 @@ class Dispatcher:
 
     def decide(self, now: float, robots: Mapping[str, RobotStatus]) -> Dict[str, Optional[Viewpoint]]:
         """Decides where each robot should be going at a time [s], see `Fleet`; takes some 10 ms for a new place."""
-        known, wanted = self.sightings, self.sightings.dispatches()
+        known, wanted = self.sightings, self.sightings.should_dispatch()
         known.forget_after(now)
         drawing = self._drawing(now) if wanted else None
         time_since_seen = known.time_since_seen(now)
@@ -135,7 +138,7 @@ class Dispatcher:
             velocity=known.velocity(),
             seeding=known.state == spots.SEED,
             seen_by_stationary=known.seen_by_stationary(now),
-            searched=self._fleet.searched,
+            searched_length=self._fleet.searched_length,
         )
 
     def _notice(self, lost: bool, drawing: DrawingState, able: bool) -> Optional[Notice]:

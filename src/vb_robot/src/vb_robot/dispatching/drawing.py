@@ -41,7 +41,8 @@ class DrawingState:
         focus: (2,) [m] what the robot should look at. None: the spot.
         stretch: (K, 2) [m] what it should see if it can: where the line probably goes on while no stationary camera
             sees it. It leads past the focus; the part up to there must be seen.
-        searched: [m] of the stretch that a robot has looked at in vain: the spot is farther on, or hidden from there.
+        searched_length: [m] of the stretch that a robot has looked at in vain: the spot is farther on, or hidden
+            from there.
     """
 
     spot: Optional[np.ndarray] = None
@@ -53,7 +54,7 @@ class DrawingState:
     seen_by_stationary: bool = False
     focus: Optional[np.ndarray] = None
     stretch: np.ndarray = field(default_factory=lambda: NO_POINTS)
-    searched: float = 0.0
+    searched_length: float = 0.0
 
     @property
     def direction(self) -> Optional[np.ndarray]:
@@ -69,7 +70,7 @@ class DrawingState:
     def required_points(self) -> np.ndarray:
         """The places (K, 2) [m] that a viewpoint must show; a spot that no stationary camera sees is among them."""
         wanted = [self.look_at, *self.stretch[:1]]
-        if self.searched > 0.0:
+        if self.searched_length > 0.0:
             return np.array(wanted[:1])
         return np.array(wanted if self.seen_by_stationary else [*wanted, self.spot])
 
@@ -81,7 +82,7 @@ class DrawingState:
             length = max(length, float(np.dot(self.look_at - self.spot, self.direction)))
         return self.spot + np.linspace(0.0, length, 6)[:, None] * self.direction
 
-    def with_target(self, terrain: ClearanceMap, unseen: Optional["UnseenFloor"]) -> "DrawingState":
+    def with_target(self, clearance_map: ClearanceMap, unseen: Optional["UnseenFloor"]) -> "DrawingState":
         """Returns the same with what a robot is to look at.
 
         While stationary cameras see the spot: the stretch on which they will lose it if it goes straight on, or else
@@ -93,7 +94,7 @@ class DrawingState:
         spot, stretch = self.spot, NO_POINTS
         if self.direction is not None and (unseen is not None or not self.seen_by_stationary):
             # straight on, but not into a wall
-            room = float(np.linalg.norm(terrain.ray_end(spot, self.direction) - spot)) - 0.05
+            room = float(np.linalg.norm(clearance_map.ray_end(spot, self.direction) - spot)) - 0.05
             stretch = spot + np.arange(0.0, min(HORIZON, max(0.0, room)) + 1e-9, STEP)[:, None] * self.direction
             if self.seen_by_stationary and unseen is not None:
                 stretch = unseen.first_unseen_part(stretch)
@@ -101,32 +102,32 @@ class DrawingState:
             stretch = spot[None]
         if len(stretch):
             speed = float(np.linalg.norm(self.velocity)) if self.velocity is not None else 0.0
-            ahead = max(MIN_LOOKAHEAD, min(0.5 * REACTION * speed, HALF_VIEW), self.searched)
+            ahead = max(MIN_LOOKAHEAD, min(0.5 * REACTION * speed, HALF_VIEW), self.searched_length)
             ahead = min(int(round(ahead / STEP)), len(stretch) - 1)
             return replace(self, focus=stretch[ahead], stretch=stretch)
         place = unseen.nearest(spot) if self.seen_by_stationary and unseen is not None else None
         return self if place is None else replace(self, focus=place)
 
-    def expected_area(self, terrain: ClearanceMap) -> Optional[np.ndarray]:
+    def expected_area(self, clearance_map: ClearanceMap) -> Optional[np.ndarray]:
         """Predicts (H, W) bool what the border will restrict or run through; None if that cannot be told yet.
 
         While the seed is shown: the seed's side. Before: the line and what it encloses together with the straight line
         between its ends, since a polygon that is half drawn looks like a curve.
         """
         if self.seeding:
-            side = terrain.side_of(self.spot, self.chain, self.closed)
+            side = clearance_map.side_of(self.spot, self.chain, self.closed)
             if side is not None:
                 return side
         chain = np.asarray(self.chain, dtype=float).reshape(-1, 2)
         if len(chain) < 2 or float(np.ptp(chain, axis=0).max()) < MIN_LINE:
             return None
-        canvas = np.zeros(terrain.grid.shape, dtype=np.uint8)
-        pixels = np.rint(terrain.grid.world_to_grid(chain)).astype(np.int32)
+        canvas = np.zeros(clearance_map.grid.shape, dtype=np.uint8)
+        pixels = np.rint(clearance_map.grid.world_to_grid(chain)).astype(np.int32)
         if self.ordered:
             cv2.polylines(canvas, [pixels.reshape(-1, 1, 2)], self.closed, 1)
             cv2.fillPoly(canvas, [pixels.reshape(-1, 1, 2)], 1)
         else:
-            inside = terrain.grid.contains_cells(pixels[:, ::-1])
+            inside = clearance_map.grid.contains_cells(pixels[:, ::-1])
             canvas[pixels[inside, 1], pixels[inside, 0]] = 1
         return canvas.astype(bool) if canvas.any() else None
 
@@ -166,12 +167,12 @@ class UnseenFloor:
 class KeepOutArea:
     """Judges paths by an area (H, W) bool that the robot's footprint must not touch."""
 
-    def __init__(self, terrain: ClearanceMap, area: np.ndarray) -> None:
-        self._grid = terrain.grid
-        self._gap = clearance_grid(area, terrain.grid.resolution, edge=False)
+    def __init__(self, clearance_map: ClearanceMap, area: np.ndarray) -> None:
+        self._grid = clearance_map.grid
+        self._gap = clearance_grid(area, clearance_map.grid.resolution, edge=False)
         # along an edge the cells make the gap tremble
-        self._tremble = 1.5 * terrain.grid.resolution
-        self._needed = terrain.radius + terrain.travel_margin + self._tremble
+        self._tremble = 1.5 * clearance_map.grid.resolution
+        self._needed = clearance_map.radius + clearance_map.travel_margin + self._tremble
 
     def allows_ends(self, places: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: at which places (N, 2) [m] a path may end: near the area the border would lock the robot in."""

@@ -57,13 +57,17 @@ class ViewpointPlanner:
         others: (K, 2) [m] where other robots are or drive to.
     """
 
-    def __init__(self, terrain: ClearanceMap, view: FloorView, drawing: DrawingState, others: Iterable = ()) -> None:
-        self.terrain, self.view, self.drawing = terrain, view, drawing
+    def __init__(
+        self, clearance_map: ClearanceMap, view: FloorView, drawing: DrawingState, others: Iterable = ()
+    ) -> None:
+        self.clearance_map, self.view, self.drawing = clearance_map, view, drawing
         self._others = np.asarray(list(others), dtype=float).reshape(-1, 2)
-        side = terrain.side_of(drawing.spot, drawing.chain, drawing.closed) if drawing.seeding else None
+        side = clearance_map.side_of(drawing.spot, drawing.chain, drawing.closed) if drawing.seeding else None
         # while the seed is shown its side is left: the border to come would lock the robot in
         self._off_side = (
-            None if side is None else (clearance_grid(side, terrain.grid.resolution) >= terrain.radius + STOP_MARGIN)
+            None
+            if side is None
+            else (clearance_grid(side, clearance_map.grid.resolution) >= clearance_map.radius + STOP_MARGIN)
         )
         lines = [drawing.line_ahead(LINE_AHEAD)]
         if len(drawing.chain):
@@ -76,7 +80,7 @@ class ViewpointPlanner:
         """Returns whether a robot at a pose would see its target well enough."""
         return bool(self._shows(np.array([pose[:2]]), np.array([pose[2]]))[0])
 
-    def searched(self, pose: Pose) -> float:
+    def visible_length(self, pose: Pose) -> float:
         """Measures how much [m] of the line ahead, from where the spot was seen last, is in view from a pose."""
         stretch = self.drawing.stretch
         seen = self._seen(stretch, np.array([pose[:2]]), np.array([pose[2]]))[0] if len(stretch) else np.zeros(0, bool)
@@ -84,15 +88,15 @@ class ViewpointPlanner:
 
     def has_room_at(self, pose: Pose) -> bool:
         """Returns whether there still is room for the robot at a goal."""
-        return bool(self.terrain.has_room_at(np.array([pose[:2]]))[0])
+        return bool(self.clearance_map.has_room_at(np.array([pose[:2]]))[0])
 
     def avoids_drawing(self, robot: Pose, goal: Pose) -> bool:
         """Returns whether the robot's path to a goal avoids what is being drawn; also true if there is no path at all."""
-        area = self.drawing.expected_area(self.terrain)
+        area = self.drawing.expected_area(self.clearance_map)
         if area is None:
             return True
-        route = self.terrain.shortest_paths(robot[:2]).path_to(goal[:2])
-        return route is None or KeepOutArea(self.terrain, area).allows(route)
+        route = self.clearance_map.shortest_paths(robot[:2]).path_to(goal[:2])
+        return route is None or KeepOutArea(self.clearance_map, area).allows(route)
 
     def best_viewpoint(self, robot: Pose, avoid: Iterable[Tuple[float, float, float]] = ()) -> Optional[Viewpoint]:
         """Finds the cheapest reachable pose that shows the target; None if there is none.
@@ -105,12 +109,12 @@ class ViewpointPlanner:
         Args:
             avoid: (x, y, radius) [m]: places that failed.
         """
-        paths = self.terrain.shortest_paths(robot[:2], self._others)
+        paths = self.clearance_map.shortest_paths(robot[:2], self._others)
         found = self._in_order(robot, paths, avoid)
-        area = self.drawing.expected_area(self.terrain) if found else None
+        area = self.drawing.expected_area(self.clearance_map) if found else None
         if area is None:
             return found[0] if found else self._retreat(paths, robot)
-        keep_out = KeepOutArea(self.terrain, area)
+        keep_out = KeepOutArea(self.clearance_map, area)
         outside = compress(found, keep_out.allows_ends(np.array([place.pose[:2] for place in found])))
         for place in islice(outside, PATHS_CHECKED):
             if keep_out.allows(paths.path_to(place.pose[:2])):
@@ -123,10 +127,10 @@ class ViewpointPlanner:
         """Returns (N,) bool: which poses show what must be seen, off the line and off the seed's side."""
         keep = self._seen(self.drawing.required_points, places, yaws, SEEN_MARGIN).all(axis=1)
         gaps = np.linalg.norm(places[:, None, :] - self._line[None, :, :], axis=2).min(axis=1)
-        keep &= gaps >= self.terrain.radius + LINE_MARGIN
+        keep &= gaps >= self.clearance_map.radius + LINE_MARGIN
         if self._off_side is not None:
-            keep &= sample(self.terrain.grid, self._off_side, places) > 0
-        keep[keep] = self.terrain.line_of_sight(places[keep], self.drawing.look_at)
+            keep &= sample(self.clearance_map.grid, self._off_side, places) > 0
+        keep[keep] = self.clearance_map.line_of_sight(places[keep], self.drawing.look_at)
         return keep
 
     def _seen(self, points: np.ndarray, places: np.ndarray, yaws: np.ndarray, margin: float = 0.0) -> np.ndarray:
@@ -143,8 +147,8 @@ class ViewpointPlanner:
         look_at = self.drawing.look_at
         places, yaws, distances = _poses_round(look_at, robot)
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
-        keep &= self.terrain.has_room_at(places)
-        apart = 2.0 * self.terrain.radius + STOP_MARGIN
+        keep &= self.clearance_map.has_room_at(places)
+        apart = 2.0 * self.clearance_map.radius + STOP_MARGIN
         for x, y, radius in [*((*other, apart) for other in self._others), *avoid]:
             keep &= np.hypot(places[:, 0] - x, places[:, 1] - y) >= radius
         keep[keep] = self._shows(places[keep], yaws[keep])
@@ -171,11 +175,11 @@ class ViewpointPlanner:
 
     def _retreat(self, paths: ShortestPaths, robot: Pose) -> Optional[Viewpoint]:
         """Returns the nearest place off the side to be restricted, if the robot is on it."""
-        terrain, spot = self.terrain, self.drawing.spot
-        if self._off_side is None or sample(terrain.grid, self._off_side, np.array([robot[:2]]))[0] > 0:
+        clearance_map, spot = self.clearance_map, self.drawing.spot
+        if self._off_side is None or sample(clearance_map.grid, self._off_side, np.array([robot[:2]]))[0] > 0:
             return None
-        cells = np.argwhere(self._off_side & (terrain.clearance >= terrain.radius + STOP_MARGIN))
-        places = terrain.grid.cell_to_world(cells)
+        cells = np.argwhere(self._off_side & (clearance_map.clearance >= clearance_map.radius + STOP_MARGIN))
+        places = clearance_map.grid.cell_to_world(cells)
         lengths = paths.lengths_to(places)
         if not np.isfinite(lengths).any():
             return None

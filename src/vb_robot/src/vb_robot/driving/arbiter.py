@@ -178,7 +178,7 @@ class Arbiter:
         if teleop is not None:
             return TELEOP, teleop
         # a robot that a person guides stays theirs when the state is lost: the gate then stops it
-        if self._spots.follows(self._camera, now):
+        if self._spots.should_follow(self._camera, now):
             return FOLLOW, self._ramped(dt, self.follower.compute_request(self.gate.pose(now)))
         request = self._compute_exit(now)
         if request is not None:
@@ -205,9 +205,9 @@ class Arbiter:
         return self.exit.compute_request(now, pose, self._spots.state == DEFAULT, self.goal_active, moves, held)
 
     def _ramped(self, dt: float, request: VelocityRequest) -> VelocityRequest:
-        """Bounds the accelerations of a request; slowing down is bounded by the brake only."""
-        brake = self.gate.profile.limits.brake
-        speed = ACCELERATION if abs(request.v) > abs(self._last.v) and request.v * self._last.v >= 0 else brake
+        """Bounds the accelerations of a request; slowing down is bounded by the deceleration only."""
+        deceleration = self.gate.profile.limits.deceleration
+        speed = ACCELERATION if abs(request.v) > abs(self._last.v) and request.v * self._last.v >= 0 else deceleration
         v = _towards(self._last.v, request.v, speed * dt)
         turn = TURN_ACCELERATION if abs(request.w) > abs(self._last.w) else 4.0 * TURN_ACCELERATION
         return VelocityRequest(v, _towards(self._last.w, request.w, turn * dt), request.code)

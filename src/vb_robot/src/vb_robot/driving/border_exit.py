@@ -36,28 +36,30 @@ class ExitPlanner:
 
     def __init__(self, workspace: Workspace, radius: float, place) -> None:
         window = (place[0] - WINDOW, place[1] - WINDOW, place[0] + WINDOW, place[1] + WINDOW)
-        posterior, physical = crop(workspace.keep_out, window), crop(workspace.physical, window)
+        map_with_borders, physical = crop(workspace.keep_out, window), crop(workspace.physical, window)
         # a robot that stops a few centimetres short, or one cell away, counts as free
-        room = MARGIN + 0.03 + posterior.resolution
+        room = MARGIN + 0.03 + map_with_borders.resolution
         # the robot cuts corners by some centimetres; it keeps to the path only where there is no room for that
-        self._terrains = [
+        self._clearance_maps = [
             ClearanceMap(physical, radius, travel_margin=MAP_MARGIN + spare, occupied=LETHAL_THRESHOLD)
             for spare in (0.08, 0.02)
         ]
-        beyond = self._terrains[0].clearance
-        clearance = clearance_grid((posterior.data >= LETHAL_THRESHOLD) | (posterior.data < 0), posterior.resolution)
+        beyond = self._clearance_maps[0].clearance
+        clearance = clearance_grid(
+            (map_with_borders.data >= LETHAL_THRESHOLD) | (map_with_borders.data < 0), map_with_borders.resolution
+        )
         fits = ((clearance >= radius + room) & (beyond >= radius + room)).astype(np.uint8)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(fits, connectivity=8)
-        large = stats[:, cv2.CC_STAT_AREA] * posterior.resolution**2 >= MIN_AREA
+        large = stats[:, cv2.CC_STAT_AREA] * map_with_borders.resolution**2 >= MIN_AREA
         large[0] = False
-        self._allowed = posterior.cell_to_world(np.argwhere(large[labels]))
+        self._allowed = map_with_borders.cell_to_world(np.argwhere(large[labels]))
 
     def plan_path(self, place) -> Optional[np.ndarray]:
         """Plans the shortest path (N, 2) [m] from a place (2,) [m] to allowed floor; None if none can be reached."""
         if not len(self._allowed):
             return None
-        for terrain in self._terrains:
-            paths = terrain.shortest_paths(place)
+        for clearance_map in self._clearance_maps:
+            paths = clearance_map.shortest_paths(place)
             # the path grid is coarser than the map's: within one of its cells the nearest place counts
             lengths = paths.lengths_to(self._allowed) + 0.01 * np.linalg.norm(self._allowed - np.asarray(place), axis=1)
             best = int(np.argmin(lengths))

@@ -150,7 +150,7 @@ class Gate:
             if not (math.isfinite(request.v) and math.isfinite(request.w)):
                 return 0.0, 0.0, "bad_command"
             limits = self.profile.limits
-            v, w, code = request.v, min(max(request.w, -limits.max_turn), limits.max_turn), request.code
+            v, w, code = request.v, min(max(request.w, -limits.max_turn_rate), limits.max_turn_rate), request.code
             allowed, reason = self._speed_limit(now, source, v, w) if v != 0.0 else (math.inf, "")
             if abs(v) > allowed:
                 # the same arc, more slowly: it is the one that was checked; turning enters no new floor: the robot is
@@ -188,7 +188,7 @@ class Gate:
         if left <= 0.0:
             return 0.0, oldest
         limits = self.profile.limits
-        return min(1.0, left / max(abs(v) / limits.brake, abs(w) / limits.turn_acceleration, 1e-9)), ""
+        return min(1.0, left / max(abs(v) / limits.deceleration, abs(w) / limits.turn_acceleration, 1e-9)), ""
 
     def _speed_limit(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
         """Returns the highest speed [m/s] on the arc of (v, w), and what limits it."""

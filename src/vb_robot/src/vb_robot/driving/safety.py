@@ -36,14 +36,14 @@ def safe_speed(free: float, limits: Limits) -> float:
     """Returns the largest speed [m/s] from which the robot stops within a free distance [m], reaction time included."""
     if free <= 0.0:
         return 0.0
-    # v * reaction + v^2 / (2 brake) = free
-    b = limits.brake
-    return b * (math.sqrt(limits.reaction**2 + 2.0 * free / b) - limits.reaction)
+    # v * reaction_time + v^2 / (2 deceleration) = free
+    b = limits.deceleration
+    return b * (math.sqrt(limits.reaction_time**2 + 2.0 * free / b) - limits.reaction_time)
 
 
 def stop_distance(v: float, limits: Limits) -> float:
     """Returns the distance [m] that a robot needs to stop from a speed [m/s]; inverse of `safe_speed`."""
-    return abs(v) * limits.reaction + v * v / (2.0 * limits.brake)
+    return abs(v) * limits.reaction_time + v * v / (2.0 * limits.deceleration)
 
 
 class Scan:
@@ -54,7 +54,7 @@ class Scan:
         angle_min, angle_increment: [rad]; range_min, range_max: [m].
         mount: T_base_scanner, 4x4.
         radius: [m] of the robot. Echoes within half of it are the robot's own parts.
-        zero_is_nothing: a range of 0 means no echo; otherwise something is too near to be measured.
+        zero_means_no_return: a range of 0 means that nothing came back; otherwise something is too near to be measured.
     """
 
     def __init__(
@@ -66,10 +66,10 @@ class Scan:
         range_max: float,
         mount: np.ndarray,
         radius: float,
-        zero_is_nothing: bool = False,
+        zero_means_no_return: bool = False,
     ) -> None:
         ranges = np.asarray(ranges, dtype=float)
-        if zero_is_nothing:
+        if zero_means_no_return:
             ranges = np.where(ranges == 0.0, np.inf, ranges)
         angles = angle_min + angle_increment * np.arange(len(ranges))
         units = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])

@@ -17,7 +17,7 @@ from vb_core import geometry
 from vb_core.grid_map import FREE, GridMap
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.person.hand import Stroke, Tremor, load_styles
-from vb_sim.person.legs import Walker
+from vb_sim.person.walking import Walker
 from vb_sim.person.participant_model import ParticipantModel
 from vb_sim.room.world import Scenario, World
 
@@ -138,8 +138,8 @@ class Person:
         self.model = model
         self.scenario = scenario
         self.grid: GridMap = physical_map(world)
-        self.legs = Walker(self.grid, model, start_near)
-        self.legs.here = self.legs.find_place_near(np.asarray(start_near, dtype=float), 1.2, 2.0, self.rng)
+        self.walker = Walker(self.grid, model, start_near)
+        self.walker.here = self.walker.find_place_near(np.asarray(start_near, dtype=float), 1.2, 2.0, self.rng)
         self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
         self._tremor = Tremor(model.tremor, (model.tremor_band[0], model.tremor_band[1]), self.rng)
         self.percept = Perception()
@@ -181,11 +181,11 @@ class Person:
         self.percept = percept
         self._command = ""
         next(script)
-        self.legs.step(self.dt, self.robot_place(), self.spot)
+        self.walker.step(self.dt, self.robot_place(), self.spot)
 
     def action(self, outcome: str) -> Action:
         """Returns what can be seen of the person now."""
-        pose = (float(self.legs.here[0]), float(self.legs.here[1]), self.legs.yaw)
+        pose = (float(self.walker.here[0]), float(self.walker.here[1]), self.walker.yaw)
         return Action(self._beam(), pose, self.doing, self._command, self._number, self._source, outcome)
 
     def is_floor(self, points: np.ndarray) -> np.ndarray:
@@ -222,23 +222,23 @@ class Person:
 
     def walk(self, place: np.ndarray) -> Step:
         """Walks somewhere and arrives."""
-        self.legs.go(place, self.robot_place())
-        while self.legs.walking:
+        self.walker.go(place, self.robot_place())
+        while self.walker.walking:
             yield
 
     def walk_within_reach(self, spot: np.ndarray, line: np.ndarray) -> None:
         """Begins to walk to where the spot can be pointed at, if it cannot from here."""
-        if self.legs.walking or np.linalg.norm(self.legs.here - spot) <= self.model.reach:
+        if self.walker.walking or np.linalg.norm(self.walker.here - spot) <= self.model.reach:
             return
-        place = self.legs.find_standing_place(spot, line, self.robot_place())
+        place = self.walker.find_standing_place(spot, line, self.robot_place())
         if place is not None:
-            self.legs.go(place, self.robot_place())
+            self.walker.go(place, self.robot_place())
 
     def step_aside(self, spot: np.ndarray, line: np.ndarray) -> None:
         """Begins to walk to another side of the spot: perhaps the person's body is in the way."""
-        place = self.legs.find_standing_place(spot, line, self.robot_place(), self.legs.here)
+        place = self.walker.find_standing_place(spot, line, self.robot_place(), self.walker.here)
         if place is not None:
-            self.legs.go(place, self.robot_place())
+            self.walker.go(place, self.robot_place())
 
     def give_command(self, command: str, source: str = "participant") -> Step:
         """Sends a command and waits for the answer, which is left in `last_answer`."""
@@ -388,13 +388,13 @@ class ParticipantScript:
             yield from person.give_command("cancel", self.source)
         person.spot = None
         person.doing = "walks away"
-        away = person.legs.find_place_near(person.legs.here, 0.8, 1.5, person.rng)
-        person.legs.go(away, person.robot_place())
+        away = person.walker.find_place_near(person.walker.here, 0.8, 1.5, person.rng)
+        person.walker.go(away, person.robot_place())
         for _ in range(500):
-            if not person.legs.walking:
+            if not person.walker.walking:
                 break
             yield
-        person.legs.stop()
+        person.walker.stop()
         person.doing = "is done"
         self.outcome = outcome
         while True:

@@ -119,7 +119,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person.walk_within_reach(person.seed, person.scenario.border)
         yield from person.react()
         yield from person.repeat_command("define_seed", self.source)
-        while person.legs.walking:
+        while person.walker.walking:
             yield
         yield from person.react()
         person.doing = "shows the seed"

@@ -10,9 +10,9 @@ from shapely.geometry import Point, Polygon
 
 from vb_core import geometry
 from vb_sim.person.hand import Stroke
-from vb_sim.person.legs import distance_to_chain
 from vb_sim.person.participant import FEEDBACK_GAP, ParticipantScript, Step
 from vb_sim.person.stroke_order import choose_order
+from vb_sim.person.walking import distance_to_chain
 
 LOST = 1.5  # [s] without feedback after which the robot has lost the spot
 SIDE = math.radians(24.0)  # off the robot's axis, where the camera's image is about to end
@@ -193,15 +193,15 @@ class RobotOnlyScript(ParticipantScript):
     def _follow(self, line: np.ndarray) -> None:
         """Keeps near the spot, out of the robot's path and view."""
         person = self.person
-        if person.legs.walking or person.spot is None or person.percept.now < self._look_again:
+        if person.walker.walking or person.spot is None or person.percept.now < self._look_again:
             return
         self._look_again = person.percept.now + 0.5
-        if not person.legs.is_good_place(person.legs.here, person.spot, line, person.robot_place()):
-            place = person.legs.find_standing_place(person.spot, line, person.robot_place())
+        if not person.walker.is_good_place(person.walker.here, person.spot, line, person.robot_place()):
+            place = person.walker.find_standing_place(person.spot, line, person.robot_place())
             if place is not None:
-                person.legs.go(place, person.robot_place())
+                person.walker.go(place, person.robot_place())
 
     def _come_near(self, spot: np.ndarray) -> Step:
-        place = self.person.legs.find_standing_place(spot, np.zeros((0, 2)), self.person.robot_place())
+        place = self.person.walker.find_standing_place(spot, np.zeros((0, 2)), self.person.robot_place())
         if place is not None:
             yield from self.person.walk(place)

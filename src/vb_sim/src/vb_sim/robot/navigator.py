@@ -39,7 +39,9 @@ def params_for_robot(
     return (
         costmap.replace(robot_radius=radius, inflation_radius=radius + 0.17),
         follower.replace(
-            robot_radius=radius, max_speed=limits.max_speed, max_turn_rate=min(limits.max_turn, follower.max_turn_rate)
+            robot_radius=radius,
+            max_speed=limits.max_speed,
+            max_turn_rate=min(limits.max_turn_rate, follower.max_turn_rate),
         ),
     )
 

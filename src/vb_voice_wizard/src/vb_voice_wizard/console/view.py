@@ -116,7 +116,7 @@ def _head(view: ConsoleContent) -> Text:
         text.append(f"  {_clock(state.guide_s + state.border_s + state.seed_s)}", style="bold not reverse")
     if view.away:
         who = ", ".join(map(view.words, view.away))
-        text.append("  " + view.words("console_is_away", who=who), style="bold red not reverse")
+        text.append("  " + view.words("console_nodes_not_responding", who=who), style="bold red not reverse")
     elif state.interaction_id:
         text.append(f"  {view.words('console_interaction')} {state.interaction_id}", style="dim not reverse")
     if state.confirm_save:
@@ -137,7 +137,7 @@ def _interaction(view: ConsoleContent) -> Panel:
     if before:
         seeing = say("console_seen_of", now=seeing, before=", ".join(before))
     detectors = ", ".join(
-        say("console_camera" if rate else "console_camera_away", name=name, rate=f"{rate:.0f}")
+        say("console_camera" if rate else "console_camera_silent", name=name, rate=f"{rate:.0f}")
         for name, rate in sorted(view.detectors, key=lambda detector: detector[1] > 0.0)  # the end may be cut
     )
     silent = any(not rate for _, rate in view.detectors)
@@ -234,7 +234,7 @@ def _keys(view: ConsoleContent) -> Group:
     lines = [Text(no_wrap=True) for _ in range(_KEYS)]
     for line, keys in zip(lines, (DRAWING_KEYS, OTHER_KEYS)):
         for key, command in keys.items():
-            sensible = view.state is not None and command in view.state.commands
+            sensible = view.state is not None and command in view.state.available_commands
             shown = view.words("console_space") if key == " " else key
             line.append(f" {shown} ", style="bold reverse" if sensible else "reverse dim")
             line.append(f" {view.words('command_' + command)}  ", style="bold" if sensible else "dim")

@@ -95,7 +95,7 @@ class Previewer:
         )
 
     # ------------------------------------------------------------------ work
-    def take(self) -> Optional[PreviewInputs]:
+    def get(self) -> Optional[PreviewInputs]:
         """Waits for inputs that need a preview; None once closed. For the worker only."""
         with self._condition:
             while not self._closed:

@@ -51,7 +51,7 @@ export class Link {
       const now = Date.now();
       for (const [id, one] of this.waiting) {
         if (now - one.asked < RESEND_MS) socket.send(one.text);
-        else this.settle(id, { ok: false, code: "page_not_known", values: {}, message: "" });
+        else this.settle(id, { ok: false, code: "page_no_answer", values: {}, message: "" });
       }
     };
     socket.onmessage = (event) => {
@@ -107,7 +107,7 @@ export class Link {
     const text = JSON.stringify({ do: action, id, ...fields });
     return new Promise((resolve) => {
       const timer = setTimeout(
-        () => this.settle(id, { ok: false, code: "page_not_known", values: {}, message: "" }),
+        () => this.settle(id, { ok: false, code: "page_no_answer", values: {}, message: "" }),
         ANSWER_MS,
       );
       this.waiting.set(id, { text, resolve, timer, asked: Date.now() });

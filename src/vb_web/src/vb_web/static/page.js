@@ -572,7 +572,12 @@ function leave(next = () => $("dialog").close()) {
   if (!again) return next();
   show(
     say("page_unsaved"),
-    element("div", { class: "row" }, button("page_drop", next, "danger"), button("page_go_on", again, "primary")),
+    element(
+      "div",
+      { class: "row" },
+      button("page_discard_change", next, "danger"),
+      button("page_continue", again, "primary"),
+    ),
   );
   $("dialog").onBack = again;
 }
@@ -775,7 +780,7 @@ function drawState() {
   $("state-name").textContent = say(`page_state_${stopped ? "stopped" : name}`);
   $("stop").disabled = !online;
   $("laser").hidden = !state && !there;
-  const given = new Set(there && state ? state.commands : []);
+  const given = new Set(there && state ? state.available_commands : []);
   $("laser-text").textContent = say(
     !there ? "page_manager_gone" : !state ? "page_laser_absent" : DOES[state.name] || "page_laser_default",
   );
@@ -889,7 +894,7 @@ function drawHealth() {
       ? say("page_all_well")
       : "";
   $("health-sum").className = bad ? "ill" : "good";
-  const see = (one) => say(watched.has(one.name) ? "page_close" : "page_see");
+  const see = (one) => say(watched.has(one.name) ? "page_close" : "page_view");
   fill(
     $("cameras"),
     cameras.map((one) =>
@@ -1050,11 +1055,11 @@ const DRAW = {
       setFloor(true);
     }
   },
-  borders({ commands }) {
+  borders({ available_commands }) {
     drawHint();
     drawBorders();
     drawBanners();
-    for (const one of ["undo", "redo"]) $(one).disabled = !commands.includes(one);
+    for (const one of ["undo", "redo"]) $(one).disabled = !available_commands.includes(one);
   },
   state() {
     drawState();

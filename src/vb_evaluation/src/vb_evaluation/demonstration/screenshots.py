@@ -35,7 +35,7 @@ from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.ros import commands, services
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid, points_from_array, message_from_transform
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform, points_from_array
 from vb_core.ros.notices import message_from_notice
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, roslaunch, screenshot, start_screen

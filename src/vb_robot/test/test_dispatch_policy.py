@@ -6,18 +6,17 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
-from vb_robot.dispatching.dispatch import (
+from vb_robot.dispatching.dispatch_policy import (
     FAILED_MEMORY,
     PROGRESS_TIMEOUTS,
     DispatchInputs,
     Fleet,
-    SentGoalState,
     RobotStatus,
+    SentGoalState,
 )
 from vb_robot.dispatching.drawing import DrawingState
-from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
 from vb_robot.dispatching.viewpoint import Viewpoint
-
+from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
 
 Decision = namedtuple("Decision", "kind viewpoint")  # what a change of a robot's goal means for navigation
 
@@ -44,7 +43,7 @@ class Robot:
     def has_room_at(self, pose):
         return self.room(pose)
 
-    def searched(self, pose):
+    def visible_length(self, pose):
         return 0.6
 
     def avoids_drawing(self, robot, goal):

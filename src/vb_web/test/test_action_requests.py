@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
+
 from vb_core.errors import CodedError
-from vb_web import requests
-from vb_web.requests import ACTIONS, Bounds, Draft
+from vb_web import action_requests
+from vb_web.action_requests import ACTIONS, Bounds, Draft
 
 BOUNDS = Bounds((0.0, 0.0), (8.0, 5.0))
 TARGET = {"border": "b1", "revision": 3}
@@ -34,7 +35,7 @@ GOOD = {
 
 
 def parse(**fields):
-    return requests.parse(json.dumps(fields), BOUNDS)
+    return action_requests.parse(json.dumps(fields), BOUNDS)
 
 
 def test_every_action_has_an_example_here():
@@ -98,7 +99,7 @@ def test_bad_drafts_are_refused(change):
 def test_numbers_that_are_none_are_refused(text):
     message = json.dumps({"do": "add", "id": "a", "draft": {**GOOD_DRAFT, "seed": ["SEED", 1]}}).replace('"SEED"', text)
     with pytest.raises(CodedError):
-        requests.parse(message, BOUNDS)
+        action_requests.parse(message, BOUNDS)
 
 
 @pytest.mark.parametrize(
@@ -118,15 +119,18 @@ def test_schedules_as_people_set_them(schedule):
 
 def test_without_a_map_nothing_can_be_drawn():
     with pytest.raises(CodedError) as found:
-        requests.parse(json.dumps({"do": "add", "id": "a", "draft": GOOD_DRAFT}), None)
+        action_requests.parse(json.dumps({"do": "add", "id": "a", "draft": GOOD_DRAFT}), None)
     assert found.value.code == "page_no_map"
-    assert requests.parse(json.dumps({"do": "command", "id": "a", "command": "stop"}), None).values["command"] == "stop"
+    assert (
+        action_requests.parse(json.dumps({"do": "command", "id": "a", "command": "stop"}), None).values["command"]
+        == "stop"
+    )
 
 
 def test_a_message_that_is_too_long_or_too_deep_is_refused():
     for text in ("[" * 60000, json.dumps({"do": "mark", "id": "a", "text": "x" * 70000}), "1" * 60000, b"{}", None, 5):
         with pytest.raises(CodedError):
-            requests.parse(text, BOUNDS)
+            action_requests.parse(text, BOUNDS)
 
 
 @settings(max_examples=50)
@@ -140,7 +144,7 @@ def test_a_message_that_is_too_long_or_too_deep_is_refused():
 )
 def test_any_json_is_a_request_or_a_coded_refusal(value):
     try:
-        requests.parse(json.dumps(value), BOUNDS)
+        action_requests.parse(json.dumps(value), BOUNDS)
     except CodedError as error:
         assert error.code in ("page_bad_request", "page_no_map")
 
@@ -149,7 +153,7 @@ def test_what_gets_through_of_hostile_messages_is_harmless():
     passed = 0
     for text in hostile_messages(600, seed=1):
         try:
-            request = requests.parse(text, BOUNDS)
+            request = action_requests.parse(text, BOUNDS)
         except CodedError:
             continue
         passed += 1

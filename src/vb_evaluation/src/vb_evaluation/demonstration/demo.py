@@ -32,8 +32,8 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length
 from vb_core.ros import messages, services
 from vb_evaluation import metrics
+from vb_evaluation.demonstration import before_after_figure
 from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
-from vb_evaluation.live import before_after_figure
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, roslaunch, screenshot, start_screen
 from vb_msgs.msg import VirtualBorder
@@ -196,7 +196,7 @@ class Demo:
         wanted = {
             "the interaction manager (/virtual_borders/state)": lambda: observer.state is not None,
             "the physical map (/map)": lambda: observer.prior is not None,
-            "the posterior map (/virtual_borders/map)": lambda: observer.posterior is not None,
+            "the map with borders (/virtual_borders/map)": lambda: observer.posterior is not None,
             "the simulated lab (/sim/lab_state)": lambda: observer.lab is not None,
         }
         for camera in [*self._cameras, "robot"]:

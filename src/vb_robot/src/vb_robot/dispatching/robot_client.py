@@ -18,10 +18,10 @@ from vb_core.names import MAP_FRAME
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros.messages import message_from_pose2d, pose2d_from_message
 from vb_core.ros.transforms import TransformLookup
-from vb_robot.inputs import FloorViewListener
-from vb_robot.dispatching.dispatch import SentGoalState, RobotStatus
-from vb_robot.floor_view import FloorView
+from vb_robot.dispatching.dispatch_policy import RobotStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import Viewpoint
+from vb_robot.floor_view import FloorView
+from vb_robot.inputs import FloorViewListener
 from vb_robot.poses import Pose
 
 # without a status message for this long navigation counts as gone: it sends five a second
@@ -37,7 +37,7 @@ OUTCOMES = {
 }
 
 
-class DispatchedRobot:
+class RobotClient:
     """One robot; its name, if it has one, precedes its frame and its action.
 
     Sends one goal at a time to an action server that may be absent, die and come back.
@@ -75,7 +75,7 @@ class DispatchedRobot:
             queue_size=5,
         )
 
-    def pursue(self, goal: Optional[Viewpoint]) -> None:
+    def set_goal(self, goal: Optional[Viewpoint]) -> None:
         """Sends it to a new goal, which replaces the one before; without one the last is cancelled if it still runs."""
         if goal is self._goal:
             return

@@ -10,8 +10,8 @@ import numpy as np
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_sim.robot.costmap import Costmap, CostmapParams
 from vb_sim.person.participant_model import ParticipantModel
+from vb_sim.robot.costmap import Costmap, CostmapParams
 from vb_sim.robot.planner import Planner
 
 ROBOT_DISTANCE = 0.5  # [m] between a person's and a robot's middle
@@ -43,7 +43,7 @@ class Walker:
         self._planner = Planner(Costmap(grid, self._params))
         self._way = np.zeros((0, 2))
         self._waited = 0.0
-        self._round_robot: Optional[Tuple[np.ndarray, Planner]] = None
+        self._planner_with_robot: Optional[Tuple[np.ndarray, Planner]] = None
         self.here = np.asarray(here, dtype=float)
         self.yaw = 0.0
 
@@ -153,7 +153,7 @@ class Walker:
     ) -> Optional[np.ndarray]:
         if robot is not None:
             try:
-                return self._planner_round(robot).plan(start, goal, tolerance)
+                return self._planner_avoiding(robot).plan(start, goal, tolerance)
             except CodedError:
                 pass  # the robot is in a doorway, or at the person's feet: plan as if it will move on
         try:
@@ -161,9 +161,9 @@ class Walker:
         except CodedError:
             return None
 
-    def _planner_round(self, robot: np.ndarray) -> Planner:
+    def _planner_avoiding(self, robot: np.ndarray) -> Planner:
         """Returns a planner for which the robot is an obstacle; kept while the robot stays about where it is."""
-        if self._round_robot is None or np.linalg.norm(self._round_robot[0] - robot) > 0.1:
+        if self._planner_with_robot is None or np.linalg.norm(self._planner_with_robot[0] - robot) > 0.1:
             rows, columns = np.indices(self._grid.shape)
             column, row = self._grid.world_to_grid(robot)[0]
             # a disc that makes, with the person's own radius, the distance that is kept
@@ -171,5 +171,5 @@ class Walker:
                 np.hypot(rows - row, columns - column) * self._grid.resolution
                 < ROBOT_DISTANCE - self._model.body_radius
             )
-            self._round_robot = (np.array(robot), Planner(Costmap(self._grid, self._params, disc)))
-        return self._round_robot[1]
+            self._planner_with_robot = (np.array(robot), Planner(Costmap(self._grid, self._params, disc)))
+        return self._planner_with_robot[1]

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 from typing import Dict, Hashable, List, Mapping, Optional, Tuple
 
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
-from vb_robot.spots import LOST_TIMEOUT
 from vb_robot.poses import Pose, pose_distance
+from vb_robot.spots import LOST_TIMEOUT
 
 MIN_INTERVAL = 1.5  # [s] between two goals: each one costs navigation a new plan
 LOST_INTERVAL = 0.5  # [s] while no camera sees the spot; then no goal waits for UNFIT_TIMEOUT either
@@ -126,7 +126,7 @@ class RobotRecord:
         self._failed: List[Failure] = []
         self._stage: Tuple[str, float, Optional[Pose]] = ("", 0.0, None)  # what is awaited, since when [s], from where
         self._endangered = False  # the path to the goal would lead through what is being drawn
-        self.searched = 0.0  # [m] of the line ahead that it has looked at in vain, and looks beyond
+        self.searched_length = 0.0  # [m] of the line ahead that it has looked at in vain, and looks beyond
 
     def observe(self, inputs: DispatchInputs, before: DispatchInputs, status: RobotStatus) -> bool:
         """Records what happened; returns whether the robot can be chosen now."""
@@ -142,7 +142,7 @@ class RobotRecord:
             for failure in self._failed
             if (inputs.lost if failure.blind else now - failure.stamp < FAILED_MEMORY)
         ]
-        self.searched = self.searched if inputs.lost else 0.0
+        self.searched_length = self.searched_length if inputs.lost else 0.0
         if self.goal is not None:
             what = status.goal.value
             late = status.running and self._awaits(now, what, status.pose) > PROGRESS_TIMEOUTS[what]
@@ -193,7 +193,7 @@ class RobotRecord:
                 waited = min(inputs.time_since_seen, self._awaits(now, "seen", robot))
                 if waited >= PROGRESS_TIMEOUTS["seen"]:
                     # something hides the spot from there, or it is farther along the line than it is thought to be
-                    self.searched = 0.0 if self._failures(blind=True) else planner.searched(robot)
+                    self.searched_length = 0.0 if self._failures(blind=True) else planner.visible_length(robot)
                     self._fail(now, robot, blind=True)
             return True
         if under_way is None:
@@ -253,9 +253,9 @@ class Fleet:
         self._before = DispatchInputs(-math.inf, False, None)
 
     @property
-    def searched(self) -> float:
+    def searched_length(self) -> float:
         """Length [m] of the line ahead, beyond the last sighting, that robots have searched in vain."""
-        return max(record.searched for record in self.records.values())
+        return max(record.searched_length for record in self.records.values())
 
     def step(
         self, inputs: DispatchInputs, robots: Mapping[str, Tuple[RobotStatus, Optional[ViewpointPlanner]]]

@@ -9,7 +9,7 @@ import numpy as np
 
 from vb_core.geometry import chain_length
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_evaluation.report.charts import BLUE, GREEN, GRAY, ORANGE, VERMILION, plt
+from vb_evaluation.report.charts import BLUE, GRAY, GREEN, ORANGE, VERMILION, plt
 
 SHADES = {"unknown": (209, 209, 209), "free": (255, 255, 255), "occupied": (38, 38, 38), "restricted": (236, 174, 140)}
 

@@ -1,1 +1,0 @@
-"""The parts of this package's nodes that need ROS."""
