@@ -12,8 +12,8 @@ from scenes import GREEN, Scene
 from vb_core.ros.images import message_from_image
 from vb_laser_detect.detection.training import load_examples, save_examples
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))
-from spot_training import from_recording  # noqa: E402
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench" / "detection"))
+from training import from_recording  # noqa: E402
 
 
 def test_a_recording_and_clicks_make_examples(tmp_path):
