@@ -228,7 +228,9 @@ class RobotRecord:
         cost = found.cost - (SWITCH_GAIN if serves else 0.0)
         return Offer((not found.sees_spot, self._failures(), status.busy and not serves, found.risky, cost), found)
 
-    def take(self, now: float, status: RobotStatus, planner: ViewpointPlanner, place: Optional[Viewpoint]) -> None:
+    def update_goal(
+        self, now: float, status: RobotStatus, planner: ViewpointPlanner, place: Optional[Viewpoint]
+    ) -> None:
         """Makes a place the goal, unless it is where the robot already is or goes."""
         goal, pose = self.goal, status.pose
         if place is None:
@@ -289,4 +291,4 @@ class Fleet:
         made = {name: offer for name, offer in offers.items() if offer is not None}
         if made:
             self.serving = min(made, key=lambda name: made[name].order)
-            self.records[self.serving].take(inputs.now, *able[self.serving], made[self.serving].place)
+            self.records[self.serving].update_goal(inputs.now, *able[self.serving], made[self.serving].place)

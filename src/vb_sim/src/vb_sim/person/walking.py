@@ -1,4 +1,4 @@
-"""The person's legs: walking between the furniture, and finding places to point from."""
+"""A person's walking between the furniture, and finding places to point from."""
 
 from __future__ import annotations
 
