@@ -504,6 +504,19 @@ class PageTest(unittest.TestCase):
             small.run("document.getElementById('stop').click()")
             small.wait("document.body.classList.contains('stopped')", what="the stop")
             self.browser.wait_text("#banners", "All robots are stopped")
+            # what misses Stop by a thumb's width presses no Resume, which is on the screen as well
+            gap = """const [stop, resume] = ['stop', 'resume'].map((id) => document.getElementById(id).getBoundingClientRect());
+                const { scale, offsetLeft, offsetTop, width, height } = visualViewport;
+                const seen = resume.left >= offsetLeft && resume.top >= offsetTop
+                    && resume.right <= offsetLeft + width && resume.bottom <= offsetTop + height;
+                return seen ? scale * Math.max(stop.left - resume.right, resume.left - stop.right,
+                    stop.top - resume.bottom, resume.top - stop.bottom) : 0"""
+            self.assertGreaterEqual(small.run(gap), 24)
+            small.driver.execute_cdp_cmd("Emulation.setPageScaleFactor", {"pageScaleFactor": 1})
+            small.wait("visualViewport.scale === 1 && !document.getElementById('standing').style.transform")
+            for size in ((360, 640), (640, 360), PHONE, WALL):
+                small.resize(size)
+                self.assertGreaterEqual(small.run(gap), 24, size)
         finally:
             small.close()
         self.browser.click("#resume")

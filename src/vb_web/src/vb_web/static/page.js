@@ -1258,16 +1258,18 @@ $("dialog").addEventListener("close", () => {
   document.querySelector("main").inert = false;
   lock(document.querySelector("main"));
 });
-// Stop keeps its place and size on the screen also while two fingers have enlarged the page, which helps to read it.
-function keepStop() {
-  const { scale, offsetLeft, offsetTop } = window.visualViewport,
-    { style } = $("stop");
-  style.transform = "";
-  const { x, y } = $("stop").getBoundingClientRect();
-  if (scale > 1)
-    style.transform = `translate(${offsetLeft + x / scale - x}px, ${offsetTop + y / scale - y}px) scale(${1 / scale})`;
+// Stop and, as far from it as ever, the state with Resume keep place and size on the screen also while two fingers have
+// enlarged the page, which helps to read it.
+function keepOnScreen() {
+  const { scale, offsetLeft, offsetTop } = window.visualViewport;
+  for (const part of [$("stop"), $("standing")]) {
+    part.style.transform = "";
+    const { x, y } = part.getBoundingClientRect();
+    if (scale > 1)
+      part.style.transform = `translate(${offsetLeft + x / scale - x}px, ${offsetTop + y / scale - y}px) scale(${1 / scale})`;
+  }
 }
-for (const change of ["resize", "scroll"]) window.visualViewport.addEventListener(change, keepStop);
+for (const change of ["resize", "scroll"]) window.visualViewport.addEventListener(change, keepOnScreen);
 // a keyboard that shrinks the page covers no field that one types in
 window.addEventListener("resize", () => {
   if (document.activeElement.matches("input")) document.activeElement.scrollIntoView({ block: "center" });
