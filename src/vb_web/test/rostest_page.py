@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import unittest
+from datetime import datetime
 from pathlib import Path
 from xmlrpc.client import ServerProxy
 
@@ -130,7 +131,7 @@ class PageTest(unittest.TestCase):
         self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
         return self.wait_borders(before + 1)[-1]
 
-    def store_carpet(self, name="Rug", shown="Rug"):
+    def store_carpet(self, name="Rug", shown="Rug", **fields):
         """A border that a test only needs to be there."""
         border = VirtualBorder(
             name=name,
@@ -140,6 +141,8 @@ class PageTest(unittest.TestCase):
             points=[Point(x, y, 0.0) for x, y in CARPET],
             seed=Point(4.0, 1.5, 0.0),
         )
+        for field, value in fields.items():
+            setattr(border, field, value)
         answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
         self.assertTrue(answer.success, answer.message)
         self.browser.wait_text("#borders", shown)
@@ -528,7 +531,7 @@ class PageTest(unittest.TestCase):
         lines.update((name, [[x, 2.3], [x, 3.0]]) for name, x in (("c", 3.9), ("d", 4.1), ("e", 4.3)))
         self.browser.run(
             """window.virtualBorders.map.setBorders(Object.entries(arguments[0]).map(([name, line]) => ({
-            id: name, name: `A name of some length: ${name}`, note: "", area: 1, points: line.flat().map((v) => 100 * v),
+            id: name, mark: name, name: `A name of some length: ${name}`, note: "", area: 1, points: line.flat().map((v) => 100 * v),
             kind: line.length > 2 ? "polygon" : "wall" })), "")""",
             lines,
         )
@@ -640,6 +643,44 @@ class PageTest(unittest.TestCase):
             )
         finally:
             small.close()
+
+    def test_3af_a_border_keeps_its_mark_which_tells_why_it_is_not_in_force(self):
+        marks = """return Object.fromEntries([...document.querySelectorAll('#borders .name')].map(
+            (one) => [one.children[1].firstChild.textContent, one.querySelector('.mark').textContent]))"""
+        other_day = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")[(datetime.now().weekday() + 3) % 7]
+        for name, fields in (
+            ("First", {}),
+            ("Always", {}),
+            ("Waits", {"schedule": f"{other_day} 10:00-11:00"}),
+            ("Off", {}),
+        ):
+            self.store_carpet(name, name, **fields)  # all in one place, where one name has room at most
+        before = self.browser.run(marks)
+        self.assertEqual(len(set(before.values())), 4)
+        self.browser.click("#borders li:last-child .switch")
+        self.browser.wait_text("#borders", "Switched off")
+        self.browser.wait("document.body.classList.contains('marks')", what="marks")
+        self.browser.click("#borders .name")
+        self.assertEqual(self.browser.text("#dialog h2 .mark"), before["First"])
+        self.browser.click("#dialog button", "Remove")
+        self.wait_borders(3)
+        self.browser.wait("document.querySelectorAll('#borders .name').length === 3", what="three borders")
+        del before["First"]
+        self.assertEqual(self.browser.run(marks), before)
+        for looks in (
+            "#world .border|strokeDasharray",
+            "#placed .mark|textDecorationLine strokeDasharray",
+            "#borders .mark|textDecorationLine borderTopStyle",
+        ):
+            selector, properties = looks.split("|")
+            seen = self.browser.run(
+                """return [...document.querySelectorAll(arguments[0])].map((one) => [one, ...one.children].map(
+                (part) => arguments[1].map((name) => getComputedStyle(part)[name]).join()).join())""",
+                selector,
+                properties.split(),
+            )
+            self.assertEqual((len(seen), len(set(seen))), (3, 3), f"{selector}: {seen}")
+        self.remove_all()
 
     def test_3b_a_manager_that_hangs_is_told_with_the_age_of_what_is_shown(self):
         uri = rosgraph.Master("/rostest_page").lookupNode("/interaction_manager")

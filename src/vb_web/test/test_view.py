@@ -9,7 +9,7 @@ import pytest
 from vb_core import sentences
 from vb_msgs.msg import DriverState
 from vb_web import ros_view
-from vb_web.view import View, border_changes, coarse_age, rounded
+from vb_web.view import View, border_changes, coarse_age, mark_borders, rounded
 
 STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
 
@@ -74,6 +74,17 @@ def border(**changes):
 )
 def test_what_happened_between_two_lists_of_borders(after, expected):
     assert border_changes({"1": border()}, after) == expected
+
+
+def test_a_border_keeps_its_mark_while_it_exists():
+    marks = mark_borders({}, ["rug", "bed", "bowl"])
+    assert marks == {"rug": "A", "bed": "B", "bowl": "C"}
+    marks = mark_borders(marks, ["new", "bowl", "bed"])
+    assert (marks["bed"], marks["bowl"]) == ("B", "C") and len(set(marks.values())) == len(marks) == 3
+    many = [str(number) for number in range(60)]
+    marks = mark_borders({}, many)
+    assert len(set(marks.values())) == 60 and [marks["25"], marks["26"]] == ["Z", "A1"]
+    assert mark_borders(marks, many[::-1]) == marks
 
 
 def used_words():

@@ -34,7 +34,7 @@ from vb_web.actions import ActionHandler
 from vb_web.camera_images import CameraImages
 from vb_web.action_requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
-from vb_web.view import View, border_changes, coarse_age, rounded
+from vb_web.view import View, border_changes, coarse_age, mark_borders, rounded
 
 _POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
 _HEALTH_PERIOD = 0.5  # [s]
@@ -139,6 +139,7 @@ class PageNode:
         self._grid: Optional[GridMap] = None
         self._borders: Dict[str, VirtualBorder] = {}
         self._shown_borders: Optional[Dict[str, Dict[str, Any]]] = None
+        self._marks: Dict[str, str] = {}
         self._answered: Any = None
         self._state_at = time.monotonic()
         self._invites: Optional[NoticePublisher] = None
@@ -273,6 +274,9 @@ class PageNode:
         section = ros_view.borders_section(message)
         shown = {border["id"]: border for border in section["list"]}
         with self._lock:
+            self._marks = mark_borders(self._marks, list(shown))
+            for key, border in shown.items():
+                border["mark"] = self._marks[key]
             self._borders.clear()
             self._borders.update({border.id: border for border in message.borders})
             before, self._shown_borders = self._shown_borders, shown

@@ -6,9 +6,11 @@ newer, all browsers get the same text, and a slow one skips what was replaced me
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import threading
+from string import ascii_uppercase
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 
@@ -85,3 +87,17 @@ def border_changes(before: Dict[str, Dict[str, Any]], after: Dict[str, Dict[str,
         elif any(old[part] != border[part] for part in ("points", "seed", "schedule", "zone", "max_speed")):
             found.append(("page_event_changed", border["name"]))
     return found
+
+
+def mark_borders(before: Dict[str, str], ids: List[str]) -> Dict[str, str]:
+    """Gives each border the mark that stands for it where its name has no room, and returns marks by border's id.
+
+    A border keeps its mark of `before` as long as it exists; a new one gets the first of A to Z, A1 to Z1, ... that is free.
+    """
+    marks = {key: before[key] for key in ids if key in before}
+    every = (letter + str(turn or "") for turn in itertools.count() for letter in ascii_uppercase)
+    free = (mark for mark in every if mark not in before.values())
+    for key in ids:
+        if key not in marks:
+            marks[key] = next(free)
+    return marks

@@ -79,9 +79,6 @@ const mean = (points) => [0, 1].map((axis) => points.reduce((sum, p) => sum + p[
 // The point inside that is furthest from the edges; of a polygon that has no inside, its corners' mean.
 export const middle = (polygon) => deepest(polygon, [-Infinity, Infinity, -Infinity, Infinity]) || mean(polygon);
 
-// What stands on the map for a border whose name has no room, and in the list before its name.
-export const mark = (index) => String.fromCharCode(65 + (index % 26)) + (index < 26 ? "" : Math.floor(index / 26));
-
 export class MapView {
   // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index), outside()
   constructor(words, on) {
@@ -440,23 +437,19 @@ export class MapView {
 
   // `hidden` is the id of the border that is being changed; a border's `note` stands under its name.
   setBorders(borders, hidden) {
-    this.borders = borders.map((border, index) => ({ ...border, index, line: pairs(border.points) }));
+    this.borders = borders.map((border) => ({ ...border, line: pairs(border.points) }));
     this.clear("borders");
     for (const border of this.borders) {
       if (border.id === hidden) continue;
-      this.line(
-        "borders",
-        `border ${border.kind} ${border.off ? "off" : ""}`,
-        path(border.line, border.kind === "polygon"),
-      );
+      this.line("borders", `border ${border.kind} ${border.idle || ""}`, path(border.line, border.kind === "polygon"));
       const group = this.write("borders", "name", [
         short(this.words.border(border.name) || this.words.say("page_no_name")),
         short(border.note),
       ]);
       group.border = border;
-      const sign = make("g", { class: "mark" }, group);
+      const sign = make("g", { class: `mark ${border.idle || ""}` }, group);
       make("circle", { r: MARK_PX }, sign);
-      make("text", { y: "0.35em" }, sign).textContent = mark(border.index);
+      make("text", { y: "0.35em" }, sign).textContent = border.mark;
     }
     this.update();
   }

@@ -4,7 +4,7 @@
 // side to be restricted; "review" moves corners of the draft.
 "use strict";
 import { Link, Words } from "./link.js";
-import { MapView, distance, inside, mark, middle, pairs, simplify } from "./map.js";
+import { MapView, distance, inside, middle, pairs, simplify } from "./map.js";
 
 const $ = (id) => document.getElementById(id);
 const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
@@ -442,6 +442,11 @@ function idle(border) {
   return code && say(words.has(code) ? code : border.reason);
 }
 
+// How that is drawn, on the map and in the list: it waits for its time, or it is off.
+const idleLook = (border) =>
+  !idle(border) ? "" : border.enabled && border.reason === "off_schedule" ? "waits" : "off";
+const markOf = (border) => element("span", { class: `mark ${idleLook(border)}` }, border.mark);
+
 function why(border) {
   const kind =
     border.zone === "slow"
@@ -458,12 +463,8 @@ function drawBorders() {
   const { list } = view.borders;
   map.setBorders(
     list.map((border) => {
-      const reason = idle(border);
-      return {
-        ...border,
-        off: Boolean(reason),
-        note: border.reason === "off_schedule" ? scheduleText(border.schedule) : reason,
-      };
+      const look = idleLook(border);
+      return { ...border, idle: look, note: look === "waits" ? scheduleText(border.schedule) : idle(border) };
     }),
     draft && draft.border,
   );
@@ -471,7 +472,7 @@ function drawBorders() {
     $("borders"),
     !list.length
       ? [element("li", { class: "muted" }, say("page_no_borders"))]
-      : list.map((border, index) => {
+      : list.map((border) => {
           const toggle = element("button", {
             type: "button",
             class: "switch operator",
@@ -489,7 +490,7 @@ function drawBorders() {
               "data-key": `border ${border.id}`,
               onclick: () => borderDialog(border.id),
             },
-            element("span", { class: "mark" }, mark(index)),
+            markOf(border),
             element("span", {}, words.border(border.name) || say("page_no_name"), element("small", {}, why(border))),
           );
           return element("li", {}, open, toggle);
@@ -549,7 +550,10 @@ function formatSchedule({ days, from, to }) {
 
 function show(title, ...children) {
   const dialog = $("dialog");
-  dialog.replaceChildren(element("h2", { id: "dialog-title", tabindex: -1 }, title), ...children.filter(Boolean));
+  dialog.replaceChildren(
+    element("h2", { id: "dialog-title", tabindex: -1 }, ...[title].flat()),
+    ...children.filter(Boolean),
+  );
   Object.assign(dialog, { unsaved: () => null, onBack: leave });
   // not modal: stop has to be in reach all the time
   if (!dialog.open) dialog.show();
@@ -585,7 +589,7 @@ function leave(next = () => $("dialog").close()) {
 function borderDialog(id, typed = null) {
   const border = view.borders.list.find((one) => one.id === id);
   if (!border) return;
-  const heading = words.border(border.name) || say("page_no_name");
+  const heading = [markOf(border), words.border(border.name) || say("page_no_name")];
   if (!operator()) return show(heading, element("p", { class: "muted" }, why(border)), closeButton());
   const target = { border: id, revision: view.borders.revision };
   const name = nameField(typed === null ? words.border(border.name) : typed);
@@ -711,7 +715,7 @@ function scheduleDialog(border, schedule = parseSchedule(border.schedule)) {
       ? put(formatSchedule(schedule))
       : toast(say("page_schedule_incomplete"), true);
   show(
-    say("page_schedule_of", { border: border.name }),
+    [markOf(border), say("page_schedule_of", { border: border.name })],
     element("p", { class: "muted" }, say("page_schedule_help")),
     element(
       "div",
