@@ -320,11 +320,11 @@ class PageTest(unittest.TestCase):
         # a phone's Back closes what lies on top, and stays on the page; what nobody has saved is not lost without a question
         self.browser.driver.back()
         self.browser.wait_text("#dialog", "not saved yet")
-        self.browser.click("#dialog button", "Continue")
+        self.browser.click("#dialog button", "Keep editing")
         self.assertEqual(self.browser.run(corners), 1)
         self.browser.driver.back()
         self.browser.wait_text("#dialog", "not saved yet")
-        self.browser.click("#dialog button", "Discard it")
+        self.browser.click("#dialog button", "Discard")
         self.browser.wait("document.body.dataset.mode == 'look'", what="the end of the drawing")
         self.browser.click("#draw")
         self.browser.driver.back()
@@ -349,7 +349,7 @@ class PageTest(unittest.TestCase):
         self.browser.click("#borders .name")
         self.browser.field("#dialog input").send_keys(" 2")
         self.browser.click("#dialog button", "Close")
-        self.browser.click("#dialog button", "Continue")
+        self.browser.click("#dialog button", "Keep editing")
         self.browser.wait_text("#dialog", "Switch off")
         self.assertEqual(self.browser.run("return document.querySelector('#dialog input').value"), "Rug 2")
         self.browser.click("#dialog button", "Rename")
@@ -422,7 +422,7 @@ class PageTest(unittest.TestCase):
         diagnostics.publish(
             DiagnosticArray(status=[stop, DiagnosticStatus(DiagnosticStatus.WARN, "driver", "It is slow.", "", [])])
         )
-        self.browser.wait_text("#health-sum", "Problems: 1")
+        self.browser.wait_text("#health-sum", "1 problem")
         diagnostics.unregister()
         # a second tap on Stop is no Resume
         self.browser.run("document.getElementById('toast').dataset.code = ''")

@@ -893,7 +893,7 @@ function drawHealth() {
     ill = (view.diagnostics || []).filter((one) => !noticed.has(one.code));
   const bad = [...cameras, ...Object.values(drivers)].filter((one) => !one.there).length + ill.length;
   $("health-sum").textContent = bad
-    ? say("page_problems", { count: bad })
+    ? say(bad === 1 ? "page_problem" : "page_problems", { count: bad })
     : cameras.length || Object.keys(drivers).length
       ? say("page_all_well")
       : "";
