@@ -30,7 +30,7 @@ def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
     layout = fit_view(extent, aspect)
     many = ("red", "green", "blue", "a_camera_with_a_long_name", "hall", "robot", "one too many")
     for commands, cameras_seeing_spot, message, notices in itertools.product(
-        ((), COMMANDS[:4]), ((), many), ("Ok.", LONG), ((), NOTICES)
+        ((), COMMANDS[:4], (*COMMANDS, "stop")), ((), many), ("Ok.", LONG), ((), NOTICES)
     ):
         shapes = words(layout, PanelContent(state, 3599.0, commands, False, message, cameras_seeing_spot, notices))
         for kind in (TEXT, PLATE):
@@ -80,6 +80,14 @@ def texts_of(shapes):
         if shape.kind == TEXT:
             found.setdefault(shape.namespace, []).append(shape.text)
     return {name: " ".join(parts) for name, parts in found.items()}
+
+
+@pytest.mark.parametrize("commands", [COMMANDS, (*COMMANDS, "stop")])
+def test_every_command_that_can_be_said_is_shown(commands):
+    layout = fit_view(LAB, 16 / 9)
+    found = texts_of(words(layout, PanelContent("seed", 65.0, commands, True, "Yes.")))
+    said = ", ".join(text for name, text in found.items() if name.startswith("words/say/")).split(", ")
+    assert said == [command.replace("_", " ") for command in commands]
 
 
 def test_state_and_commands_are_shown():

@@ -85,8 +85,10 @@ def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
         line("elapsed", clock(content.elapsed_s), 0.185, CLOCK, colors.PALE)
     if content.commands:
         line("say", content.words("display_say"), 0.253, LABEL, colors.PALE)
-        for number, command in enumerate(content.commands[:MAX_COMMANDS]):
-            line(f"say/{number}", command.replace("_", " "), 0.333 + 0.089 * number, COMMAND, colors.WHITE)
+        rows = [command.replace("_", " ") for command in content.commands]
+        rows[MAX_COMMANDS - 1 :] = [", ".join(rows[MAX_COMMANDS - 1 :])]  # the last of them is "stop": never left out
+        for number, text in enumerate(filter(None, rows)):
+            line(f"say/{number}", text, 0.333 + 0.089 * number, COMMAND, colors.WHITE)
     if content.cameras_seeing_spot:
         line("seen", content.words("display_seen_by"), 0.676, LABEL, colors.PALE)
         names = [transliterate(camera).replace(" ", "_") for camera in content.cameras_seeing_spot]
