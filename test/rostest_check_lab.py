@@ -23,7 +23,7 @@ from vb_core import names
 from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.notices import NoticePublisher
-from vb_msgs.msg import DetectorStatus, LaserSpot, NoticeArray
+from vb_msgs.msg import DetectorStatus, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray
 
 
 def listening_beyond_loopback(pid):
@@ -50,6 +50,10 @@ class CheckLab(unittest.TestCase):
         rospy.init_node("check_lab")
         cls.images = rospy.Publisher("/north/image_raw", Image, queue_size=1)
         cls.infos = rospy.Publisher("/north/camera_info", CameraInfo, queue_size=1)
+        cls.borders = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
+        waiting = VirtualBorder(name="wall 1", enabled=True, schedule="mon-sun 18:00-22:00", reason="off_schedule")
+        unfit = VirtualBorder(name="rug", enabled=True, reason="inactive_on_this_map")
+        cls.borders.publish(borders=[VirtualBorder(name="desk", enabled=True, in_force=True), waiting, unfit])
         cls.told, cls.diagnosed, cls.logged = set(), set(), []
         cls.changed = threading.Condition()
         rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices, queue_size=10)
@@ -114,6 +118,22 @@ class CheckLab(unittest.TestCase):
             lines,
         )
         self.assertNotIn(("camera north", "lab_camera_silent"), lines)
+
+    def test_only_a_border_that_cannot_be_in_force_is_a_warning(self):
+        _, text = self.check("--json")
+        found = {line["code"]: line for line in json.loads(text) if line["subject"] == "borders"}
+        self.assertEqual(
+            {code: line["state"] for code, line in found.items()},
+            {"lab_borders_ok": "ok", "lab_borders_off_schedule": "ok", "lab_borders_not_in_force": "warning"},
+        )
+        self.assertIn("1 of 3", found["lab_borders_ok"]["message"])
+        self.assertIn("Wall 1", found["lab_borders_off_schedule"]["message"])
+        self.assertIn("rug", found["lab_borders_not_in_force"]["message"])
+
+    def test_the_running_lab_repeats_nothing_about_borders_that_may_have_changed(self):
+        camera = ("lab: camera north", "lab_camera_not_calibrated", DiagnosticStatus.ERROR)
+        self.wait(lambda: camera in self.diagnosed)  # all lines of a check come in one message
+        self.assertNotIn("lab: borders", {name for name, _, _ in self.diagnosed})
 
     def test_people_read_what_cures_it(self):
         status, text = self.check("--language", "de")

@@ -9,6 +9,7 @@ import pytest
 
 from vb_bringup import lab_observation
 from vb_bringup.lab_checks import (
+    BorderObservation,
     CameraInfoObservation,
     CameraObservation,
     CheckLine,
@@ -16,6 +17,7 @@ from vb_bringup.lab_checks import (
     MapObservation,
     NavigationObservation,
     RobotObservation,
+    check_borders,
     check_cameras,
     check_disk,
     check_map,
@@ -141,14 +143,41 @@ def test_each_mistake_with_a_robot_is_named(seen, code):
         (dict(shape=None, file="room.yaml"), "lab_map_not_served"),
         (dict(publishers=["/a", "/b"]), "lab_map_many_publishers"),
         (dict(with_borders=False), "lab_map_without_borders"),
-        (dict(needs_confirmation=True), "lab_borders_need_confirmation"),
-        (dict(borders=3, in_force=2), "lab_borders_not_in_force"),
     ],
 )
 def test_each_mistake_with_the_map_is_named(changes, code):
-    good = MapObservation((100, 200), 0.05, ["/map_server"], True, 2, 2)
+    good = MapObservation((100, 200), 0.05, ["/map_server"], True)
     assert not codes(check_map(good))
     assert codes(check_map(dataclasses.replace(good, **changes))) == [code]
+
+
+@pytest.mark.parametrize("reason", ["disabled", "off_schedule", "other_robot"])
+def test_a_border_that_its_owner_wants_out_of_force_is_no_problem_and_is_named(reason):
+    lines = check_borders([BorderObservation("rug", True), BorderObservation("wall 1", False, reason)])
+    assert [line.state for line in lines] == [CheckState.OK, CheckState.OK]
+    assert lines[0].sentence() == "Borders in force: 1 of 2." and "Wall 1" in lines[1].sentence()
+    assert "Wand 1" in lines[1].sentence("de")
+
+
+@pytest.mark.parametrize("reason", ["inactive_on_this_map", "no_effect", "of_a_newer_version", ""])
+def test_a_border_that_should_be_in_force_and_cannot_is_a_warning(reason):
+    lines = check_borders([BorderObservation("rug", False, reason), BorderObservation("desk", False, "disabled")])
+    assert codes(lines) == ["lab_borders_not_in_force"] and worst_state(lines) is CheckState.WARNING
+    [warning] = [line for line in lines if line.state is CheckState.WARNING]
+    assert "rug" in warning.sentence() and "desk" not in warning.sentence()
+
+
+def test_many_borders_do_not_fill_the_line():
+    lines = check_borders([BorderObservation(f"border {number}", False, "disabled") for number in range(1, 6)])
+    assert lines[1].values["borders"] == "border 1, border 2, border 3, ..."
+
+
+def test_a_doubtful_place_is_told_once_and_only_by_the_check_while_it_says_more():
+    lines = check_borders([BorderObservation("rug", True)], needs_confirmation=True)
+    assert codes(lines) == ["lab_borders_need_confirmation"]
+    doubt = Notice("borders_unconfirmed", Severity.WARNING)
+    assert lines_from_notices([doubt], lines) == []
+    assert [line.subject for line in lines_from_notices([doubt], [])] == ["borders"]
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,8 @@ MAX_FOCAL_CHANGE = 0.01
 MIN_DISK_MB = 500
 # a robot that drives by its scan should see at least what is ahead
 MIN_SCAN_DEG = 60.0
+# subject of all lines about borders, which people change at any time
+BORDERS = "borders"
 
 
 class CheckState(enum.IntEnum):
@@ -257,13 +259,11 @@ def check_robot(robot: RobotObservation) -> List[CheckLine]:
 
 @dataclass(frozen=True)
 class MapObservation:
-    """What was observed of the map and its borders.
+    """What was observed of the map.
 
     Attributes:
         shape: (rows, columns) of /map; None: no map arrived.
         publishers: nodes that publish /map; with_borders: whether /virtual_borders/map has the same geometry.
-        borders, in_force: how many are switched on, and how many of these are in force; disabled: how many are switched
-            off.
         file: what the lab was given as its map; "" if nothing.
     """
 
@@ -271,15 +271,11 @@ class MapObservation:
     resolution: float = 0.0
     publishers: Sequence[str] = ()
     with_borders: bool = False
-    borders: int = 0
-    in_force: int = 0
-    disabled: int = 0
-    needs_confirmation: bool = False
     file: str = ""
 
 
 def check_map(seen: MapObservation) -> List[CheckLine]:
-    """Checks whether there is one physical map, and whose borders are in it."""
+    """Checks whether there is one physical map, and one with the borders."""
     if seen.shape is None:
         return [
             CheckLine(
@@ -293,19 +289,45 @@ def check_map(seen: MapObservation) -> List[CheckLine]:
         )
     if not seen.with_borders:
         lines.append(CheckLine("map", CheckState.ERROR, "lab_map_without_borders"))
-    if seen.needs_confirmation:
-        lines.append(CheckLine("map", CheckState.ERROR, "lab_borders_need_confirmation"))
     rows, columns = seen.shape
-    values = {
-        "width": f"{columns * seen.resolution:.1f}",
-        "height": f"{rows * seen.resolution:.1f}",
-        "borders": seen.borders,
-        "in_force": seen.in_force,
-        "disabled": seen.disabled,
-    }
-    if seen.in_force < seen.borders and not lines:
-        lines.append(CheckLine("map", CheckState.WARNING, "lab_borders_not_in_force", values))
+    values = {"width": f"{columns * seen.resolution:.1f}", "height": f"{rows * seen.resolution:.1f}"}
     return lines or [CheckLine("map", CheckState.OK, "lab_map_ok", values)]
+
+
+@dataclass(frozen=True)
+class BorderObservation:
+    """A border as people know it; `reason` is the code why it is not in force."""
+
+    name: str
+    in_force: bool
+    reason: str = ""
+
+
+# why a border is not in force where its owner wants it so; with any other reason it should be in force and cannot
+_WISHED = {
+    "disabled": "lab_borders_disabled",
+    "off_schedule": "lab_borders_off_schedule",
+    "other_robot": "lab_borders_other_robot",
+}
+# a line names no more borders than these
+_NAMED_BORDERS = 3
+
+
+def check_borders(borders: Sequence[BorderObservation], needs_confirmation: bool = False) -> List[CheckLine]:
+    """Checks whether the borders that should be in force are; says why others are not, one line for each reason."""
+    if needs_confirmation:
+        return [CheckLine(BORDERS, CheckState.ERROR, "lab_borders_need_confirmation")]
+    by_code: Dict[str, List[str]] = defaultdict(list)
+    for border in borders:
+        if not border.in_force:
+            by_code[_WISHED.get(border.reason, "lab_borders_not_in_force")].append(border.name)
+    in_force = sum(border.in_force for border in borders)
+    lines = [CheckLine(BORDERS, CheckState.OK, "lab_borders_ok", {"in_force": in_force, "count": len(borders)})]
+    for code, found in by_code.items():
+        state = CheckState.OK if code in _WISHED.values() else CheckState.WARNING
+        named = ", ".join(found[:_NAMED_BORDERS]) + (", ..." if len(found) > _NAMED_BORDERS else "")
+        lines.append(CheckLine(BORDERS, state, code, {"borders": named}))
+    return lines
 
 
 def check_nodes(missing: Sequence[str]) -> List[CheckLine]:
@@ -390,8 +412,8 @@ def notices_from_lines(lines: Iterable[CheckLine]) -> List[Notice]:
     ]
 
 
-# the same, seen by a node that knows less: an error that a check found with that camera, or with the map, says what
-# lies behind
+# the same, seen by a node that knows less: an error that a check found with that camera, or with the borders, says
+# what lies behind
 _EXPLAINED = frozenset({"camera_silent", "detector_missing", "camera_no_pose", "camera_no_lens", "borders_unconfirmed"})
 
 
@@ -414,7 +436,7 @@ def lines_from_notices(notices: Iterable[Notice], checked: Iterable[CheckLine]) 
         elif notice.robot:
             subject = f"robot {notice.robot}"
         else:
-            subject = "map" if notice.border_id or notice.code in _EXPLAINED else "lab"
+            subject = BORDERS if notice.border_id or notice.code in _EXPLAINED else "lab"
         known = (notice.code, notice.camera) in own or (notice.code in _EXPLAINED and subject in faulty)
         if notice.severity >= Severity.WARNING and not known:
             state = CheckState.ERROR if notice.severity is Severity.ERROR else CheckState.WARNING

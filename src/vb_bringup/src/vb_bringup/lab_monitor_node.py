@@ -16,7 +16,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from tf2_msgs.msg import TFMessage
 
-from vb_bringup.lab_checks import CheckLine, CheckState, drop_recovered, lines_from_notices, notices_from_lines
+from vb_bringup.lab_checks import BORDERS, CheckLine, CheckState, drop_recovered, lines_from_notices, notices_from_lines
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import names
 from vb_core.notices import Notice
@@ -66,7 +66,8 @@ class LabMonitorNode:
     Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): camera_silent, camera_no_pose, camera_no_lens, detector_missing,
             cameras_disagree, and the errors of `check_lab` that no other node reports
-        /diagnostics (diagnostic_msgs/DiagnosticArray): each line of `check_lab`, and each warning and error among the notices
+        /diagnostics (diagnostic_msgs/DiagnosticArray): each line of `check_lab` but those about borders, and each
+            warning and error among the notices
     Parameters:
         ~* LabMonitorParams
     """
@@ -176,7 +177,7 @@ class LabMonitorNode:
         return _running_nodes(), notices
 
     def _check(self) -> Optional[List[CheckLine]]:
-        """Runs `check_lab`; returns what it finds by itself, or None if it was ended."""
+        """Runs `check_lab`; returns what it finds by itself and stays true until the next, or None if it was ended."""
         process = subprocess.Popen(_CHECK, stdout=subprocess.PIPE, universal_newlines=True)
         while True:
             try:
@@ -189,10 +190,11 @@ class LabMonitorNode:
             found = json.loads(text)
         except ValueError:
             return None  # the ROS master has ended
+        # borders change between two checks; of one that cannot be in force, map_integrator's notice tells at once
         return [
             CheckLine(line["subject"], CheckState[line["state"].upper()], line["code"], line["values"])
             for line in found
-            if not line["from_notice"]
+            if not line["from_notice"] and line["subject"] != BORDERS
         ]
 
     def _adopt(self, lines: List[CheckLine]) -> None:

@@ -18,6 +18,7 @@ from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 
 from vb_bringup.lab_checks import (
+    BorderObservation,
     CameraInfoObservation,
     CameraObservation,
     CheckLine,
@@ -25,6 +26,7 @@ from vb_bringup.lab_checks import (
     MapObservation,
     NavigationObservation,
     RobotObservation,
+    check_borders,
     check_cameras,
     check_disk,
     check_map,
@@ -144,6 +146,10 @@ def observe_lab(seconds: float) -> List[CheckLine]:
     lines = check_nodes([node for node in NEEDED_NODES if node not in running_now])
     lines += check_cameras(cameras)
     lines += check_map(_map(graph, streams))
+    stored = streams[names.BORDERS].message()
+    if stored is not None:
+        borders = [BorderObservation(border.name, border.in_force, border.reason) for border in stored.borders]
+        lines += check_borders(borders, stored.needs_confirmation)
     driven = rospy.get_param("/interaction_manager/robot", True)
     for robot in robots:
         # robot:=false: one that merely navigates is asked about its navigation only
@@ -344,19 +350,13 @@ def _navigation(graph: NodeGraph, node: str) -> NavigationObservation:
 
 def _map(graph: NodeGraph, streams: Mapping[str, ObservedTopic]) -> MapObservation:
     physical, virtual = streams[names.PHYSICAL_MAP].message(), streams[names.MAP_WITH_BORDERS].message()
-    borders = streams[names.BORDERS].message()
     publishers = graph.publishers.get(names.PHYSICAL_MAP, [])
     if physical is None:
         return MapObservation(file=str(rospy.get_param("/map_server/map_yaml", "")), publishers=publishers)
-    found = [] if borders is None else borders.borders
     return MapObservation(
         shape=(physical.info.height, physical.info.width),
         resolution=physical.info.resolution,
         publishers=publishers,
         with_borders=virtual is not None
         and (virtual.info.width, virtual.info.height) == (physical.info.width, physical.info.height),
-        disabled=len([border for border in found if not border.enabled]),
-        borders=len([border for border in found if border.enabled]),
-        in_force=len([border for border in found if border.enabled and border.in_force]),
-        needs_confirmation=borders is not None and borders.needs_confirmation,
     )
