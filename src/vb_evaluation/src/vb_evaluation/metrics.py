@@ -122,7 +122,7 @@ def crosses(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
 
 
 def enclosed(floor: np.ndarray, restricted: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Returns the cells inside a border: the restricted ones or, if most of the floor is to be restricted, the free ones.
+    """Returns the cells inside a border: the restricted ones or, if most floor is to be restricted, the free ones.
 
     Args:
         floor, restricted, truth: (H, W) bool; floor without borders, what is restricted of it, what should be.

@@ -111,7 +111,7 @@ def all_images_jobs(study: Study, main: List[Job]) -> List[Job]:
 
 
 def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
-    """Lists both methods in each of the first worlds, each world with a different person, the scenarios taking turns."""
+    """Lists both methods in each of the first worlds, each world with a different person; scenarios take turns."""
     scenarios = study.design.scenarios
     return [
         Job(

@@ -91,7 +91,7 @@ class Gate:
         """Stores the robot's pose (x, y, yaw), map frame, at a time [s]; None: it is not known.
 
         Args:
-            correction: stamp [s] of the newest correction that localisation has made to odometry; 0: there is none to be
+            correction: stamp [s] of the newest correction that localisation has made to odometry; 0: none is to be
                 expected. AMCL stamps its corrections ahead, so that what counts is when the stamp changes.
         """
         with self._lock:
@@ -135,7 +135,7 @@ class Gate:
         return self._pose[1]
 
     def border_contact(self, now: float) -> Tuple[BorderContact, str, bool]:
-        """Returns whether and how the robot touches a border, the border's name, and whether entering it is never allowed."""
+        """Returns whether and how the robot touches a border, its name, and whether it may not be entered at all."""
         pose, workspace = self.pose(now), self.workspace
         if pose is None or workspace is None:
             return BorderContact.FREE, "", False
