@@ -334,7 +334,7 @@ class Interaction:
         return [word for word, state in wanted if state not in self._visited]
 
     def suggested_commands(self) -> List[str]:
-        """Lists the commands that make sense now, the most likely first; among them `stop` or, once stopped, `resume`."""
+        """Lists the commands that make sense now, most likely first; among them `stop` or, once stopped, `resume`."""
         last = [RESUME] if self.stopped else [STOP]
         guide = [GUIDE_ROBOT] if self._params.robot else []
         if self.pending:
