@@ -26,12 +26,12 @@ RESTRICTED = 99
 ERRORS = ("error_mean_cm", "error_p95_cm", "error_max_cm")
 
 
-def jaccard(gt: np.ndarray, ud: np.ndarray) -> float:
-    """Computes the Jaccard similarity index |GT and UD| / |GT or UD|, 0 to 1 (paper, Sect. 5.5).
+def jaccard(truth: np.ndarray, drawn: np.ndarray) -> float:
+    """Computes the Jaccard similarity index |truth and drawn| / |truth or drawn|, 0 to 1 (paper, Sect. 5.5).
 
     Args:
-        gt: bool array, the cells of the ground truth.
-        ud: bool array of the same shape, the cells that the user restricted.
+        truth: bool array, the cells of the ground truth.
+        drawn: bool array of the same shape, the cells that the user restricted.
 
     Returns:
         1.0 if both are empty: they agree.
@@ -39,15 +39,15 @@ def jaccard(gt: np.ndarray, ud: np.ndarray) -> float:
     Raises:
         CodedError: "bad_shape" if the shapes differ.
     """
-    gt, ud = np.asarray(gt, bool), np.asarray(ud, bool)
-    if gt.shape != ud.shape:
-        raise CodedError("bad_shape", f"the ground truth has {gt.shape} cells, the user's map {ud.shape}")
-    union = int(np.count_nonzero(gt | ud))
-    return int(np.count_nonzero(gt & ud)) / union if union else 1.0
+    truth, drawn = np.asarray(truth, bool), np.asarray(drawn, bool)
+    if truth.shape != drawn.shape:
+        raise CodedError("bad_shape", f"the ground truth has {truth.shape} cells, the user's map {drawn.shape}")
+    union = int(np.count_nonzero(truth | drawn))
+    return int(np.count_nonzero(truth & drawn)) / union if union else 1.0
 
 
 def restricted_cells(prior: GridMap, posterior: GridMap) -> np.ndarray:
-    """Returns which free cells of the physical map the map with borders restricts: (H, W) bool.
+    """Returns which of the physical map's free cells are restricted in the map with borders: (H, W) bool.
 
     Raises:
         CodedError: "bad_map" if the two maps do not have the same geometry.
@@ -91,7 +91,7 @@ def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) ->
 
 
 def accuracy(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Dict[str, object]:
-    """Computes the accuracy's columns of a run: Jaccard index and boundary error [cm]; the latter empty where there is
+    """Computes a run's accuracy columns: Jaccard index and boundary error [cm]; the latter empty where there is
     no boundary.
 
     Rounded, for the last bits differ between processors and libraries, and mean nothing.
@@ -122,8 +122,7 @@ def crosses(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
 
 
 def enclosed(floor: np.ndarray, restricted: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Returns the cells that a border goes round: those restricted, or those left free where most of the floor is to be
-    restricted.
+    """Returns the cells inside a border: the restricted ones or, if most floor is to be restricted, the free ones.
 
     Args:
         floor, restricted, truth: (H, W) bool; floor without borders, what is restricted of it, what should be.

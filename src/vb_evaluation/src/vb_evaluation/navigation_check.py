@@ -108,17 +108,17 @@ class NavigationCheck:
         # a cell inwards: a path may touch the border's edge
         reach = 0.5 * self._size - observer.posterior.resolution
 
-        def free() -> bool:
+        def plan_avoids_border() -> bool:
             way = observer.plan(start, self._goal, service)
             return not len(way) or not (np.abs(geometry.resample_chain(way, 0.01) - middle).max(axis=1) < reach).any()
 
         checks = [self._parameter(name, wanted) for name, wanted in WANTED.items()]
         with self._border(middle, 1.0):
-            checks.append(self._soon("plans respect a new border at once", free, self._at_once))
-            checks.append(self._cleared(free))
-        checks.append(self._soon("the way is free again once the border is removed", lambda: not free()))
+            checks.append(self._soon("plans respect a new border at once", plan_avoids_border, self._at_once))
+            checks.append(self._cleared(plan_avoids_border))
+        checks.append(self._soon("the way is free again once the border is removed", lambda: not plan_avoids_border()))
         with self._border(middle, SOFT):
-            checks.append(self._soon("a soft border is gone round where that is possible", free))
+            checks.append(self._soon("a soft border is gone round where that is possible", plan_avoids_border))
         moved = float(np.linalg.norm((pose("odom") - odom)[:2, 3]))
         return [
             *checks,
@@ -148,19 +148,19 @@ class NavigationCheck:
         same = found == wanted if isinstance(wanted, bool) else "/" + str(found).strip("/") == wanted
         return Check(f"{name} is {wanted}", same, f"it is {found}")
 
-    def _cleared(self, free: Callable[[], bool]) -> Check:
+    def _cleared(self, plan_avoids_border: Callable[[], bool]) -> Check:
         what = "a border survives clear_costmaps"
         try:
             call(f"{self._move_base}/clear_costmaps", Empty, EmptyRequest(), "move_base")
         except CodedError as error:
             return Check(what, None, str(error))
         # the costmap is empty until its next cycle; what counts is that the border returns on its own
-        back = self._soon(what, free, self._at_once)
+        back = self._soon(what, plan_avoids_border, self._at_once)
         if not back.good:
             return back
         plans, end = [], time.monotonic() + WATCHED
         while time.monotonic() < end:
-            plans.append(free())
+            plans.append(plan_avoids_border())
         return Check(
             what, all(plans), f"back {back.found}; {plans.count(False)} of {len(plans)} plans after that cross it"
         )

@@ -1,4 +1,4 @@
-"""Fits RViz to the map and the screen, then becomes RViz.
+"""Fits RViz to the map and the screen, then replaces itself with RViz.
 
 Subscribed topics:
     /map (nav_msgs/OccupancyGrid): one, for its extent

@@ -34,8 +34,8 @@ class SoundParams(Parameters):
 class SoundPlayerNode:
     """Plays sounds on this computer. Without a sound device it says so once and stays quiet.
 
-    Sounds arrive faster than they can be played: a tick plays only if nothing else does or waits, and one that waited
-    longer than ~max_age is dropped, since it reports something that is over.
+    Sounds arrive faster than they can be played: a tick is played only if nothing else is playing or waiting, and a
+    sound that has waited longer than ~max_age is dropped, because what it reports is over.
 
     Subscribed topics:
         /virtual_borders/sound (vb_msgs/Sound): names of sounds; see tone_synthesis.SOUNDS for what they sound like.

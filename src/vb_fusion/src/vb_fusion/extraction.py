@@ -117,7 +117,7 @@ def extract_border(
 
 
 class GrowingBorder:
-    """The border of a drawing that goes on: what was extracted before is not extracted again.
+    """Extracts the border of a drawing in progress, incrementally.
 
     The chain is the one that `extract_border` finds in all spots at once.
     """

@@ -26,7 +26,7 @@ class CameraPosesParams(Parameters):
 
 
 class CameraPosesNode:
-    """Publishes the camera poses in calibrate_camera's files, again whenever they change.
+    """Publishes the camera poses in calibrate_camera's files, and again whenever these change.
 
     A camera without a file, or with a broken one, is named in a warning; its last good pose stays.
 

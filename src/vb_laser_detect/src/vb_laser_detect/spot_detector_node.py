@@ -53,8 +53,8 @@ class SpotDetectorNode:
     Services:
         ~get_time (vb_msgs/GetTime): this computer's clock, for clock_check
     Parameters:
-        config/stationary.yaml: for a ceiling camera. All below ~detector and ~projection but moving_camera can be
-            changed while the node runs (dynamic_reconfigure, in the same namespaces)
+        config/stationary.yaml: for a ceiling camera. All parameters below ~detector and ~projection except
+            moving_camera can be changed while the node runs (dynamic_reconfigure, in the same namespaces)
         config/mobile.yaml: for a camera on a robot
         <robot>/robot_profile: how large a robot is
     """

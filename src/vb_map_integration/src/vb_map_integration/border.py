@@ -124,7 +124,7 @@ class VirtualBorder:
         object.__setattr__(self, "robots", tuple(str(robot) for robot in robots if str(robot)))
 
     def replace(self, **changes: object) -> "VirtualBorder":
-        """Returns the same border with some things changed, checked again."""
+        """Returns a copy with some fields replaced, validated again."""
         return dataclasses.replace(self, **changes)
 
     @property
@@ -134,7 +134,7 @@ class VirtualBorder:
 
     @property
     def value(self) -> int:
-        """delta as an occupancy grid has it, 0 .. 100; a SLOW zone leaves the map as it is."""
+        """delta as an occupancy value, 0 .. 100; a SLOW zone does not change the map."""
         return 0 if self.zone == SLOW else int(round(100.0 * self.occupancy))
 
     def moved(self, transform: Transform) -> "VirtualBorder":
@@ -144,7 +144,7 @@ class VirtualBorder:
         return self.replace(points=transform.apply(self.points), seed=transform.apply(self.seed)[0])
 
     def same_area(self, other: "VirtualBorder") -> bool:
-        """Returns whether both restrict the same cells of any map (with whatever occupancy)."""
+        """Returns whether both restrict the same cells of any map, whatever their occupancy."""
         return (
             self.closed == other.closed
             and self.wall == other.wall

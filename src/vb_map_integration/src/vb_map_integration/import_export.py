@@ -1,4 +1,4 @@
-"""Commands that import borders from a file, and export them to one, in YAML or GeoJSON."""
+"""Exports borders to a file, or imports them from one, in YAML or GeoJSON."""
 
 from __future__ import annotations
 

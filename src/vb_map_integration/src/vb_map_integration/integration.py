@@ -120,12 +120,13 @@ class Integration:
 def integrate(
     prior: GridMap, border: VirtualBorder, params: Optional[IntegrationParams] = None, places: Optional[Places] = None
 ) -> Integration:
-    """Integrates a border into a map; see `restricted_area` for what is restricted, and raised.
+    """Integrates a border into a map; see `restricted_area` for what is restricted, and for the errors.
 
     Args:
         prior: the map; it stays as it is.
         border: the border.
-        places: things whose being inside is worth a warning, for instance {"robot": (x, y)} [m] for "robot_inside".
+        places: points [m] that cause a warning if they are inside the area, by name; {"robot": (x, y)} gives
+            "robot_inside".
 
     Raises:
         IntegrationError: as `restricted_area`.

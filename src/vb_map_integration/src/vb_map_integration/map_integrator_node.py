@@ -314,7 +314,7 @@ class MapIntegratorNode:
         return response
 
     def _change(self, response: Any, change: Callable[[float], ChangeResult]) -> Any:
-        """Makes a change, publishes it, and answers."""
+        """Applies a change, publishes the result, and fills in the response."""
         try:
             with self._lock:
                 outcome = change(self._now().to_sec())

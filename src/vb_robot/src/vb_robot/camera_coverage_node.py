@@ -38,7 +38,7 @@ class CameraCoverageParams(Parameters):
 
 
 class CameraCoverageNode:
-    """Computes which floor the stationary cameras see, again when the map, a camera's calibration or its pose changes.
+    """Computes which floor the stationary cameras see, and again when the map, a camera's lens or its pose changes.
 
     A camera that is missing counts as seeing nothing until it comes.
 

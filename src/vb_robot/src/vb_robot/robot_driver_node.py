@@ -102,7 +102,7 @@ class RobotDriverNode:
         cmd_vel (geometry_msgs/Twist): whether another node commands the base
         /tf, /tf_static (tf2_msgs/TFMessage): map -> odom -> base_link, and where the sensors are on the robot
     Published topics:
-        cmd_vel (geometry_msgs/Twist): while the robot is driven, one zero when that ends, zeros while stopped
+        cmd_vel (geometry_msgs/Twist): while the robot is driven, then one zero command; zeros while it is stopped
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
         /virtual_borders/drivers (vb_msgs/DriverState): which source drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)

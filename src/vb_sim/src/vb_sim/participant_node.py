@@ -44,7 +44,7 @@ class ParticipantParams(Parameters):
 class ParticipantNode:
     """Simulates one person who carries out one scenario.
 
-    A participant that is killed in the middle cancels and starts over; one that had finished says so again.
+    A participant that is killed in the middle cancels and starts over; one that had finished publishes that again.
 
     Subscribed topics:
         /sim/lab_state (vb_msgs/LabState): where the robot is; each message is one step of the person

@@ -31,7 +31,7 @@ class ButtonsNode:
     """Sends the commands of buttons: the baseline method's input for switching states, or a presenter.
 
     Subscribed topics:
-        joy (sensor_msgs/Joy): a command is sent when a button is pressed, never while it is held.
+        joy (sensor_msgs/Joy): a command is sent once per press, not repeatedly while the button is held.
         /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it.
 
     Services called:

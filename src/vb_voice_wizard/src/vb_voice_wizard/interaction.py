@@ -100,7 +100,7 @@ class Answer:
 
     @staticmethod
     def refusal(error: CodedError) -> "Answer":
-        """Makes the answer that an error gives to the person."""
+        """Makes an answer from an error."""
         return Answer(False, error.code, {name: str(value) for name, value in error.values.items()}, error.message)
 
 
@@ -185,7 +185,7 @@ class Interaction:
 
     @property
     def confirm_save(self) -> bool:
-        """Returns whether `save` was given and waits to be given once more."""
+        """Returns whether `save` was given and must be repeated."""
         return self._confirming == SAVE
 
     # ------------------------------------------------------------------ commands
@@ -240,7 +240,7 @@ class Interaction:
         return answer if self.pending else self._answered(normalize(name), source, answer)
 
     def finish_save(self, border_id: str, now: float) -> Answer:
-        """Ends the interaction and its clock: the map has taken the border."""
+        """Ends the interaction and stops its timer: the border is in the map."""
         self.advance(now)
         source = self._pending_source
         self._end(SAVED, border_id, now)
@@ -334,7 +334,7 @@ class Interaction:
         return [word for word, state in wanted if state not in self._visited]
 
     def suggested_commands(self) -> List[str]:
-        """Lists the commands that bring a person further now, the most likely one first; `stop` is always one."""
+        """Lists the commands that make sense now, most likely first; among them `stop` or, once stopped, `resume`."""
         last = [RESUME] if self.stopped else [STOP]
         guide = [GUIDE_ROBOT] if self._params.robot else []
         if self.pending:
@@ -372,7 +372,7 @@ class Interaction:
 
     # ------------------------------------------------------------------ abandoned interactions
     def count_spots(self, border: int, seed: int, others: int, now: float) -> None:
-        """Stores how many spots were seen in this interaction so far, for border and seed, and without being wanted."""
+        """Stores how many spots this interaction has had so far: for the border, for the seed, and for neither."""
         spots = {State.BORDER: border, State.SEED: seed, State.GUIDE: others}
         if spots != self._spots:
             # the person draws, points or guides
@@ -386,7 +386,7 @@ class Interaction:
 
     @property
     def ends_at(self) -> float:
-        """[s] when the interaction ends by itself if nothing happens; 0: not soon, or there is none."""
+        """[s] when the interaction ends by itself if nothing happens; 0 if not soon, or if there is no interaction."""
         if self.state == State.DEFAULT or self.pending:
             return 0.0
         ends = self._active + self._params.idle_timeout
@@ -405,7 +405,7 @@ class Interaction:
 
     # ------------------------------------------------------------------ memory across a restart of the node
     def to_mapping(self) -> Dict[str, Any]:
-        """Returns everything there is to remember, as plain values; inverse of `from_mapping`."""
+        """Returns the complete state as plain values; inverse of `from_mapping`."""
         return {
             **{name.strip("_"): getattr(self, name) for name in (*_TIMES, *_TEXTS)},
             "state": self.state.name,

@@ -63,7 +63,7 @@ class InteractionManagerNode:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): to check whether the preview is still right;
             whether there is something to undo or redo.
         /virtual_borders/notices (vb_msgs/NoticeArray): faulty cameras. While cameras see the laser at different places, or
-            one has another lens, each preview has that as an issue.
+            one has a different lens than calibrated, each preview has that as an issue.
 
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.

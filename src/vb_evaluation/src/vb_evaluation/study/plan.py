@@ -1,4 +1,4 @@
-"""Plans the runs of a study: its own, the curves, plausible worlds, and some with every image searched.
+"""Plans the runs of a study: main runs, curves, plausible worlds, and repetitions with every image searched.
 
 Use it to see what a study consists of before it is run. `runner.run(study, job.task)` carries out one of the runs,
 `make study` all.
@@ -51,7 +51,7 @@ class Job:
 
     @property
     def run(self) -> str:
-        """Identifies what is carried out: the same for jobs that only have different names."""
+        """Identifies the run itself: equal for jobs that differ only in name."""
         return repr((self.task, sorted(self.changes.items()), self.thorough))
 
     @property
@@ -83,7 +83,7 @@ def jobs(study: Study, size: str, only: Optional[str] = None) -> List[Job]:
 
 
 def main_jobs(study: Study, participants: int) -> List[Job]:
-    """Lists every participant with every method in every scenario, in each one's order."""
+    """Lists a run for every participant, method and scenario, in each participant's order."""
     design = study.design
     return [
         Job(RunTask(participant, scenario, method), order=place)
@@ -95,7 +95,7 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
 
 
 def all_images_jobs(study: Study, main: List[Job]) -> List[Job]:
-    """Lists a random part of the main runs again, with every image searched, of each scenario with each method alike.
+    """Lists some of the main runs again, equally many of each scenario and method at random, with every image searched.
 
     At a share of a tenth it is one of each ten participants; more participants leave the others' runs as they were.
     """
@@ -111,7 +111,7 @@ def all_images_jobs(study: Study, main: List[Job]) -> List[Job]:
 
 
 def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
-    """Lists both methods in each of the first worlds, each world with another person and one scenario in turn."""
+    """Lists both methods in each of the first worlds, each world with a different person; scenarios take turns."""
     scenarios = study.design.scenarios
     return [
         Job(
@@ -128,7 +128,7 @@ def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
 
 
 def curve_jobs(study: Study, only: Optional[str] = None) -> List[Job]:
-    """Lists the same runs in other surroundings, by the first participants of the study; `only` one curve."""
+    """Lists the curves' runs: the study's first participants under changed conditions; `only` selects one curve."""
     curves, design = study.document.get("curves") or {}, study.design
     return [
         Job(

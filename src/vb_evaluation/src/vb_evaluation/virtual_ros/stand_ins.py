@@ -114,7 +114,7 @@ class WaitQueue:
                 self._tasks.remove(task)
 
     def wait_for(self, predicate: Callable[[], Any], timeout_ns: Optional[int] = None) -> bool:
-        """Waits until something holds and tells whether it came to hold within a time [ns]; looks each time that it is woken."""
+        """Waits until a condition holds or a time [ns] has passed; returns whether it holds. Looks at each wake-up."""
         end = None if timeout_ns is None else self._scheduler.now_ns + timeout_ns
         while not predicate() and (end is None or self._scheduler.now_ns < end):
             self.wait(None if end is None else end - self._scheduler.now_ns)

@@ -39,7 +39,7 @@ _STEP_TIME = 0.6
 
 @dataclass(frozen=True)
 class Spot:
-    """A laser spot in an image, or a candidate that is none.
+    """A laser spot in an image, or a rejected candidate.
 
     Attributes:
         u, v: [px] column and row, sub-pixel; the centre of the first pixel is 0.
@@ -62,7 +62,7 @@ class Spot:
 
 
 class BackfilledSpot(NamedTuple):
-    """A spot of an earlier frame that a later one confirmed; its frame's time [s], and `SpotDetector.tag` then."""
+    """A spot of an earlier frame that a later frame confirmed, with the earlier frame's time [s] and tag."""
 
     spot: Spot
     stamp: float

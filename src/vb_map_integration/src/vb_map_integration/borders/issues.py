@@ -36,7 +36,7 @@ def make_issue(severity: int, code: str, **values: Any) -> Issue:
 
 
 class IntegrationError(CodedError):
-    """A border that is refused. Nothing was changed.
+    """Raised when a border is refused. Nothing was changed.
 
     Args:
         code, values: as of `CodedError`; its sentence is the one for this code.

@@ -1,4 +1,4 @@
-"""The one gate that every command passes: what of it can be shown to be safe now, and if not all, why not.
+"""The one gate that every command passes: it lets through what can be shown to be safe, and says what limited the rest.
 
 Whatever it depends on has one age limit: INPUT_TIMEOUT after the last message of any input the robot stops. The older
 the oldest input, the slower the robot, so that its brakes keep that promise from any speed. A message that is a little
@@ -58,7 +58,8 @@ class Gate:
     """Limits one robot's commands by what is ahead of it and by the age of its inputs. Several threads may feed it.
 
     Attributes:
-        workspace: the maps; None before there are any. speed_limits: where there are slow zones.
+        workspace: the maps; None before there are any.
+        speed_limits: where there are slow zones.
         contacts: by bumper or cliff sensor whether it is touched.
         clock_age: [s] of real time since ROS's clock last moved; while it stands still, stamps do not show their age.
         stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
@@ -74,7 +75,7 @@ class Gate:
         self._lock = threading.Lock()
         self._scan: Optional[Scan] = None
         self._pose: Optional[Tuple[float, Pose]] = None
-        self._correction = 0.0, -math.inf  # its date, and when that was new [s]
+        self._correction = 0.0, -math.inf  # its stamp, and when that was new [s]
         self._jump_hold_until = -math.inf
         self._other_publishers: Dict[str, float] = {}  # who else commanded this robot, and when
         self._limited_at: Optional[float] = None  # [s] the time of the last command
@@ -90,8 +91,8 @@ class Gate:
         """Stores the robot's pose (x, y, yaw), map frame, at a time [s]; None: it is not known.
 
         Args:
-            correction: date [s] of the newest correction that localisation has made to odometry; 0: there is none to be
-                expected. AMCL dates its corrections ahead, so that what counts is when the date changes.
+            correction: stamp [s] of the newest correction that localisation has made to odometry; 0: none is to be
+                expected. AMCL stamps its corrections ahead, so that what counts is when the stamp changes.
         """
         with self._lock:
             if correction != self._correction[0]:
@@ -111,7 +112,7 @@ class Gate:
                 self._jump_hold_until = stamp + POSE_JUMP_HOLD
 
     def record_input(self, what: str, stamp: float) -> None:
-        """Records the date [s] of an input's newest message; a date a little ahead makes it no younger than it is."""
+        """Records the stamp [s] of an input's newest message; a stamp slightly in the future counts as now."""
         ahead = self._limited_at is not None and self._limited_at < stamp < self._limited_at + MAX_FUTURE_STAMP
         self.stamps[what] = self._limited_at if ahead and self._limited_at is not None else stamp
 
@@ -134,7 +135,7 @@ class Gate:
         return self._pose[1]
 
     def border_contact(self, now: float) -> Tuple[BorderContact, str, bool]:
-        """Returns whether the robot touches a border, the border's name, and whether it may not be entered at all."""
+        """Returns whether and how the robot touches a border, its name, and whether it may not be entered at all."""
         pose, workspace = self.pose(now), self.workspace
         if pose is None or workspace is None:
             return BorderContact.FREE, "", False
