@@ -614,7 +614,7 @@ class PageTest(unittest.TestCase):
             small.click("#wall")
             for point in ([3.2, 3.95], [3.2, 3.1]):  # a doorway
                 small.tap(point)
-            small.wait_text("#review", "more parts")
+            small.wait_text("#review", sentences.translate("splits_free_space", {}, "en"))
             small.wait_arrived()
             small.run("window.scrollTo(0, 0)")
             for part in ("input", ".issue", ".primary"):
