@@ -401,12 +401,7 @@ _REPORTED_BY_OTHERS = frozenset(
 def notices_from_lines(lines: Iterable[CheckLine]) -> List[Notice]:
     """Makes notices of the errors that no other node tells people."""
     return [
-        Notice(
-            line.code,
-            Severity.ERROR,
-            camera=str(line.values.get("camera", "")),
-            values={key: str(value) for key, value in line.values.items()},
-        )
+        Notice.from_values(line.code, Severity.ERROR, line.values)
         for line in lines
         if line.state is CheckState.ERROR and not line.from_notice and line.code not in _REPORTED_BY_OTHERS
     ]

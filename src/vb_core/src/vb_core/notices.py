@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
-from typing import Dict, Iterable, List, Mapping, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, Tuple
 
 from vb_core import sentences
 
@@ -33,6 +33,12 @@ class Notice:
     camera: str = ""
     values: Mapping[str, str] = field(default_factory=dict)
     message: str = ""
+
+    @classmethod
+    def from_values(cls, code: str, severity: Severity, values: Mapping[str, Any]) -> "Notice":
+        """Makes a notice of what a code comes with: the values as text, `camera` also as the field."""
+        words = {key: str(value) for key, value in values.items()}
+        return cls(code, severity, camera=words.get("camera", ""), values=words)
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:
         """Returns the text to show."""

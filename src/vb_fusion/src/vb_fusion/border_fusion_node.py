@@ -193,12 +193,7 @@ class BorderFusionNode:
                 problems.append(CodedError("spots_wrong_frame", camera=self._wrong_camera))
             chain = self._live.candidate.chain
         notices = [
-            Notice(
-                problem.code,
-                Severity.WARNING,
-                camera=str(problem.values.get("camera", "")),
-                values={name: str(value) for name, value in problem.values.items()},
-            )
+            Notice.from_values(problem.code, Severity.WARNING, problem.values)
             for problem in problems
             if problem is not None
         ]

@@ -303,7 +303,7 @@ class Database:
         return sorted((self.folder / "copies").glob("borders-????-??-??.db"), reverse=True)
 
     def _report(self, code: str, severity: Severity, **values: Any) -> None:
-        self.notices.append(Notice(code, severity, values={key: str(value) for key, value in values.items()}))
+        self.notices.append(Notice.from_values(code, severity, values))
 
     def _lose_replica(self, error: Exception) -> None:
         self._replica_is_good = False
