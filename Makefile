@@ -11,13 +11,13 @@ SIZE     ?= default
 FRESH    ?=
 CONFIG   ?=
 OUT      ?= out/study
+CAMERA   ?=
 HOURS    ?= 24
 EXAMPLES ?= 3000
 PROCESSES ?=
-SCHEDULER ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup navigation demo test unit rostest screenshots docs study soak clean
+.PHONY: help setup navigation try demo test unit rostest screenshots docs study soak clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 13
@@ -27,6 +27,9 @@ setup: ## system packages, virtual environment, catkin build (each only where ne
 
 navigation: setup ## builds the real navigation stack beside this workspace (Debian 12): NAVIGATION_SOURCE=git repository
 	@scripts/navigation
+
+try: setup ## a camera, a laser pointer and a browser: CAMERA=0|/dev/...|rtsp://...|http://...|FILE; without one, a video of ours
+	@. scripts/env.sh && python3 scripts/try --camera "$(CAMERA)"
 
 demo: setup ## the simulated lab: SCENARIO=room|carpet|corner METHOD=nrs|robot_only NAVIGATION=standin|move_base WORLD=file SEED=number
 	@. scripts/env.sh && python3 scripts/demo --scenario "$(SCENARIO)" --method "$(METHOD)" --world "$(WORLD)" --seed "$(SEED)" \
@@ -46,11 +49,12 @@ screenshots: setup ## pictures of the smart display in every state, into docs/im
 
 docs: ## the documentation as a site, into out/site
 	@test -x out/mkdocs/bin/mkdocs || { python3 -m venv out/mkdocs && out/mkdocs/bin/pip install -q mkdocs-material==9.6.14; }
+	@out/mkdocs/bin/python scripts/reference --site
 	@out/mkdocs/bin/mkdocs build --quiet --strict
 
-study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 SIZE=default|full FRESH=1 CONFIG=file OUT=folder PROCESSES=number SCHEDULER=address
+study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 SIZE=default|full FRESH=1 CONFIG=file OUT=folder PROCESSES=number
 	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" --size $(if $(QUICK),quick,$(SIZE)) $(if $(FRESH),--fresh) \
-	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) $(if $(SCHEDULER),--scheduler "$(SCHEDULER)") \
+	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
 	    && python3 -m vb_evaluation.study_kit report "$(OUT)"
 

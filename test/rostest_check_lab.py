@@ -112,8 +112,6 @@ class CheckLab(unittest.TestCase):
                 ("camera south", "lab_camera_no_detector"),
                 ("nodes", "lab_node_missing"),
                 ("map", "lab_map_without_borders"),
-                ("robot", "lab_robot_no_pose"),
-                ("move_base", "lab_navigation_missing"),
             },
             lines,
         )
@@ -211,7 +209,7 @@ class CheckLab(unittest.TestCase):
     def test_the_running_lab_says_by_itself_what_is_wrong(self):
         self.wait(lambda: ("lab_camera_not_calibrated", "north") in self.told)
         self.wait(lambda: ("lab: camera north", "lab_camera_not_calibrated", DiagnosticStatus.ERROR) in self.diagnosed)
-        self.wait(lambda: ("lab: move_base", "lab_navigation_missing", DiagnosticStatus.WARN) in self.diagnosed)
+        self.wait(lambda: ("lab: nodes", "lab_node_missing", DiagnosticStatus.ERROR) in self.diagnosed)
 
 
 if __name__ == "__main__":

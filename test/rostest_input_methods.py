@@ -22,7 +22,15 @@ from terminal import Terminal  # noqa: E402
 from vb_core import names  # noqa: E402
 from vb_core.grid_map import GridMap  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid  # noqa: E402
-from vb_msgs.msg import Audio, BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorderArray  # noqa: E402
+from vb_msgs.msg import (  # noqa: E402
+    Audio,
+    BorderPreview,
+    BorderProgress,
+    InteractionState,
+    LaserSpot,
+    SpeechCommand,
+    VirtualBorderArray,
+)
 from vb_msgs.srv import Command  # noqa: E402
 
 COMMANDS = ("define_border", "define_seed", "save")
@@ -58,6 +66,7 @@ class InputMethods(unittest.TestCase):
         cls.joy = rospy.Publisher("/joy", Joy, queue_size=10)
         cls.audio = rospy.Publisher("/virtual_borders/voice/audio", Audio, queue_size=200)
         cls.state = Newest(names.STATE, InteractionState)
+        cls.heard = Newest(names.SPEECH_COMMANDS, SpeechCommand)
         cls.progress = Newest(names.PROGRESS, BorderProgress)
         cls.preview = Newest(names.PREVIEW, BorderPreview)
         cls.borders = Newest(names.BORDERS, VirtualBorderArray)
@@ -187,16 +196,23 @@ class InputMethods(unittest.TestCase):
     def speak(self, command):
         self.utter(command)
         if command == "save":
-            # a single short word is asked about if it was not quite clear; a person says it once more
+            # a single short word is asked about if it was not quite clear; a person says what the question names
             answered = self.state.wait(
                 lambda message: message.confirm_save or (message.name == "default" and message.last_outcome == "saved"),
                 "an answer to the spoken save",
             )
-            if answered.confirm_save:
-                self.utter(command)
+            for seed in range(8 if answered.confirm_save else 0):
+                told = len(self.heard.all)
+                self.utter("yes, save", seed)
+                answers = wait_until(
+                    lambda: [heard for heard in self.heard.all[told:] if heard.command != "save"],  # noqa: B023
+                    "what was made of the answer",
+                )
+                if answers[0].accepted:
+                    return
 
-    def utter(self, command):
-        pcm = say(command.replace("_", " "))
+    def utter(self, command, seed=0):
+        pcm = say(command.replace("_", " "), seed=seed)
         for at in range(0, len(pcm), RATE // 10):
             self.audio.publish(Audio(sample_rate=RATE, data=pcm[at : at + RATE // 10].tobytes()))
 

@@ -12,10 +12,12 @@ from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_evaluation import metrics
 from vb_evaluation.observer import Observer, wait_until
-from vb_msgs.msg import InteractionState, LaserSpot
+from vb_msgs.msg import InteractionState, LaserSpot, NoticeArray
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
 
+# what people must not be told while a sound lab starts and somebody begins to draw
+ALARMS = ("camera_", "detector_", "lab_", "spot_not_seen_no_robot")
 NEAR = 0.1  # [m] between what was seen of a hand and the line that is made of it
 
 
@@ -29,7 +31,13 @@ class WholeScenario(unittest.TestCase):
         rospy.init_node("whole_scenario")
         world = load_world(rospy.get_param("~world"))
         scenario = world.scenario(rospy.get_param("~scenario"))
-        observer, seen, entered = Observer(), [], {}
+        observer, seen, entered, alarms = Observer(), [], {}, set()
+
+        def hear(message: NoticeArray) -> None:
+            if not (observer.state and observer.state.state == InteractionState.BORDER and len(seen) > 20):
+                alarms.update(one.message for one in message.notices if one.code.startswith(ALARMS))
+
+        rospy.Subscriber(names.NOTICES, NoticeArray, hear)
 
         def keep(spot: LaserSpot) -> None:
             if observer.state is not None and observer.state.state == InteractionState.BORDER:
@@ -42,6 +50,8 @@ class WholeScenario(unittest.TestCase):
         self.assertTrue(wait_until(lambda: observer.outcome is not None, 200.0), f"never done; state: {observer.state}")
         self.assertEqual(observer.outcome["outcome"], "saved", observer.outcome)
         self.assertTrue(wait_until(lambda: observer.state.last_outcome == "saved" and observer.borders, 120.0))
+
+        self.assertEqual(alarms, set())
 
         # the person's line became one open border that no ceiling camera saw alone
         border = observer.borders[0]

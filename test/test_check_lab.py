@@ -2,6 +2,7 @@
 
 import dataclasses
 import struct
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,23 +16,23 @@ from vb_bringup.lab_checks import (
     CheckLine,
     CheckState,
     MapObservation,
-    NavigationObservation,
     RobotObservation,
     check_borders,
     check_cameras,
     check_disk,
     check_map,
-    check_navigation,
     check_nodes,
     check_robot,
+    check_robots,
     drop_recovered,
     lines_from_notices,
     notices_from_lines,
     worst_state,
 )
-from vb_bringup.lab_monitor import CameraComparison, LabMonitor
+from vb_bringup.lab_monitor import CameraComparison, DetectorWatch
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
+from vb_core.offer import ConnectedRobot, Connections, offer
 
 GOOD = CameraObservation(
     name="north",
@@ -71,6 +72,7 @@ def test_a_good_camera_is_one_line():
         (dict(rate=2.0), "lab_camera_slow"),
         (dict(age=3600.0), "lab_camera_clock"),
         (dict(age=-4.0), "lab_camera_clock"),
+        (dict(no_delay=True), "lab_camera_no_delay"),
         (dict(bright=0.3), "lab_camera_too_bright"),
         (dict(info=None), "lab_camera_no_info"),
         (dict(info=CameraInfoObservation(640, 480, 0.0)), "lab_camera_not_calibrated"),
@@ -120,20 +122,48 @@ def test_no_camera_at_all_is_a_warning():
 
 
 @pytest.mark.parametrize(
-    "seen, code",
+    "changes, code",
     [
-        (RobotObservation("", None, scan_deg=270.0), "lab_robot_no_pose"),
-        (RobotObservation("", 8.0, scan_deg=270.0), "lab_robot_old_pose"),
-        (RobotObservation("", 0.1), "lab_robot_no_scan"),
-        (RobotObservation("", 0.1, scan_deg=30.0), "lab_robot_narrow_scan"),
-        (
-            RobotObservation("", 0.1, scan_deg=270.0, color_frame="rgb", depth_frame="ir"),
-            "lab_robot_depth_not_registered",
-        ),
+        (dict(scan_deg=0.0), "lab_robot_no_scan"),
+        (dict(scan_deg=30.0), "lab_robot_narrow_scan"),
+        (dict(pose_age=1.5), "lab_robot_old_pose"),
+        (dict(pose_age=-1.5), "lab_robot_old_pose"),
+        (dict(keeps_margin=False), "lab_robot_without_margin"),
+        (dict(color_frame="rgb", depth_frame="ir"), "lab_robot_depth_not_registered"),
+        (dict(clears_plans=True), "lab_robot_clears_plans"),
     ],
 )
-def test_each_mistake_with_a_robot_is_named(seen, code):
-    assert codes(check_robot(seen)) == [code]
+def test_each_mistake_with_a_robot_is_named(changes, code):
+    good = RobotObservation("", driven=True, pose_age=0.2, scan_deg=270.0)
+    assert not codes(check_robot(good))
+    assert codes(check_robot(dataclasses.replace(good, **changes))) == [code]
+
+
+def test_what_readme_links_to_asks_for_no_map_that_only_a_driver_publishes():
+    """move_base waits for such a map for ever, and offers no action server meanwhile."""
+    top = Path(__file__).resolve().parents[1]
+    assert "(docs/tutorials/your-own-robot.md)" in (top / "README.md").read_text(encoding="utf-8")
+    page = (top / "docs" / "tutorials" / "your-own-robot.md").read_text(encoding="utf-8")
+    before_the_driver, step_3 = page.split("## 3. The driver")
+    assert "keep_out" not in before_the_driver and "keep_out_layer" in step_3
+    assert len(page.splitlines()) <= 60
+
+
+def test_a_robot_without_a_driver_needs_no_scan_of_ours():
+    assert not codes(check_robot(RobotObservation("")))
+
+
+def test_what_is_connected_to_a_robot_is_a_line_with_its_severity():
+    good = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
+    lines = check_robots(offer(Connections((good, dataclasses.replace(good, name="bob", plans_round_borders=False)))))
+    assert [line.code for line in lines if line.subject == "robot ada"] == [
+        "robot_plans_round_borders",
+        "robot_obeys_borders_only",
+    ]
+    assert [(line.subject, line.code) for line in lines if line.state is CheckState.ERROR] == [
+        ("robot bob", "robot_ignores_borders")
+    ]
+    assert notices_from_lines(lines) == []  # robot_monitor tells them
 
 
 @pytest.mark.parametrize(
@@ -180,28 +210,9 @@ def test_a_doubtful_place_is_told_once_and_only_by_the_check_while_it_says_more(
     assert [line.subject for line in lines_from_notices([doubt], [])] == ["borders"]
 
 
-@pytest.mark.parametrize(
-    "seen, code",
-    [
-        (NavigationObservation("move_base"), "lab_navigation_missing"),
-        (NavigationObservation("move_base", True, ["/map"]), "lab_navigation_without_borders"),
-        (NavigationObservation("move_base", True, ["/map", "/virtual_borders/map"]), "lab_navigation_physical_map"),
-        (NavigationObservation("move_base", True, ["/virtual_borders/map"]), "lab_navigation_without_keep_out"),
-        (
-            NavigationObservation("move_base", True, ["/virtual_borders/map", "/robot_driver/keep_out"], True),
-            "lab_navigation_clears_plans",
-        ),
-    ],
-)
-def test_navigation_that_ignores_borders_is_named(seen, code):
-    assert codes(check_navigation(seen)) == [code]
-    maps = ["/r1/virtual_borders/map", "/r1/robot_driver/keep_out"]
-    assert not codes(check_navigation(NavigationObservation("r1/move_base", True, maps)))
-
-
 def test_errors_that_no_node_reports_are_reported():
     slow = CheckLine("x", CheckState.WARNING, "lab_camera_slow")
-    lines = [check_disk("/x", 10.0), *check_cameras([dataclasses.replace(GOOD, rate=0.0)]), slow]
+    lines = [check_disk("/x", 10.0), *check_cameras([dataclasses.replace(GOOD, detector="")]), slow]
     assert [(notice.code, notice.severity) for notice in notices_from_lines(lines)] == [
         ("lab_disk_full", Severity.ERROR)
     ]
@@ -236,13 +247,20 @@ def test_what_a_check_says_more_exactly_is_not_reported_twice():
     assert [line.code for line in lines_from_notices(told, check_cameras([GOOD]))] == [
         "camera_silent",
         "camera_no_pose",
+        "lab_camera_silent",
         "lab_camera_frame_differs",
     ]
 
 
 def test_a_node_that_is_back_is_no_longer_missing():
     lines = [*check_nodes(["/map_integrator", "/border_fusion"]), check_disk("/x", 10.0)]
-    assert drop_recovered(lines, {"/map_integrator", "/page"}) == lines[1:]
+    assert drop_recovered(lines, {"/map_integrator", "/page"}, ()) == lines[1:]
+
+
+def test_a_camera_that_never_sent_an_image_is_the_checks_and_later_its_detectors_own_matter():
+    lines = check_cameras([dataclasses.replace(GOOD, rate=0.0), dataclasses.replace(GOOD, name="south", publishers=[])])
+    assert [line.code for line in drop_recovered(lines, (), ())] == ["lab_camera_silent", "lab_camera_no_publisher"]
+    assert [line.values["camera"] for line in drop_recovered(lines, (), {"north"})] == ["south"]
 
 
 def test_a_full_disk_is_an_error():
@@ -272,61 +290,26 @@ def test_every_line_has_a_sentence_in_every_language():
 
 
 # ------------------------------------------------------------ while people work
-def monitor():
-    watch = LabMonitor(["north", "south"])
-    watch.begin(0.0)
-    return watch
+def told(watch, now):
+    return [(notice.code, notice.camera) for notice in watch.notices(now)]
 
 
-def test_a_healthy_camera_is_no_notice():
-    watch = monitor()
-    for now in range(1, 20):
-        for name in ("north", "south"):
-            watch.update(name, now * 15, {}, float(now))
-        assert not watch.notices(float(now))
-
-
-def test_an_unplugged_camera_is_reported_within_five_seconds_and_withdrawn():
-    watch = monitor()
-    for now in range(1, 11):
-        watch.update("north", now * 15, {}, float(now))
-        watch.update("south", min(now, 5) * 15, {}, float(now))
-    assert [(notice.code, notice.camera) for notice in watch.notices(10.0)] == [("camera_silent", "south")]
-    watch.update("south", 100, {}, 11.0)
-    watch.update("north", 200, {}, 11.0)
-    assert not watch.notices(11.0)
+def test_what_a_detector_says_of_itself_is_told_until_it_says_otherwise():
+    watch = DetectorWatch(["north", "south"], 0.0)
+    watch.update("north", "", 1.0)
+    watch.update("south", "camera_silent", 1.0)
+    assert told(watch, 2.0) == [("camera_silent", "south")]
+    watch.update("south", "", 2.0)
+    assert told(watch, 3.0) == []
 
 
 def test_a_detector_that_is_gone_is_reported():
-    watch = monitor()
-    watch.update("north", 15, {}, 1.0)
-    assert [(notice.code, notice.camera) for notice in watch.notices(6.0)] == [("detector_missing", "north")]
+    watch = DetectorWatch(["north", "south"], 0.0)
+    watch.update("north", "", 1.0)
+    assert told(watch, 16.0) == [("detector_missing", "north")]
     # one that was not heard yet may still be starting
-    found = watch.notices(16.0)
-    assert {(notice.code, notice.camera) for notice in found} == {
-        ("detector_missing", "north"),
-        ("detector_missing", "south"),
-    }
-    assert all(notice.severity is Severity.ERROR for notice in found)
-
-
-def test_spots_without_a_pose_are_reported():
-    watch = monitor()
-    for now in range(1, 5):
-        watch.update("north", now * 15, {"no_transform": now * 3}, float(now))
-        watch.update("south", now * 15, {"no_camera_info": now * 3}, float(now))
-    assert {(n.code, n.camera) for n in watch.notices(4.0)} == {
-        ("camera_no_pose", "north"),
-        ("camera_no_lens", "south"),
-    }
-
-
-def test_a_shared_frame_hides_the_pose_that_it_prevents():
-    watch = monitor()
-    for now in range(1, 5):
-        watch.update("north", now * 15, {"no_transform": now, "shared_frame": now * 3}, float(now))
-        watch.update("south", now * 15, {"no_transform": now, "no_camera_info": now}, float(now))
-    assert [(notice.code, notice.camera) for notice in watch.notices(4.0)] == [("camera_no_lens", "south")]
+    assert told(watch, 61.0) == [("detector_missing", "north"), ("detector_missing", "south")]
+    assert all(notice.severity is Severity.ERROR for notice in watch.notices(61.0))
 
 
 def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agree():

@@ -17,6 +17,7 @@ from vb_bringup.launch_check import (
     check_arguments,
     check_installed,
     check_values,
+    check_wheels,
     declared_arguments,
 )
 from vb_core.errors import CodedError
@@ -162,7 +163,7 @@ def files(tmp_path):
         ("robot_types", "@none.yaml", "launch_no_file"),
         ("page_port", "8420", ""),
         ("page_port", "80a", "launch_bad_number"),
-        ("occupancy", "1.5", "launch_bad_number"),
+        ("mqtt", "mqtt://hub", "launch_bad_address"),
         ("rviz", "yes", "launch_bad_choice"),
         ("projector", "@none", "launch_no_file"),
     ],
@@ -184,7 +185,7 @@ def test_a_misspelt_parameter_is_named_with_its_file_and_all_known_ones(files):
     [
         ("lab", {"state", "calibration", "record", "map_name", "page_address"}),
         ("simulation", {"world", "seed", "state", "record", "maps", "page_address"}),
-        ("borders_only", {"state", "robot_frame", "page_address"}),
+        ("borders_only", {"state", "robot_frames", "page_address"}),
     ],
 )
 def test_every_argument_of_a_launch_file_is_judged(name, free):
@@ -205,6 +206,19 @@ def test_a_lab_runs_alone_on_its_master(lab, node_of_a_lab):
     assert caught.value.code == "lab_already_running" and "4712" in caught.value.message
     assert code_of(check_alone, node_of_a_lab) == "lab_node_already_running"
     assert code_of(check_alone, "http://127.0.0.1:1") == ""
+
+
+@pytest.mark.parametrize(
+    "robots, topic, refused",
+    [("", "/cmd_vel", True), ("ada", "/ada/cmd_vel", True), ("ada", "/cmd_vel", False), ("", "/odom", False)],
+)
+def test_nobody_else_may_command_a_robots_base_when_the_lab_starts(robots, topic, refused):
+    with served() as (server, uri):
+        published = [[topic, ["/move_base", "/robot_driver", "/ada/robot_driver"]]]
+        server.register_function(lambda caller: (1, "", [published, [], []]), "getSystemState")
+        server.register_function(lambda caller: (1, "", [[topic, "geometry_msgs/Twist"]]), "getTopicTypes")
+        code = code_of(check_wheels, uri, robots, "turtlebot2")
+    assert code == ("launch_other_way_to_wheels" if refused else "")
 
 
 @pytest.mark.parametrize(

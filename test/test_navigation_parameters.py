@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from vb_core.navigation_parameters import amcl_parameters, navigation_parameters
 from vb_core.robot_profile import RobotProfile
-from vb_robot.navigation_parameters import amcl_parameters, navigation_parameters
 
 TOP = Path(__file__).resolve().parents[1]
 CONFIG = TOP / "src" / "vb_bringup" / "config" / "navigation"
@@ -68,9 +68,9 @@ NESTED = {
 }
 # amcl/src/amcl_node.cpp, amcl/cfg/AMCL.cfg; those that the launch file sets
 AMCL = set(
-    "base_frame_id odom_model_type first_map_only global_frame_id initial_pose_a initial_pose_x initial_pose_y laser_max_beams "
-    "odom_alpha1 odom_alpha2 odom_alpha3 odom_alpha4 odom_frame_id transform_tolerance update_min_a update_min_d "
-    "use_map_topic".split()
+    "base_frame_id odom_model_type first_map_only global_frame_id initial_cov_xx initial_cov_yy initial_pose_a "
+    "initial_pose_x initial_pose_y laser_max_beams odom_alpha1 odom_alpha2 odom_alpha3 odom_alpha4 odom_frame_id "
+    "transform_tolerance update_min_a update_min_d use_map_topic".split()
 )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from vb_bringup.new_lab import write_lab
+from vb_bringup.new_lab import parse_cameras, write_lab
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
@@ -25,7 +25,7 @@ def test_a_lab_of_two_cameras(tmp_path, profiles):
     lab = tmp_path / "lab"
     grid = GridMap(np.array([[0, 100], [100, -1]], np.int8), 0.05, (1.0, 2.0, 0.0))
     write_map(tmp_path / "room", grid)
-    written = write_lab(lab, ["north", "south"], "turtlebot2", tmp_path / "room.yaml", profiles)
+    written = write_lab(lab, {"north": "/dev/video0", "south": ""}, "turtlebot2", tmp_path / "room.yaml", profiles)
     assert all(path.is_file() for path in written)
     given = {arg.get("name"): arg.get("value") for arg in ElementTree.parse(str(lab / "lab.launch")).iter("arg")}
     assert given["cameras"] == "north south" and given["map"] == "$(dirname)/map.yaml" and given["robot"] == "true"
@@ -34,27 +34,36 @@ def test_a_lab_of_two_cameras(tmp_path, profiles):
     (tmp_path / "room.pgm").unlink()
     copy = read_map(lab / "map.yaml")
     assert copy.origin == grid.origin and (copy.data == grid.data).all()
-    drivers = list(ElementTree.parse(str(lab / "cameras.launch")).iter("node"))
-    frames = {
-        param.get("value") for node in drivers for param in node.iter("param") if param.get("name") == "camera_frame_id"
+    ElementTree.parse(str(lab / "cameras.launch"))
+    settings = {name: yaml.safe_load((lab / "detectors" / f"{name}.yaml").read_text()) for name in ("north", "south")}
+    assert settings == {"north": {"source": "/dev/video0"}, "south": {}}
+
+
+def test_cameras_with_and_without_a_source(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = parse_cameras("north=/dev/video0 south=rtsp://a:b@1.2.3.4/x?y=1 hall clip=room.mp4")
+    assert found == {
+        "north": "/dev/video0",
+        "south": "rtsp://a:b@1.2.3.4/x?y=1",
+        "hall": "",
+        "clip": str(tmp_path / "room.mp4"),
     }
-    assert frames == {"north_optical_frame", "south_optical_frame"}
-    for name in ("north", "south"):
-        assert yaml.safe_load((lab / "detectors" / f"{name}.yaml").read_text()) == {}
+    with pytest.raises(CodedError) as caught:
+        parse_cameras("a=1 a=2")
+    assert caught.value.code == "bad_camera_name"
 
 
 def test_every_argument_of_its_launch_file_exists(tmp_path, profiles):
     from pathlib import Path
 
-    write_lab(tmp_path / "lab", ["north"], "", None, profiles)
+    write_lab(tmp_path / "lab", {"north": ""}, "", None, profiles)
     given = {arg.get("name") for arg in ElementTree.parse(str(tmp_path / "lab" / "lab.launch")).iter("arg")}
     stack = Path(__file__).resolve().parents[1] / "launch" / "lab.launch"
     assert given <= {arg.get("name") for arg in ElementTree.parse(str(stack)).getroot().findall("arg")}
 
 
 @pytest.mark.parametrize(
-    "cameras, robot, code",
-    [(["1st"], "", "bad_camera_name"), (["a", "a"], "", "bad_camera_name"), (["a"], "r2d2", "unknown_robot_type")],
+    "cameras, robot, code", [({"1st": ""}, "", "bad_camera_name"), ({"a": ""}, "r2d2", "unknown_robot_type")]
 )
 def test_what_cannot_be_is_refused_before_anything_is_written(tmp_path, profiles, cameras, robot, code):
     with pytest.raises(CodedError) as caught:
@@ -64,14 +73,14 @@ def test_what_cannot_be_is_refused_before_anything_is_written(tmp_path, profiles
 
 def test_nothing_is_overwritten(tmp_path, profiles):
     lab = tmp_path / "lab"
-    write_lab(lab, ["north"], "", None, profiles)
+    write_lab(lab, {"north": ""}, "", None, profiles)
     before = (lab / "lab.launch").read_text()
     with pytest.raises(CodedError) as caught:
-        write_lab(lab, ["south"], "", None, profiles)
+        write_lab(lab, {"south": ""}, "", None, profiles)
     assert caught.value.code == "folder_not_empty" and (lab / "lab.launch").read_text() == before
 
 
 def test_a_map_that_cannot_be_read_is_refused_before_anything_is_written(tmp_path, profiles):
     with pytest.raises(CodedError) as caught:
-        write_lab(tmp_path / "lab", ["north"], "", tmp_path / "rooom.yaml", profiles)
+        write_lab(tmp_path / "lab", {"north": ""}, "", tmp_path / "rooom.yaml", profiles)
     assert caught.value.code == "bad_map_file" and "rooom.yaml" in str(caught.value) and not (tmp_path / "lab").exists()

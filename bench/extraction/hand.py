@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What a person's movement alone costs, and how much more people would have to err to be as inexact as the paper's.
 
-    python3 bench/extraction/hand.py --people 15 --out docs/results/study/hand.md
+    python3 bench/extraction/hand.py --people 15
 
 The people of the simulated study draw each scenario's border; extraction and integration make the map of it, in the
 paper's literal mode and in the default one. Hands: "even" draws straight on the map's line (stroke_scale 0, no marks
@@ -14,21 +14,17 @@ interaction takes part, so that these are the best figures that such hands can g
 
 from __future__ import annotations
 
-import argparse
-import datetime
 import sys
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import List, Tuple
+from dataclasses import replace
+from typing import Any, Dict, List, Tuple
 
 import cv2
 import numpy as np
 
+from bench.frame import Table, arguments
 from vb_core.errors import CodedError
 from vb_core.grid_map import FREE
 from vb_evaluation import metrics, statistics
-from vb_evaluation.provenance import revision
-from vb_evaluation.report.paper import PAPER
 from vb_evaluation.study import assumptions, config
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.runner import personal_scenario
@@ -53,72 +49,11 @@ HANDS = {"even": 0.0, "people": 1.0, "times 2": 2.0, "times 4": 4.0}
 MODES = {"paper": ExtractionParams.paper(), "robust": ExtractionParams.robust()}
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """One result; nan where extraction or integration refused.
-
-    Attributes:
-        jaccard: of the restricted floor; enclosed: of the area drawn round; rim: that against a
-            truth that ends before the walls.
-    """
-
-    jaccard: float
-    enclosed: float
-    rim: float
-    error_cm: float
-
-
-def main() -> None:
-    """Draws, measures and writes the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--people", type=int, default=15)
-    parser.add_argument("--first", type=int, default=1, help="number of the first person")
-    parser.add_argument("--out", type=Path)
-    given = parser.parse_args()
-    study = config.load()
-    lines = [
-        "| scenario | hand | extraction | refused | Jaccard index, median [95 %] | of the area drawn round | "
-        "the paper's people, NRS | mean boundary error, median [cm] | 95 % of people within [cm] | of the area, truth ends before walls |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for key in study.design.scenarios:
-        for hand, times in HANDS.items():
-            erring = study.changed(assumptions.changes(study, dict.fromkeys(ERRORS, times))) if times > 1.0 else study
-            drawn = [
-                draw(erring, key, number, times > 0.0) for number in range(given.first, given.first + given.people)
-            ]
-            for mode in MODES:
-                lines.append(
-                    _line(
-                        study, key, hand, mode, [found for found in (measure(study, key, *one, mode) for one in drawn)]
-                    )
-                )
-                print(lines[-1], file=sys.stderr, flush=True)
-    text = "\n".join(
-        [
-            "# What a person's movement alone costs",
-            "",
-            (__doc__ or "").split("\n\n")[2].replace("\n", " "),
-            "",
-            f"Command: `python3 bench/extraction/hand.py --people {given.people} --first {given.first}`, "
-            f"{datetime.date.today().isoformat()}, revision {revision()}, "
-            f"{given.people} people. Medians over those that were not refused, bootstrap intervals.",
-            "",
-            *lines,
-            "",
-        ]
-    )
-    if given.out:
-        given.out.parent.mkdir(parents=True, exist_ok=True)
-        given.out.write_text(text, encoding="utf-8")
-    print(text)
-
-
 def draw(study: Study, key: str, number: int, real: bool) -> Tuple[np.ndarray, np.ndarray, Scenario]:
     """Points (N, 2) [m] and stamps (N,) [s] of one person's stroke, and the scenario."""
     asked, traits = study.world.scenario(key), study.traits(number)
     grid = floor_plan.physical_map(study.world)
-    meant = personal_scenario(study.world, asked, traits, grid, study.marks(key)) if real else asked
+    meant = personal_scenario(study.world, asked, traits, grid, study.marks(number, key)) if real else asked
     model = traits.model if real else replace(traits.model, stroke_scale=0.0)
     rng = np.random.default_rng([study.run_seed(number), *key.encode()])
     style = load_styles()[int(np.random.default_rng([study.run_seed(number), 2]).integers(len(load_styles())))]
@@ -134,42 +69,63 @@ def draw(study: Study, key: str, number: int, real: bool) -> Tuple[np.ndarray, n
     return np.array(points), np.array(stamps), asked
 
 
-def measure(study: Study, key: str, points: np.ndarray, stamps: np.ndarray, asked: Scenario, mode: str) -> Drawn:
-    """Measures what the map has of a stroke."""
+def measure(
+    study: Study, key: str, points: np.ndarray, stamps: np.ndarray, asked: Scenario, mode: str
+) -> Dict[str, float]:
+    """Measures what the map has of a stroke; nothing where extraction or integration refused.
+
+    Returns:
+        Jaccard index of the restricted floor; *enclosed*: of the area drawn round; *rim*: that against a truth that ends
+        before the walls; the mean boundary error [cm].
+    """
     prior = floor_plan.physical_map(study.world)
     truth = floor_plan.ground_truth(study.world, asked)
     try:
         chain = extract_border(points, MODES[mode], stamps=None if mode == "paper" else stamps)
         posterior = integrate(prior, VirtualBorder(chain.points, asked.seed, 1.0, chain.closed)).posterior
     except CodedError:
-        return Drawn(np.nan, np.nan, np.nan, np.nan)
+        return {}
     restricted = metrics.restricted_cells(prior, posterior)
     error = metrics.boundary_error(prior, truth, restricted)
     floor = prior.data == FREE
     wanted, drawn_round = (metrics.enclosed(floor, cells & floor, truth) for cells in (truth, restricted))
     # the part of the floor without the cells that touch something else
     inner = cv2.erode(floor.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
-    return Drawn(
-        metrics.jaccard(truth, restricted),
-        metrics.jaccard(wanted, drawn_round),
-        metrics.jaccard(wanted & inner, drawn_round),
-        np.nan if error is None else 100.0 * error.mean,
-    )
+    return {
+        "jaccard": metrics.jaccard(truth, restricted),
+        "enclosed": metrics.jaccard(wanted, drawn_round),
+        "error_cm": np.nan if error is None else 100.0 * error.mean,
+        "rim": metrics.jaccard(wanted & inner, drawn_round),
+    }
 
 
-def _line(study: Study, key: str, hand: str, mode: str, found: List[Drawn]) -> str:
-    names = ("jaccard", "enclosed", "rim", "error_cm")
-    refused = sum(np.isnan(one.jaccard) for one in found)
-    scores, enclosed, rim, errors = (
-        np.array([getattr(one, name) for one in found if np.isfinite(getattr(one, name))]) for name in names
-    )
-    worst = f"{np.percentile(errors, 95):.1f}" if len(errors) else "–"
-    return (
-        f"| {study.world.scenario(key).title} | {hand} | {mode} | {refused} of {len(found)} | "
-        f"{statistics.median(scores).text(3)} | {statistics.median(enclosed).text(3)} | {PAPER[key].jaccard['nrs']:.3f} | "
-        f"{statistics.median(errors).text(1)} | {worst} | {statistics.median(rim).text(3)} |"
-    )
+def summary(found: List[Dict[str, float]]) -> Dict[str, Any]:
+    """Computes medians with bootstrap intervals over those that were not refused."""
+    drawn = [one for one in found if one]
+    row: Dict[str, Any] = {"refused": f"{len(found) - len(drawn)} of {len(found)}"}
+    for name, digits in (("jaccard", 3), ("enclosed", 3), ("error_cm", 1), ("rim", 3)):
+        values = np.array([one[name] for one in drawn if np.isfinite(one[name])])
+        row[name] = statistics.median(values).text(digits) if len(values) else ""
+    return row
+
+
+def main() -> int:
+    parser = arguments(__doc__)
+    parser.add_argument("--people", type=int, default=15)
+    parser.add_argument("--first", type=int, default=1, help="number of the first person")
+    parser.add_argument("--scenarios", nargs="+", metavar="KEY", help="only these")
+    given = parser.parse_args()
+    study, table = config.load(), Table(given.csv)
+    for key in given.scenarios or study.design.scenarios:
+        for hand, times in HANDS.items():
+            erring = study.changed(assumptions.changes(study, dict.fromkeys(ERRORS, times))) if times > 1.0 else study
+            numbers = range(given.first, given.first + given.people)
+            drawn = [draw(erring, key, number, times > 0.0) for number in numbers]
+            for mode in MODES:
+                found = [measure(study, key, *one, mode) for one in drawn]
+                table.add(scenario=study.world.scenario(key).title, hand=hand, extraction=mode, **summary(found))
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

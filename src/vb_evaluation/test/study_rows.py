@@ -33,12 +33,11 @@ _BORDER_M = {"room": 0.7, "carpet": 6.5, "corner": 3.6}
 _PATH_M = {"room": 5.4, "carpet": 2.5, "corner": 3.0}
 
 
-def run(random, participant, scenario, method, order=1, speed=1.0, distance=None):
+def run(random, participant, scenario, method, order=1, speed=1.0):
     """One row: longer borders take longer, the baseline first guides the robot."""
     slow = method == "robot_only"
-    distance = _PATH_M[scenario] if distance is None else distance
     states = {
-        "guide": 3.0 + distance / 0.19 + random.gamma(2.0, 0.7) if slow else 0.0,
+        "guide": 3.0 + _PATH_M[scenario] / 0.19 + random.gamma(2.0, 0.7) if slow else 0.0,
         "border": 3.0 + _BORDER_M[scenario] / (0.19 if slow else 0.45 * speed) + random.gamma(2.0, 0.6),
         "seed": 3.0 + (4.0 if slow else 0.0) + random.gamma(2.0, 0.5),
     }
@@ -104,35 +103,10 @@ def make_study(folder, participants=15, sweeps=True, maps=True, seed=1, people=F
                     row["map"] = f"maps/{name}.yaml"
                     row["jaccard"] = f"{metrics.jaccard(truth, drawn):.4f}"
     write(folder / "runs.csv", RUN_COLUMNS, rows)
-    meta = {
-        "world": "lab",
-        "seed": seed,
-        "size": "full",
-        "people": people,
-        "revision": "abc1234",
-        "assumptions": [
-            {
-                "key": "participant/tremor",
-                "value": "0.01",
-                "unit": "m",
-                "range": "0.005 to 0.02",
-                "source": "assumed",
-                "why": "nobody measured it",
-            }
-        ],
-        "caveats": ["People of a simulation know what they do."],
-    }
+    meta = {"world": "lab", "seed": seed, "size": "full", "people": people, "revision": "abc1234"}
     (folder / "study.json").write_text(json.dumps(meta))
     if sweeps:
-        few = every(min(participants, 5))
-        curves = [
-            dict(run(random, *who, distance=value), sweep="distance", value=value)
-            for value in (1.0, 4.0, 8.0)
-            for who in few
-        ]
-        write(folder / "curves.csv", ["sweep", "value", *RUN_COLUMNS], curves)
         write_worlds(folder, random)
-        write(folder / "all_images.csv", RUN_COLUMNS, [dict(row, spots=int(row["spots"]) + 3) for row in rows[::10]])
     return folder
 
 

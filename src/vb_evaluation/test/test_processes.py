@@ -1,5 +1,6 @@
 import os
 import re
+import socket
 import signal
 import subprocess
 import sys
@@ -27,8 +28,16 @@ def test_what_a_child_wrote_can_be_reported(tmp_path):
     assert child.tail(1) == "two" and not child.running
 
 
-def test_a_free_port_is_a_port():
-    assert 1024 < free_port() < 65536
+def test_a_free_port_can_be_listened_on_and_is_the_wanted_one_only_while_that_is_free():
+    with socket.socket() as first:
+        first.bind(("127.0.0.1", free_port()))
+        first.listen()
+        taken = first.getsockname()[1]
+        other = free_port(taken)
+        assert other != taken
+        with socket.socket() as second:
+            second.bind(("127.0.0.1", other))
+        assert free_port(other) == other
 
 
 def test_two_screens_are_two_displays(tmp_path):

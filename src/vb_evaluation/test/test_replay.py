@@ -29,6 +29,7 @@ from vb_map_integration.integration import integrate
 from vb_map_integration.storage.recording import MapRecording
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_voice_wizard.interaction import Interaction
+from vb_voice_wizard.session import Answer
 from vb_voice_wizard.dialogue.persistence import record_line
 
 # the messages themselves call it when a bag is written
@@ -76,7 +77,7 @@ def make_recording(folder, rows, saved=True):
         border = VirtualBorder(SQUARE, SQUARE.mean(axis=0), closed=True, id="b1")
         maps.record(integrate(grid, border).posterior, [border], end, {})
         machine.command("save", "wizard", end)
-        machine.finish_save("b1", end)
+        machine.finish(Answer(True, "saved"), end, "b1")
     else:
         machine.command("cancel", "wizard", end)
     append_line(folder / "interactions.jsonl", record_line(machine.take_record(), "nrs", ["green"]))

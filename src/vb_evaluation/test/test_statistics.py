@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from vb_core.errors import CodedError
 from vb_evaluation import statistics
@@ -164,3 +165,46 @@ def test_success_rates():
 @pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1"), (math.nan, "–")])
 def test_p_as_the_paper_writes_it(p, text):
     assert statistics.format_p(p) == text
+
+
+def test_not_worse_by_a_margin_is_a_shifted_one_sided_test():
+    gains = np.array([0.02, -0.01, 0.03, 0.01, -0.02, 0.04, 0.015])
+    expected = stats.wilcoxon(gains + 0.05, alternative="greater", mode="exact").pvalue
+    assert statistics.not_worse_p(gains, 0.05) == pytest.approx(expected) and expected < 0.05
+    assert statistics.not_worse_p(gains - 0.2, 0.05) == 1.0
+    # a test at 5 % and the interval of 90 % say the same
+    for shift in np.linspace(-0.1, 0.0, 41):
+        low = statistics.hodges_lehmann(gains + shift, 0.9).low
+        if abs(low + 0.05) > 1e-9:
+            assert (statistics.not_worse_p(gains + shift, 0.05) <= 0.05) == (low > -0.05)
+
+
+def test_holm_corrects_a_family():
+    # Holm 1979: times 3, 2, 1 in order, never smaller than one before
+    assert statistics.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert statistics.holm([0.02, math.nan])[0] == pytest.approx(0.02)
+
+
+def test_mcnemar_is_a_sign_test_of_those_who_differ():
+    first, second = np.array([1, 1, 1, 1, 1, 1, 0, 1]), np.array([1, 0, 0, 0, 0, 0, 0, 1])
+    found = statistics.compare_completed(first, second)
+    assert (found["both"], found["first"], found["second"], found["neither"]) == (2, 5, 0, 1)
+    assert found["p"] == pytest.approx(2 * 0.5**5)
+
+
+def test_people_needed_reach_the_power_that_was_asked_for():
+    """Simulated: about 80 % of the studies with so many people find the effect."""
+    rng, effect = np.random.default_rng(3), 0.8
+    count = statistics.people_needed(effect)
+    found = [stats.wilcoxon(rng.normal(effect, 1.0, count)).pvalue < 0.05 for _ in range(1500)]
+    assert 0.77 < np.mean(found) < 0.87
+    assert statistics.people_needed(effect, 3) > count > statistics.people_needed(1.2)
+
+
+def test_moses_interval_of_a_worked_example():
+    """Hollander & Wolfe (1973), Table 4.1, water that passes a membrane; R's wilcox.test(conf.int=TRUE) says the same."""
+    at_term = [0.80, 0.83, 1.89, 1.04, 1.45, 1.38, 1.91, 1.64, 0.73, 1.46]
+    earlier = [1.15, 0.88, 0.90, 0.74, 1.21]
+    p, shift = statistics.compare_unpaired(at_term, earlier)
+    assert p == pytest.approx(0.2544, abs=1e-4)
+    assert (shift.estimate, shift.low, shift.high) == pytest.approx((0.305, -0.15, 0.76), abs=1e-9)

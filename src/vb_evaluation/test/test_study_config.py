@@ -1,4 +1,4 @@
-"""The study's configuration: people, changes, hash, what curves and sensitivity consist of."""
+"""The study's configuration: people, changes, hash, what the sensitivity consists of."""
 
 import re
 import textwrap
@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from vb_core import geometry
 from vb_core.errors import CodedError, ParameterError
-from vb_core.geometry import chain_length, resample_chain
 from vb_evaluation.design import order_runs
 from vb_evaluation.provenance import repository_top
-from vb_evaluation.report.data import CURVES, RUNS, WORLDS
+from vb_evaluation.report.data import RUNS, WORLDS
 from vb_evaluation.study import assumptions, campaign, config, plan
 from vb_evaluation.study.people import draw
 from vb_evaluation.study.runner import personal_scenario
@@ -103,6 +101,11 @@ def test_orders_are_random_and_balanced():
     first = [order[0][1] for order in orders]
     # each method begins as often as the other, however many take part
     assert all(abs(first[:count].count("nrs") - first[:count].count("robot_only")) <= 1 for count in range(1, 16))
+    # in each half each scenario is as often at each place, exactly for whole blocks of three
+    for half in (0, 3):
+        for place in range(3):
+            third = [order[half + place][0] for order in orders]
+            assert [third.count(scenario) for scenario in scenarios] == [5, 5, 5]
     assert len(set(map(tuple, orders))) > 8 and orders != [
         order_runs(number, scenarios, methods, 2) for number in range(1, 16)
     ]
@@ -111,13 +114,6 @@ def test_orders_are_random_and_balanced():
 def test_the_runs_of_a_study():
     jobs = plan.main_jobs(STUDY, 8)
     assert len(jobs) == len({job.task for job in jobs}) == 48 and plan.main_jobs(STUDY, 2) == jobs[:12]
-    everyone = plan.main_jobs(STUDY, 200)
-    all_images = plan.all_images_jobs(STUDY, everyone)
-    assert all(job.thorough for job in all_images) and len({job.task.participant for job in all_images}) > 60
-    for scenario in STUDY.design.scenarios:
-        for method in STUDY.design.methods:
-            # of ten participants one, whichever: neither a scenario nor a method is left to chance
-            assert sum((job.task.scenario, job.task.method) == (scenario, method) for job in all_images) == 20
 
 
 def test_columns_begin_with_the_contracts():
@@ -125,16 +121,18 @@ def test_columns_begin_with_the_contracts():
         "participant,scenario,method,seed,completed,time_guide_s,time_border_s,time_seed_s,time_total_s,jaccard"
     ).split(",")
     assert list(campaign.columns(RUNS)[:10]) == contract
-    for file, first in ((CURVES, ["sweep", "value"]), (WORLDS, ["draw"])):
+    for file, first in ((WORLDS, ["draw"]),):
         assert list(campaign.columns(file)[: len(first) + 10]) == first + contract
     assert {"error_mean_cm", "error_p95_cm", "error_max_cm"} <= set(campaign.columns(RUNS))
 
 
-def test_the_marks_are_the_same_for_everybody_and_beside_the_map():
+def test_the_marks_are_laid_for_each_person_beside_the_map():
     grid = floor_plan.physical_map(STUDY.world)
+    laid = np.array([STUDY.marks(number, "room") for number in range(1, 201)])
+    assert len(np.unique(laid, axis=0)) == 200 and np.allclose(laid[:, :2].std(axis=0), 0.02, rtol=0.2)
     for key in STUDY.design.scenarios:
-        marks, asked = STUDY.marks(key), STUDY.world.scenario(key)
-        assert marks == STUDY.marks(key) and marks != STUDY.marks("elsewhere")
+        marks, asked = STUDY.marks(1, key), STUDY.world.scenario(key)
+        assert marks == STUDY.marks(1, key) and marks != STUDY.marks(1, "elsewhere")
         meant = [personal_scenario(STUDY.world, asked, STUDY.traits(number), grid, marks).border for number in (1, 2)]
         assert 0.002 < np.linalg.norm(meant[0] - asked.border, axis=1).max() < 0.2
         assert np.allclose(*meant) != asked.closed  # people who draw round something keep a margin
@@ -197,39 +195,6 @@ def test_worlds_cover_all_scenarios_and_both_methods():
     assert len({job.task.participant for job in jobs}) == 9
 
 
-def test_curves_say_what_they_are_over():
-    """Each point's value, looked up in the world that its changes make."""
-    jobs = [job for job in plan.curve_jobs(STUDY) if job.task.participant == 1 and job.task.method == "nrs"]
-    for job in jobs:
-        world, value = STUDY.changed(job.changes).world, job.conditions["value"]
-        scenario = world.scenario(job.task.scenario)
-        if job.conditions["sweep"] == "border_length":
-            assert chain_length(scenario.border, scenario.closed) == pytest.approx(value, abs=1e-3)
-            edges = {tuple(corner) for corner in scenario.region}  # the region grows with it
-            assert sum(tuple(corner) in edges for corner in scenario.border) >= 2
-        if job.conditions["sweep"] == "robots":
-            assert len(world.robots) == value
-        if job.conditions["sweep"] == "coverage":
-            grid = floor_plan.physical_map(world)
-            floor = np.pad(grid.cell_to_world(np.argwhere(grid.data == 0)[::37]), ((0, 0), (0, 1)))
-            seen = [
-                camera.model().contains(camera.model().project(geometry.apply(geometry.invert(camera.pose()), floor)))
-                for camera in world.cameras
-            ]
-            assert np.any(seen, axis=0).mean() == pytest.approx(value, abs=0.01)
-        if job.conditions["sweep"] == "distance":  # no farther than the crow flies
-            line = resample_chain(scenario.border, 0.1, scenario.closed)
-            assert np.linalg.norm(line - world.robots[0].start_pose()[:2], axis=1).min() < value + 0.7
-    assert {job.conditions["sweep"] for job in jobs} == {"coverage", "distance", "border_length", "robots"}
-    # the baseline does not notice the ceiling, nor other robots
-    assert not any(
-        job.changes
-        for sweep in ("coverage", "robots")
-        for job in plan.curve_jobs(STUDY, sweep)
-        if job.task.method == "robot_only"
-    )
-
-
 def test_the_examples_of_the_documentation_work(tmp_path):
     text = (repository_top() / "docs" / "how-to" / "extend-the-study.md").read_text(encoding="utf-8")
     studies = []
@@ -237,8 +202,6 @@ def test_the_examples_of_the_documentation_work(tmp_path):
         (tmp_path / f"{number}.yaml").write_text(textwrap.dedent(document))
         studies.append(config.load(tmp_path / f"{number}.yaml"))
     assert [study.world.name for study in studies].count("studio") == 1 and len(studies) > 1
-    for study in studies:
-        assert bool(plan.curve_jobs(study)) == (study.world.name == "lab")
 
 
 def test_each_size_is_part_of_the_next():
@@ -247,7 +210,7 @@ def test_each_size_is_part_of_the_next():
         {(job.file, *map(str, job.columns(1).values())) for job in of_size} for of_size in jobs.values()
     )
     assert quick < default < full
-    assert {row[0] for row in default} == {"runs.csv", "all_images.csv", "worlds.csv"}
+    assert {row[0] for row in default} == {"runs.csv", "worlds.csv"}
     # a row's world is the same in each size
     worlds = [
         {job.conditions["draw"]: job.changes for job in jobs[size] if job.file == "worlds.csv"}

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import tempfile
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,8 @@ from vb_core.files import append_line
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
-from vb_evaluation.study_kit import conduct, forms, measure, protocol
+from vb_evaluation.report.page import write_report
+from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, protocol
 from vb_evaluation.study_kit.__main__ import main
 from vb_evaluation.study_kit.ground_truth import find_ground_truths, read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
@@ -25,6 +27,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
 from vb_map_integration.storage.recording import MapRecording
 from vb_voice_wizard.interaction import Interaction
+from vb_voice_wizard.session import Answer
 from vb_voice_wizard.dialogue.persistence import record_line
 
 
@@ -189,7 +192,7 @@ class Lab:
             cells = np.max([integrate(self.grid, each).posterior.data for each in self.borders], axis=0)
             self.maps.record(self.grid.with_data(cells), list(self.borders), self.time - 0.1, {})
             machine.command("save", "wizard", self.time)
-            machine.finish_save(border.id, self.time)
+            machine.finish(Answer(True, "saved"), self.time, border.id)
         else:
             machine.command("cancel", "wizard", self.time)
         append_line(self.folder / "interactions.jsonl", record_line(machine.take_record(), method, ["green"]))
@@ -219,7 +222,9 @@ def test_measures_of_one_recording_per_run(study):
     # the ground truth, 0.75 .. 2.25 m x 0.25 .. 1.25 m, to the cell; then a smaller area; then a seed on the wrong side
     exact = ((0.751, 0.251), (2.249, 1.249))
     Lab(study / "a", grid).interaction("ia", *exact)
-    Lab(study / "b", grid).interaction("i0", save=False).interaction("ib", (0.751, 0.251), (2.249, 0.749))
+    Lab(study / "b", grid).interaction("i0", save=False, method="robot_only").interaction(
+        "ib", (0.751, 0.251), (2.249, 0.749), method="robot_only"
+    )
     Lab(study / "c", grid).interaction("ic", *exact, seed=(3.2, 2.0))
     Lab(study / "d", grid)
     (study / "protocol.csv").write_text(
@@ -228,7 +233,8 @@ def test_measures_of_one_recording_per_run(study):
     )
     rows, notes = rows_of(study)
     assert [row["participant"] + row["method"] for row in rows] == ["p1nrs", "p1robot_only", "p2nrs", "p2robot_only"]
-    assert [row["completed"] for row in rows] == ["1", "1", "0", "0"]
+    assert [row["completed"] for row in rows] == ["1", "1", "0", ""]
+    assert [row["outcome"] for row in rows] == ["completed", "completed", "wrong_seed", "not_started"]
     assert (float(rows[0]["time_border_s"]), float(rows[0]["time_seed_s"]), float(rows[0]["time_total_s"])) == (
         8.0,
         2.0,
@@ -237,7 +243,7 @@ def test_measures_of_one_recording_per_run(study):
     assert float(rows[0]["jaccard"]) == 1.0 and float(rows[1]["jaccard"]) == 0.5 and float(rows[2]["jaccard"]) < 0.01
     assert float(rows[1]["time_total_s"]) == 20.0  # the cancelled attempt counts
     assert rows[1]["interaction"] == "ib" and rows[3]["time_total_s"] == "" and rows[1]["note"] == "slow"
-    assert any("method:=nrs" in note for note in notes) and any("nothing was begun" in note for note in notes)
+    assert len(notes) == 1 and "nothing was begun" in notes[0]
     assert json.loads((study / "out" / "study.json").read_text())["people"] is True
 
 
@@ -418,11 +424,118 @@ def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):
 
 def test_forms_are_written_once(tmp_path):
     names = {path.name for path in forms.write(tmp_path / "forms")}
-    assert {"information.md", "consent.md", "demographics.html", "questionnaire.html", "questionnaire.csv"} <= names
-    page = (tmp_path / "forms" / "questionnaire.html").read_text()
+    assert {"information.md", "consent.md", "preregistration.md", "codebook.csv", "demographics.html"} <= names
+    page = (tmp_path / "forms" / "questionnaire_robot_only_first.html").read_text()
+    assert page.index("Method: robot only") < page.index("Method: network robot system")
+    assert page != (tmp_path / "forms" / "questionnaire_nrs_first.html").read_text()
     assert all(word in page for word in ("obstructive", "leading edge", "It was intuitive")) and "http://" not in page
     with pytest.raises(CodedError):
         forms.write(tmp_path / "forms")
+
+
+def test_the_codebook_explains_every_column_and_outcome(tmp_path):
+    forms.write(tmp_path)
+    book = read_sheet(tmp_path / "codebook.csv", ("file", "column", "values", "meaning"))
+    of_runs = book[book.file == "runs.csv"]
+    assert set(of_runs.column) == set(measure.COLUMNS)
+    told = set(of_runs["values"][of_runs.column == "outcome"])
+    flags = (True, False)
+    assert told == {measure.outcome_of(*of, noted) for of in product(flags, repeat=4) for noted in (None, *flags)}
+    asked = (tmp_path / "demographics.csv").read_text().strip().split(",")[1:]
+    assert asked == list(book.column[book.file == "demographics.csv"])
+
+
+MISHAPS = {  # recording: (what happened, outcome, completed)
+    "good": ("", "completed", "1"),
+    "crash": ("the system died before anything was begun; f was pressed", "not_started", ""),
+    "given_up": ("cancelled, with help and a problem of the system", "not_saved", "0"),
+    "claimed": ("cancelled, but noted as completed", "disputed", "0"),
+    "wrong": ("seed on the other side", "wrong_seed", "0"),
+    "wrong_claimed": ("seed on the other side, but noted as completed", "disputed", "0"),
+    "refused": ("saved as asked, but the judge says no", "judged_failed", "0"),
+    "other": ("with the cameras of the other method", "not_as_planned", "0"),
+}
+
+
+@pytest.fixture
+def mishaps(study):
+    """A study in which everything happened that can, and one pair in which nothing did."""
+    exact, right = ((0.751, 0.251), (2.249, 1.249)), {}
+    lines = ["participant,order,method,scenario,recording,completed,note"]
+    for number, name in enumerate(MISHAPS, 1):
+        person, lab = f"p{number}", Lab(study / name, room())
+        if name in ("given_up", "claimed"):
+            lab.interaction("i", save=False)
+        elif name != "crash":
+            lab.interaction("i", *exact, **({"seed": (3.2, 2.0)} if name.startswith("wrong") else right))
+        Lab(study / f"{name}_alone", room()).interaction("i", *exact, method="robot_only")
+        if name == "other":
+            (study / name / "session.yaml").write_text("method: robot_only\n")
+        lines += [f"{person},1,nrs,carpet,{name},,Ann was late", f"{person},2,robot_only,carpet,{name}_alone,,"]
+    for name, completed in (("crash", False), ("claimed", True), ("wrong_claimed", True)):
+        (study / name / "run.yaml").write_text(f"completed: {str(completed).lower()}\nended: now\n")
+    for key in "hhp":
+        append_line(study / "given_up" / "events.jsonl", json.dumps({"key": key, "time": "now"}))
+    (study / "protocol.csv").write_text("\n".join(lines) + "\n")
+    (study / "demographics.csv").write_text("participant,age,experience\np1,28,3\np2,55,5\n")
+    return study
+
+
+def test_every_mishap_is_what_it_is_in_every_table(mishaps):
+    rows_of(mishaps)
+    # the judge sees what was drawn, not by whom, with what method or in which order
+    pictures = blind.write(mishaps, mishaps / "out")
+    key = read_sheet(mishaps / "judging_key.csv", ("code", "recording")).set_index("recording").code
+    assert {path.stem for path in pictures.glob("*.png")} == set(key) and "crash" not in key and "given_up" not in key
+    (pictures / "judgements.csv").write_text(f"code,completed\n{key['refused']},no\n{key['good']},yes\n")
+    rows, notes = rows_of(mishaps)
+    found = {row["recording"]: row for row in rows}
+    assert {name: (found[name]["outcome"], found[name]["completed"]) for name in MISHAPS} == {
+        name: (outcome, completed) for name, (_, outcome, completed) in MISHAPS.items()
+    }
+    assert (found["given_up"]["helped"], found["given_up"]["problems"], found["good"]["helped"]) == ("2", "1", "0")
+    assert [line["warning"] for line in read_sheet(mishaps / "out" / "warnings.csv", ()).to_dict("records")] == notes
+    assert len(notes) == 5  # crash, claimed, wrong_claimed, refused, other
+
+    page = write_report(mishaps / "out").read_text()
+    tables = {path.stem: read_sheet(path, ()).to_dict("records") for path in (mishaps / "out" / "tables").glob("*.csv")}
+    nrs, alone = tables["completeness"]
+    assert (nrs["completed"], alone["completed"]) == ("1 of 6", "8 of 8")
+    became = tables["outcomes"][0]
+    assert (became["not_started"], became["disputed"], became["judged_failed"]) == ("1", "2", "1")
+    assert (became["helped"], became["problems"]) == ("1", "1") and "not_as_planned" not in became
+    # one completed with both, five only with the robot alone, nobody only with the network: exact p of 0 of 5
+    (pairs,) = tables["who_completed"]
+    assert [pairs[name] for name in ("both", "first", "second", "neither", "p")] == ["1", "0", "5", "0", ".062"]
+    # accuracy: only who completed, so that no index of a wrong seed is in it
+    accuracy = {row["method"]: row for row in tables["accuracy"]}
+    assert accuracy["Network robot system"]["runs"] == "1" and float(accuracy["Network robot system"]["least"]) == 1.0
+    assert "nothing was begun in this recording" in page and "1 runs were not done in the planned condition" in page
+    assert "M = 41.5, SD = 19.1, 28 to 55" in page
+
+
+def test_a_copy_tells_nobody_and_who_asks_is_deleted(mishaps):
+    rows_of(mishaps)
+    assert main(["export", str(mishaps / "out"), "--out", str(mishaps / "shared")]) == 0
+    shared = read_sheet(mishaps / "shared" / "runs.csv", ())
+    text = "".join(path.read_text() for path in (mishaps / "shared").iterdir())
+    assert len(shared) == 15 + 1 and not {"note", "recording", "map"} & set(shared) and "Ann" not in text
+    assert not {f"p{number}" for number in range(1, 9)} & set(shared.participant)
+    people = read_sheet(mishaps / "shared" / "demographics.csv", ())
+    assert set(people.age) == {"20 to 29", "50 to 59"} and set(people.participant) < set(shared.participant)
+    with pytest.raises(CodedError):
+        privacy.export(mishaps / "out", mishaps / "shared")
+
+    blind.write(mishaps, mishaps / "out")
+    code = read_sheet(mishaps / "judging_key.csv", ()).set_index("recording").code["good"]
+    assert main(["delete", "p1", "--protocol", str(mishaps / "protocol.csv")]) == 0
+    assert not (mishaps / "good").exists() and not (mishaps / "good_alone").exists() and (mishaps / "crash").exists()
+    assert not (mishaps / "judging" / f"{code}.png").exists() and code not in (mishaps / "judging_key.csv").read_text()
+    assert list(read_sheet(mishaps / "demographics.csv", ()).participant) == ["p2"]
+    rows, _ = rows_of(mishaps)
+    assert "p1" not in {row["participant"] for row in rows} and len(rows) == 14
+    with pytest.raises(CodedError):
+        privacy.delete(mishaps / "protocol.csv", "p99")
 
 
 def test_a_dry_run_with_simulated_people(tmp_path, monkeypatch):
@@ -464,7 +577,9 @@ def test_a_dry_run_with_simulated_people(tmp_path, monkeypatch):
     for row, result in zip(rows, results):
         simulated = measure_run(result)
         assert set(simulated) == set(COLUMNS)
-        assert row["completed"] == row["saved"] == str(simulated["completed"]) == str(int(result.task.method == "nrs"))
+        nrs = result.task.method == "nrs"
+        assert (row["completed"], row["outcome"]) == (("1", "completed") if nrs else ("", "not_started"))
+        assert row["saved"] == str(simulated["completed"]) == str(int(nrs))
         # a run that ended before anything was begun has no times
         assert float(row["time_total_s"] or 0.0) == pytest.approx(simulated["time_total_s"], abs=0.02)
     done = next(index for index, result in enumerate(results) if result.saved)

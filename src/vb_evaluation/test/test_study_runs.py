@@ -4,10 +4,8 @@ import signal
 import subprocess
 import sys
 
-import cloudpickle
 import numpy as np
 import pytest
-from distributed import LocalCluster
 from rich.console import Console
 
 from vb_core.errors import CodedError
@@ -15,6 +13,7 @@ from vb_evaluation.study import campaign, config, plan
 from vb_evaluation.study.__main__ import main
 from vb_evaluation.study.result import RunTask
 from vb_evaluation.study.runner import run
+from vb_sim.room import floor_plan
 
 STUDY = config.load()
 QUIET = Console(quiet=True)
@@ -105,48 +104,25 @@ def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, p
     assert (tmp_path / "cut" / "runs.csv").read_bytes() == (tmp_path / "whole" / "runs.csv").read_bytes()
 
 
-def test_a_cluster_gives_the_same_rows(tmp_path):
-    """A Dask scheduler with two workers; they get everything by the network."""
-    cloudpickle.register_pickle_by_value(sys.modules[__name__])
-    study = STUDY.changed({"design/worlds": 2})
-    jobs = plan.main_jobs(study, 1) + plan.world_jobs(study)
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster:
-        assert (
-            campaign.run_jobs(
-                study, jobs, tmp_path / "far", 2, console=QUIET, scheduler=cluster.scheduler_address, work=make_row
-            )
-            == 0
-        )
-    assert campaign.run_jobs(study, jobs, tmp_path / "here", 1, console=QUIET, work=make_row) == 0
-    for file in ("runs.csv", "worlds.csv", "draws.csv"):
-        assert (tmp_path / "far" / file).read_bytes() == (tmp_path / "here" / file).read_bytes()
-
-
-def test_a_curve_repeats_no_run_that_the_study_has(tmp_path):
-    """Where nothing is changed the row is the study's own, under the curve's name."""
-    jobs, done = plan.main_jobs(STUDY, 1) + plan.curve_jobs(STUDY, "robots"), []
-    curve = [job for job in jobs if job.conditions and job.task.participant == 1]
+def test_indices_are_recomputed_from_the_areas_alone(tmp_path):
+    (job,) = [job for job in plan.main_jobs(moments(1.0), 1) if job.task.scenario == "carpet" and job.order < 4]
+    truth = floor_plan.ground_truth(STUDY.world, STUDY.world.scenario("carpet"))
+    shifted = np.roll(truth, 3, axis=1)
+    prior = floor_plan.physical_map(STUDY.world)
 
     def work(document, sources, job):
-        done.append(job)
-        return make_row(document, sources, job)
+        row = {**dict.fromkeys(campaign.columns(job.file), 0), **job.columns(1), "map": "maps/p01_carpet.yaml"}
+        return campaign.Outcome(job, row, prior.with_data(np.where(shifted, np.int8(100), prior.data)))
 
-    assert campaign.run_jobs(STUDY, jobs, tmp_path, console=QUIET, work=work) == 0
-    assert (
-        sum(job.task.participant == 1 for job in done) == 6 + sum(bool(job.changes) for job in curve) < 6 + len(curve)
-    )
-    assert (tmp_path / "curves.csv").read_text().count("\n") == 1 + 2 * len(curve)
-
-
-def test_no_scheduler_is_one_line(tmp_path):
-    with pytest.raises(CodedError) as caught:
-        campaign.run_jobs(
-            moments(1.0), plan.main_jobs(STUDY, 1), tmp_path, console=QUIET, scheduler="nonsense://nowhere"
-        )
-    assert caught.value.code == "no_scheduler"
+    assert campaign.run_jobs(moments(1.0), [job], tmp_path, console=QUIET, work=work) == 0
+    areas = np.load(tmp_path / "areas.npz")
+    assert areas["floor"].dtype == bool and np.array_equal(areas["truth_carpet"], truth & areas["floor"])
+    found, wanted = areas["p01_carpet"], areas["truth_carpet"]
+    expected = (shifted & truth).sum() / (shifted | truth).sum()
+    assert (found & wanted).sum() / (found | wanted).sum() == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize("name", ["runs.csv", "curves.csv", "worlds.csv"])
+@pytest.mark.parametrize("name", ["runs.csv", "worlds.csv"])
 def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(campaign, "row_of", lambda study, job: (make_row(study.document, study.sources, job).row, None))
     path = tmp_path / "short.yaml"
@@ -163,8 +139,11 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, capsys, monkeypa
     cells[spots] += "1"
     (tmp_path / name).write_text("\n".join([text[0], ",".join(cells)]) + "\n")
     assert main(given) == 1 and "differs: spots" in capsys.readouterr().out
+    # a file of an earlier version, without the last column
+    (tmp_path / name).write_text("\n".join(line.rpartition(",")[0] for line in text) + "\n")
+    assert main(given) == 0 and "the row is the same" in capsys.readouterr().out
 
 
 def test_a_row_that_no_study_has_is_reported():
     with pytest.raises(CodedError):
-        plan.find(plan.curve_jobs(STUDY, "robots"), participant=1, scenario="room", method="nrs", value=9.0)
+        plan.find(plan.main_jobs(STUDY, 1), participant=2, scenario="room", method="nrs")

@@ -1,15 +1,18 @@
 """Locks, time and modules of nodes that run within one process."""
 
 import pytest
+import rospy
+from geometry_msgs.msg import Twist
 
 from vb_core.ros import node
+from vb_core.ros.graph import read_graph
 from vb_evaluation.study import config
 from vb_evaluation.study.result import RunTask
 from vb_evaluation.study.runner import run
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import Condition, Event, Lock, Queue
-from vb_fusion.extraction import GrowingBorder
+from vb_fusion import live_extraction
 
 SECOND = 10**9
 
@@ -100,7 +103,32 @@ def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():
 
 
 def test_a_run_leaves_nothing_in_what_it_imports():
-    before = GrowingBorder.chain
+    before = live_extraction.extract_chain
     run(config.load().changed({"timing/time_limit_s": 0.1}), RunTask(1, "corner", "robot_only"))
     # else the next run's borders are extracted in this one's time, which is over: they never come
-    assert GrowingBorder.chain is before
+    assert live_extraction.extract_chain is before
+
+
+def test_a_node_sees_the_graph_it_is_in_and_no_other():
+    """Also where no master runs, or another one."""
+    scheduler, graphs = Scheduler(0), []
+    graph = Graph(scheduler, {})
+
+    def driver():
+        rospy.init_node("driver")
+        rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        scheduler.wait(SECOND)
+        graphs.append(read_graph())
+
+    def base():
+        rospy.init_node("base")
+        rospy.Subscriber("cmd_vel", Twist, lambda _: None)
+        scheduler.wait(2 * SECOND)
+
+    with graph.installed():
+        graph.start(Node("/driver", {}), driver)
+        graph.start(Node("/base", {}), base)
+        scheduler.run(lambda: bool(graphs), 5 * SECOND)
+    (seen,) = graphs
+    assert dict(seen.publishers) == {"/cmd_vel": ["/driver"]} and dict(seen.subscribers) == {"/cmd_vel": ["/base"]}
+    assert seen.types == {"/cmd_vel": "geometry_msgs/Twist"}

@@ -253,7 +253,7 @@ class DisplayMarkersTest(unittest.TestCase):
                     "_screen:=1280x720",
                     f"_config:={top}/rviz/smart_display.rviz",
                 ],
-                env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"},
+                env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "DISPLAY": ":0"},
                 timeout=120,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -266,6 +266,21 @@ class DisplayMarkersTest(unittest.TestCase):
         layout = fit_view(Box.around(self.grid.corners()), 16 / 9)
         self.assertAlmostEqual(view["Scale"], 1280 / layout.view.width, 1)
         self.assertAlmostEqual(view["X"], layout.view.center[0], 2)
+
+    def test_41_without_rviz_it_stays_and_names_the_page(self):
+        with tempfile.TemporaryDirectory() as folder:
+            top = Path(__file__).resolve().parents[3]
+            node = subprocess.Popen(
+                [sys.executable, str(top / "src/vb_feedback/scripts/smart_display"), "__name:=bare"],
+                env={**os.environ, "PATH": folder},
+            )
+            try:
+                wait_until(lambda: rospy.get_param("/bare/lacking", "") == "no_rviz", "the code that check_lab reads")
+                self.assertIsNone(node.poll(), "a required node that ends would end the whole lab")
+            finally:
+                node.terminate()
+                node.wait(30)
+        self.assertIn("8420", sentences.translate("no_rviz"))
 
     def test_5_a_newcomer_gets_everything(self):
         self.publish_state(name="guide", interaction_id="i", available_commands=["cancel"])

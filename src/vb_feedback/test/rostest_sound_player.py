@@ -80,9 +80,10 @@ class SoundPlayerTest(unittest.TestCase):
             return self.written("tried").count(b"tried") >= 2
 
         wait_until(try_again, "the device to be tried twice")
+        # rospy itself warns in a node's name, for instance of a connection that broke off
         said = [text for name, level, text in self.said if name == "/deaf" and level >= Log.WARN]
+        said = [text for text in said if "there is no sound:" in text]
         self.assertEqual(len(said), 1, said)
-        self.assertIn("there is no sound:", said[0])
         self.assertIsNone(self.nodes[1].poll())
 
     def test_3_kobuki_without_its_messages_ends_with_one_sentence(self):
@@ -118,9 +119,9 @@ class SoundPlayerTest(unittest.TestCase):
         state = rospy.Publisher("/virtual_borders/state", InteractionState, queue_size=5, latch=True)
         node = subprocess.Popen(["rosrun", "vb_feedback", "kobuki_feedback"], env={**os.environ, "PYTHONPATH": paths})
         try:
-            state.publish(InteractionState(name="guide"))
+            state.publish(InteractionState(state=InteractionState.GUIDE, name="guide"))
             wait_until(lambda: [light.value for light in lights] == [3], "the red light of Guide")
-            state.publish(InteractionState(name="default"))
+            state.publish(InteractionState(state=InteractionState.DEFAULT, name="default"))
             wait_until(lambda: [light.value for light in lights] == [3, 0], "no light in Default")
             wait_until(
                 lambda: subscribers[1].get_num_connections() and self.sounds.get_num_connections() == 3, "the beeper"

@@ -1,10 +1,32 @@
-"""States and sounds on a Kobuki base."""
+"""Lights and sounds on a Kobuki base."""
 
-from vb_feedback.display.colors import STATE
-from vb_feedback.kobuki_feedback_node import BEEPS, LEDS
-from vb_feedback.sound.tone_synthesis import SOUNDS
+from types import SimpleNamespace
+
+import pytest
+
+from vb_core.sounds import SOUNDS
+from vb_core.vocabulary import STATES
+from vb_feedback import kobuki_feedback_node
+from vb_feedback.kobuki_feedback_node import KobukiFeedbackNode
+from vb_msgs.msg import InteractionState
 
 
-def test_each_state_has_a_light_of_its_own_and_answers_differ():
-    assert set(LEDS) == set(STATE) and len(set(LEDS.values())) == len(STATE)
-    assert set(BEEPS) < set(SOUNDS) and BEEPS["success"] != BEEPS["error"]
+def test_answers_differ_and_a_tick_is_not_beeped():
+    assert SOUNDS["success"].beep != SOUNDS["error"].beep and not SOUNDS["tick"].beep
+
+
+@pytest.mark.parametrize("stopped, expected", [(False, "BLACK"), (True, "RED")])
+def test_a_stop_is_shown_beside_every_state(monkeypatch, stopped, expected):
+    lit = {}
+    monkeypatch.setattr(kobuki_feedback_node.rospy, "Subscriber", lambda *_args, **_options: None)
+    monkeypatch.setattr(
+        kobuki_feedback_node.rospy,
+        "Publisher",
+        lambda name, *_args, **_options: SimpleNamespace(publish=lambda led: lit.__setitem__(name[-4:], led.value)),
+    )
+    colors = {color: color for color in ("BLACK", "GREEN", "ORANGE", "RED")}
+    messages = SimpleNamespace(Led=type("Led", (SimpleNamespace,), colors), Sound=None)
+    node = KobukiFeedbackNode(messages)
+    for state in STATES.values():
+        node._on_state(InteractionState(state=state.number, name=state.name, stopped=stopped))
+        assert lit == {"led1": state.led, "led2": expected}

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError
+from vb_core.sounds import PITCHES, SOUNDS
+from vb_core.vocabulary import STATES
 from vb_feedback.sound.audio_sink import AudioSink
-from vb_feedback.sound.tone_synthesis import RATE, SOUNDS, synthesize
+from vb_feedback.sound.tone_synthesis import RATE, synthesize
 
 
 def pitch(pcm):
@@ -23,12 +25,12 @@ def pitch(pcm):
 @pytest.mark.parametrize("name", SOUNDS)
 def test_each_note_has_the_pitch_that_it_says(name):
     pcm, start = synthesize(name).astype(float), 0
-    for note in SOUNDS[name]:
+    for note in SOUNDS[name].notes:
         part = pcm[start : start + int(round(note.seconds * RATE))]
         start += len(part)
-        if note.frequency:
+        if note.pitch:
             # a short note has a broad line
-            assert abs(pitch(part) - note.frequency) < 0.25 / note.seconds
+            assert abs(pitch(part) - PITCHES[note.pitch]) < 0.25 / note.seconds
         else:
             assert not part.any()
     assert start == len(pcm)
@@ -36,12 +38,12 @@ def test_each_note_has_the_pitch_that_it_says(name):
 
 def test_sounds_are_told_apart():
     for one, other in itertools.combinations(SOUNDS, 2):
-        notes = [[(note.frequency, round(note.seconds, 2)) for note in SOUNDS[name]] for name in (one, other)]
+        notes = [[(note.pitch, round(note.seconds, 2)) for note in SOUNDS[name].notes] for name in (one, other)]
         assert notes[0] != notes[1]
     # states end at least a minor third apart, which people without absolute pitch hear; a refusal is below all
-    ends = sorted(SOUNDS[name][-1].frequency for name in ("border", "seed", "guide", "default"))
+    ends = sorted(PITCHES[state.tone[1]] for state in STATES.values())
     assert all(high / low > 1.18 for low, high in zip(ends, ends[1:]))
-    assert max(note.frequency for note in SOUNDS["error"]) * 2 < min(ends)
+    assert max(PITCHES.get(note.pitch, 0.0) for note in SOUNDS["error"].notes) * 2 < min(ends)
 
 
 @pytest.mark.parametrize("name", SOUNDS)

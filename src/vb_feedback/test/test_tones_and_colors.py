@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vb_core.vocabulary import STATES
 from vb_feedback.display import colors
 from vb_feedback.sound.sound_events import SoundEvents
 
@@ -81,7 +82,7 @@ CAMERAS = {f"camera {name}": colors.camera_color(name) for name in ("red", "gree
 GROUND = colors.rgb(30, 34, 42)  # of the words, rviz/smart_display.rviz
 # what lies beside each other on the display and means different things
 GROUPS = {
-    "states": colors.STATE,
+    "states": {name: colors.state_color(name) for name in STATES},
     "cameras": CAMERAS,
     # RViz's costmap colours 98 and 200, at the alpha of the config, on white floor
     "areas": {
@@ -126,7 +127,7 @@ def luminance(color):
         (colors.SKY_BLUE, GROUND),
         (colors.BLACK, colors.YELLOW),
         (colors.BLACK, colors.WHITE),
-        *[(color, GROUND) for color in colors.STATE.values()],
+        *[(color, GROUND) for color in map(colors.state_color, STATES)],
         *[(colors.blend(color, colors.WHITE, 0.3), GROUND) for color in CAMERAS.values()],
     ],
 )

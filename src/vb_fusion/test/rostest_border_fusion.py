@@ -14,7 +14,7 @@ import rospy
 import rostest
 
 from vb_core import names
-from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
+from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, NoticeArray, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder
 
 NODE = "/border_fusion"
@@ -36,11 +36,15 @@ class BorderFusionTest(unittest.TestCase):
         self.state = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=1000)
         self.subscriber = rospy.Subscriber(names.PROGRESS, BorderProgress, self.progress.append)
+        self.told = []  # the codes of each message's notices
+        self.notices = rospy.Subscriber(
+            names.NOTICES, NoticeArray, lambda message: self.told.append({notice.code for notice in message.notices})
+        )
         self.connected()
         self.candidate = rospy.ServiceProxy(names.GET_DRAWN_BORDER, GetDrawnBorder)
 
     def tearDown(self) -> None:
-        for end in (self.state, self.spots, self.subscriber):
+        for end in (self.state, self.spots, self.subscriber, self.notices):
             end.unregister()
         self.wait(lambda: True, "")
 
@@ -56,14 +60,15 @@ class BorderFusionTest(unittest.TestCase):
         self.wait(
             lambda: self.state.get_num_connections()
             and self.spots.get_num_connections()
-            and self.subscriber.get_num_connections(),
+            and self.subscriber.get_num_connections()
+            and self.notices.get_num_connections(),
             "the connection",
         )
         rospy.wait_for_service(names.GET_DRAWN_BORDER, DEADLINE)
 
-    def enter(self, state: int, interaction: str, outcome: str = "") -> None:
+    def enter(self, state: int, interaction: str, outcome: str = "", age: float = 0.0) -> None:
         message = InteractionState(state=state, interaction_id=interaction, last_outcome=outcome)
-        message.header.stamp = message.entered = rospy.Time.now()
+        message.header.stamp = message.entered = rospy.Time.now() - rospy.Duration(age)
         self.entered = message.entered
         known = len(self.progress)
         self.state.publish(message)
@@ -138,6 +143,32 @@ class BorderFusionTest(unittest.TestCase):
         self.assertEqual(self.progress[-1].border_spots, 0)
         self.assertFalse(self.progress[-1].chain)
         self.enter(InteractionState.DEFAULT, "", "cancelled")
+
+    def next_told(self) -> set:
+        """The codes of a message of notices that was made after this call."""
+        known = len(self.told)
+        # one may have been on its way
+        self.wait(lambda: len(self.told) >= known + 2, "another message of notices")
+        return self.told[-1]
+
+    def test_doubts_are_told_when_a_stroke_has_ended_and_until_the_drawing_has(self) -> None:
+        def draw_two() -> None:
+            self.show(square(60), since=0.01)
+            self.show(square(60) + [0.0, 4.0], since=5.0)
+
+        self.enter(InteractionState.BORDER, "doubtful")
+        draw_two()  # up to 8 s ahead: the pointer is still seen
+        self.wait(lambda: bool(self.progress[-1].left_out_spots), "the spots that are left out")
+        self.assertNotIn("strokes_left_out", self.next_told())
+        self.enter(InteractionState.SEED, "doubtful")
+        self.wait(lambda: "strokes_left_out" in self.told[-1], "the doubt in Seed")
+        self.enter(InteractionState.DEFAULT, "", "saved")
+        self.wait(lambda: not self.told[-1], "the end of the doubt")
+        self.enter(InteractionState.BORDER, "ended", age=40.0)
+        draw_two()  # half a minute ago
+        self.wait(lambda: "strokes_left_out" in self.told[-1], "the doubt in Border")
+        self.enter(InteractionState.DEFAULT, "", "cancelled")
+        self.wait(lambda: not self.told[-1], "the end of the doubt")
 
     def test_killed_in_the_middle(self) -> None:
         self.enter(InteractionState.BORDER, "three")

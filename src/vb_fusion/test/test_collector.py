@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.live_extraction import LiveExtractor, extract_chain
+from vb_fusion.live_extraction import LiveExtractor
 from vb_fusion.spots.collector import Collector, CollectorParams, FloorSpot
 from vb_fusion.spots.spot_log import SpotLog
 
@@ -18,20 +19,20 @@ def spot(stamp, x=0.0, y=0.0, camera="red"):
 def test_collects_in_border_and_seed_only():
     collector = Collector()
     assert collector.add(spot(1.0)) == "state"
-    assert collector.set_state("border", "a", 2.0)
+    assert collector.set_state(BORDER, "a", 2.0)
     assert collector.add(spot(2.1)) == ""
-    assert not collector.set_state("guide", "a", 3.0)
+    assert not collector.set_state(GUIDE, "a", 3.0)
     assert collector.add(spot(3.1)) == "state"
-    collector.set_state("seed", "a", 4.0)
+    collector.set_state(SEED, "a", 4.0)
     assert collector.add(spot(4.1)) == ""
-    collector.set_state("default", "", 5.0)
+    collector.set_state(DEFAULT, "", 5.0)
     assert collector.add(spot(5.1)) == "state"
     assert collector.counts == (1, 1, 2)
 
 
 def test_spots_from_before_the_state_are_ignored_and_counted():
     collector = Collector(CollectorParams(stamp_tolerance=0.0))
-    collector.set_state("border", "a", 10.0)
+    collector.set_state(BORDER, "a", 10.0)
     assert collector.add(spot(9.9)) == "before_state"
     assert collector.add(spot(10.0)) == ""
     # cameras out of order among themselves do no harm
@@ -43,7 +44,7 @@ def test_spots_from_before_the_state_are_ignored_and_counted():
 
 def test_not_finite_spots_are_counted():
     collector = Collector()
-    collector.set_state("border", "a", 0.0)
+    collector.set_state(BORDER, "a", 0.0)
     assert collector.add(spot(1.0, float("nan"))) == "not_finite"
     assert collector.add(spot(float("inf"))) == "not_finite"
     assert collector.counts == (0, 0, 2)
@@ -51,28 +52,68 @@ def test_not_finite_spots_are_counted():
 
 def test_a_new_interaction_starts_empty_and_an_old_one_stays_until_then():
     collector = Collector()
-    collector.set_state("border", "a", 0.0)
+    collector.set_state(BORDER, "a", 0.0)
     collector.add(spot(1.0))
-    collector.set_state("default", "", 2.0)
+    collector.set_state(DEFAULT, "", 2.0)
     assert collector.collection().border_total == 1
-    assert collector.set_state("border", "b", 3.0)
+    assert collector.set_state(BORDER, "b", 3.0)
     assert collector.counts == (0, 0, 0)
     collector.add(spot(4.0))
     # drawing is interrupted and continued
-    collector.set_state("guide", "b", 5.0)
-    collector.set_state("border", "b", 6.0)
+    collector.set_state(GUIDE, "b", 5.0)
+    collector.set_state(BORDER, "b", 6.0)
     collector.add(spot(7.0))
     assert collector.collection().border_total == 2
 
 
 def test_memory_is_bounded_and_the_whole_drawing_stays():
     collector = Collector(CollectorParams(max_spots=100))
-    collector.set_state("border", "a", 0.0)
+    collector.set_state(BORDER, "a", 0.0)
     for k in range(1000):
         collector.add(spot(float(k), x=k / 1000.0))
     rows = collector.collection().border
     assert len(rows) <= 100 and collector.counts[0] == 1000
     assert rows[0, 1] < 0.05 and rows[-1, 1] > 0.95
+
+
+def test_a_full_collection_keeps_every_camera():
+    collector = Collector(CollectorParams(max_spots=1000))
+    collector.set_state(BORDER, "a", 0.0)
+    for k in range(2600):
+        collector.add(spot(0.02 * k, camera=("red", "green")[k % 2]))
+    counts = np.bincount(collector.collection().border[:, 4].astype(int))
+    assert counts.min() > 0.9 * counts.max()
+
+
+def test_a_clock_that_is_set_back_while_somebody_draws_is_undone():
+    collector = Collector()
+    collector.set_state(BORDER, "a", 100.0)
+    for k in range(400):
+        back = 5.0 if k >= 200 else 0.0
+        collector.add(spot(110.0 + 0.02 * k - back, x=0.01 * k, camera=("red", "green")[k % 2]))
+    rows = collector.collection().border
+    assert len(rows) == 398 and collector.ignored["clock"] == 2  # each camera's first after it
+    order = np.argsort(rows[:, 0], kind="stable")
+    assert np.diff(rows[order, 1]).min() > -0.05
+    assert np.ptp(rows[:, 0]) == pytest.approx(8.0, abs=0.2)
+
+
+def test_one_old_message_is_no_clock_that_was_set_back():
+    collector = Collector()
+    collector.set_state(BORDER, "a", 100.0)
+    stamps = [110.0, 80.0, 110.1, 110.2]
+    assert [collector.add(spot(stamp)) for stamp in stamps] == ["", "clock", "", ""]
+    assert collector.collection().border[:, 0].tolist() == [110.0, 110.1, 110.2]
+
+
+def test_a_camera_whose_clock_is_off_is_left_out_and_named():
+    collector = Collector()
+    collector.set_state(BORDER, "a", 1000.0)
+    assert collector.add(spot(1001.0), now=1001.1) == ""
+    assert collector.add(spot(1001.0 + 86400.0, camera="robot"), now=1001.1) == "clock"
+    assert collector.add(spot(1.0, camera="blue"), now=1001.1) == "before_state"
+    assert collector.wrong_clocks == {"robot", "blue"}
+    assert collector.counts == (1, 0, 2)
 
 
 def test_seeing():
@@ -165,7 +206,7 @@ def test_a_damaged_log_returns_what_it_still_has(tmp_path):
 
 def test_live_candidate_keeps_to_its_share():
     collector = Collector()
-    collector.set_state("border", "a", 0.0)
+    collector.set_state(BORDER, "a", 0.0)
     for k in range(100):
         collector.add(spot(0.04 * k, x=0.02 * k))
     ticks = iter(np.arange(0.0, 1000.0, 0.5))
@@ -180,42 +221,12 @@ def test_live_candidate_keeps_to_its_share():
 
 def test_what_was_collected_is_not_changed_by_later_spots():
     collector = Collector(CollectorParams(max_spots=100))
-    collector.set_state("border", "a", 0.0)
+    collector.set_state(BORDER, "a", 0.0)
     for k in range(90):
         collector.add(spot(float(k)))
     rows = collector.collection().border
     for k in range(90, 200):
         collector.add(spot(float(k)))
-    collector.set_state("border", "b", 200.0)
+    collector.set_state(BORDER, "b", 200.0)
     collector.add(spot(300.0))
     assert rows[:, 0].tolist() == list(range(90))
-
-
-def test_the_live_border_is_the_final_one_also_when_the_collection_was_thinned():
-    collector = Collector(CollectorParams(max_spots=300))
-    collector.set_state("border", "a", 0.0)
-    live = LiveExtractor(ExtractionParams.robust(), share=1.0)
-    for k in range(500):
-        collector.add(spot(0.02 * k, x=0.005 * k, y=0.003 * (k % 2)))
-        if k % 7 == 0:
-            live.update(collector.collection(), lambda: 0.0)
-    candidate = live.update(collector.collection(), lambda: 0.0, force=True)
-    final = extract_chain(collector.collection(), ExtractionParams.robust())
-    assert candidate.chain.points == pytest.approx(final.points, abs=0.02)
-
-
-def test_after_a_failure_the_live_border_is_extracted_from_the_beginning(monkeypatch):
-    collector = Collector()
-    collector.set_state("border", "a", 0.0)
-    for k in range(100):
-        collector.add(spot(0.04 * k, x=0.02 * k))
-    live = LiveExtractor(ExtractionParams.robust(), share=1.0)
-    live.update(collector.collection(), lambda: 0.0)
-    collector.add(spot(4.0, x=2.0))
-    with monkeypatch.context() as broken:
-        broken.setattr("vb_fusion.extraction.find_tracks", lambda *given: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            live.update(collector.collection(), lambda: 0.0)
-    candidate = live.update(collector.collection(), lambda: 0.0)
-    final = extract_chain(collector.collection(), ExtractionParams.robust())
-    assert candidate.chain.points == pytest.approx(final.points)

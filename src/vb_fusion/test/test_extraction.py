@@ -12,15 +12,12 @@ from shapely.geometry import Polygon, box
 
 sys.path.insert(0, str(Path(__file__).parent))
 import people  # noqa: E402
-from disturbances import beside, held, timed, with_fixed_place  # noqa: E402
 from strokes import Setting, draw, hausdorff, jaccard  # noqa: E402
 
 from vb_core import geometry  # noqa: E402
 from vb_core.errors import ParameterError  # noqa: E402
 from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
 from vb_fusion.line import closure  # noqa: E402
-from vb_fusion.live_extraction import LiveExtractor, extract_chain  # noqa: E402
-from vb_fusion.spots.collector import Collection  # noqa: E402
 
 BASE = Setting()
 
@@ -444,6 +441,114 @@ def test_a_second_stroke_elsewhere_is_reported():
     assert chain.left_out[:, 1].min() > 2.8
 
 
+def with_strays(points, stamps, cameras, seed, share=0.03, margin=0.5):
+    """The same spots and strays near the drawing, in the order of their stamps."""
+    rng = np.random.default_rng([seed, 5])
+    count = int(share * len(points))
+    strays = rng.uniform(points.min(axis=0) - margin, points.max(axis=0) + margin, (count, 2))
+    times = rng.uniform(stamps.min(), stamps.max(), count)
+    order = np.argsort(np.append(stamps, times))
+    everything = np.vstack([points, strays]), np.append(stamps, times), np.append(cameras, rng.integers(0, 2, count))
+    return tuple(values[order] for values in everything)
+
+
+def test_sides_in_any_order_are_one_polygon_also_among_strays():
+    """The price of a step decides, so a chain of strays is no way to where nobody went."""
+    corners, bad = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]]), 0
+    for seed in range(12):
+        parts, at = [], 0.0
+        for number in (0, 2, 1, 3):
+            parts.append(
+                line_spots(corners[number : number + 2], seed=9 * seed + number, noise=0.012, cameras=2, start=at)
+            )
+            at = parts[-1][1].max() + 1.5
+        points, stamps, cameras = with_strays(*(np.concatenate(part) for part in zip(*parts)), seed)
+        chain = extract_border(points, stamps=stamps, cameras=cameras)
+        bad += not chain.closed or hausdorff(chain.points, corners[:4], True) > 0.25
+    assert bad <= 1, bad
+
+
+@pytest.mark.parametrize("length", [0.3, 0.7, 1.0])
+def test_a_piece_beside_the_line_is_never_left_out_without_a_word(length):
+    one, two = line_spots([[0, 0], [2, 0]]), line_spots([[0, 3], [length, 3]], speed=0.2, start=15.0)
+    chain = extract_border(np.vstack([one[0], two[0]]), stamps=np.concatenate([one[1], two[1]]))
+    assert abs(chain.left_out_spots - len(two[0])) <= 3
+
+
+@pytest.mark.parametrize("hidden", [(1.0, 0.5), (1.0, 0.8), (2.0, 0.6), (4.2, 0.5)])
+def test_a_piece_that_nobody_saw_is_told_and_strays_are_no_way_across(hidden):
+    corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]])
+    for seed in range(5):
+        points, stamps, cameras = line_spots(corners, speed=0.25, noise=0.012, cameras=2, seed=seed)
+        assert extract_border(points, stamps=stamps, cameras=cameras).unseen < 0.25
+        middle, width = hidden
+        seen = np.abs(0.25 * (stamps - stamps[0]) - middle) > 0.5 * width
+        # in the middle of the time in which nothing is seen, beside the line
+        stray = points[~seen].mean(axis=0) + [0.25, 0.25]
+        times = np.append(stamps[seen], stamps[~seen].mean())
+        chain = extract_border(np.vstack([points[seen], stray]), stamps=times, cameras=np.append(cameras[seen], 0))
+        assert chain.unseen > 0.25
+        assert chain.closed and hausdorff(chain.points, corners[:4], True) < 0.25
+
+
+def test_a_slow_hand_is_no_light_that_stays():
+    wrong = []
+    for seed in range(10):
+        line = line_spots([[0, 0], [0.9, 0]], speed=0.05, noise=0.012, cameras=2, seed=seed)
+        points, stamps, cameras = with_strays(*line, seed)
+        chain = extract_border(points, stamps=stamps, cameras=cameras)
+        wrong.append(hausdorff(chain.points, np.array([[0, 0], [0.9, 0]]), False) > 0.15)
+    assert sum(wrong) <= 1, wrong
+
+
+def ring_spots(size, seed, noise=0.012):
+    turn = np.linspace(0, 2 * np.pi, 200)
+    return line_spots(
+        0.5 * size * np.column_stack([np.cos(turn), np.sin(turn)]), 0.2, seed=seed, noise=noise, cameras=2
+    )
+
+
+def test_a_ring_of_thirty_centimetres_is_closed():
+    closed = 0
+    for seed in range(20):
+        points, stamps, cameras = ring_spots(0.3, seed)
+        closed += extract_border(points, stamps=stamps, cameras=cameras).closed
+    assert closed >= 19
+
+
+def test_a_ring_too_small_for_its_noise_is_refused_and_no_curve():
+    refused = 0
+    for seed in range(20):
+        points, stamps, cameras = ring_spots(0.2, seed, noise=0.03)
+        try:
+            assert extract_border(points, stamps=stamps, cameras=cameras).closed
+        except ExtractionError as error:
+            assert error.code in ("figure_too_small", "no_line")
+            refused += 1
+    assert refused > 0
+
+
+def test_a_ring_without_noise_is_followed_more_closely_than_one_with_it():
+    points, stamps, cameras = ring_spots(1.0, 0, noise=0.0)
+    chain = extract_border(points, stamps=stamps, cameras=cameras)
+    assert hausdorff(chain.points, points, True) < 0.03
+
+
+def test_one_camera_at_two_images_a_second():
+    points, stamps, _ = line_spots([[0, 0], [2, 0], [2, 1.2], [0, 1.2], [0, 0]], speed=0.4, rate=2.0)
+    chain = extract_border(points, stamps=stamps)
+    assert chain.closed and hausdorff(chain.points, np.array([[0, 0], [2, 0], [2, 1.2], [0, 1.2]]), True) < 0.25
+
+
+@pytest.mark.parametrize("days", [30, 365])
+def test_a_robots_clock_that_is_off_costs_no_memory(days):
+    """What is unknown exists only where something was seen."""
+    points, stamps, cameras = line_spots([[0, 0], [3, 0]], cameras=2)
+    later = stamps + 86400.0 * days * (cameras == 1)
+    chain = extract_border(points, stamps=later, cameras=cameras, mobile=cameras == 1)
+    assert np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max() < 0.05
+
+
 def test_an_eight_becomes_one_valid_polygon():
     turn = np.linspace(0, 2 * np.pi, 200)
     points, stamps, _ = line_spots(np.column_stack([1.2 * np.sin(turn), 0.8 * np.sin(2 * turn)]))
@@ -461,36 +566,6 @@ def test_a_loop_at_the_closing_point_leaves_a_valid_polygon():
     polygon = Polygon(chain.points)
     assert chain.closed and polygon.is_valid
     assert polygon.area == pytest.approx(3.0, rel=0.05)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_drawing_that_grows_has_the_border_of_all_its_spots_at_once(seed):
-    """Two cameras, one of them late, a rest, a bright thing, and portions of any size."""
-    stroke = held(timed("L", seed, BASE.replace(outliers=0.1, bias=0.04)), 0.4, 200, 2, seed)
-    stroke = with_fixed_place(stroke, beside(stroke, 0.5, 0.3), 200, "throughout", 1, seed)
-    arrival = np.argsort(stroke.stamps + 0.7 * (stroke.cameras == 1), kind="stable")
-    rows = np.column_stack(
-        [stroke.stamps, stroke.points, np.ones(len(arrival)), stroke.cameras, np.zeros(len(arrival))]
-    )
-    rows = rows[arrival]
-    live, done, compared = LiveExtractor(ExtractionParams.robust(), share=1.0), 0, 0
-    for size in np.random.default_rng(seed).integers(1, 120, 100):
-        done = min(done + size, len(rows))
-        known = Collection("id", rows[:done], rows[:0], ["red", "green"], done, 0)
-        drawn = live.update(known, lambda: 0.0, force=True)
-        try:
-            whole = extract_chain(known, ExtractionParams.robust())
-        except ExtractionError as error:
-            assert drawn.no_chain.code == error.code
-        else:
-            compared += 1
-            assert drawn.no_chain is None
-            assert (drawn.chain.closed, drawn.chain.code) == (whole.closed, whole.code)
-            assert drawn.chain.left_out_spots == whole.left_out_spots
-            assert drawn.chain.points == pytest.approx(whole.points, abs=1e-9)
-        if done == len(rows):
-            break
-    assert done == len(rows) and compared > 5
 
 
 @pytest.mark.parametrize("shape", ["L", "corner"])

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from vb_fusion.extraction import ExtractionError, extract_seed
+from vb_fusion.live_extraction import DrawnBorder
+from vb_fusion.stroke.seed import KNOWN_PLACE_GAIN, NEW_PLACE_GAIN, find_dwells
 
 
 def spots(count=60, at=(1.0, 2.0), spread=0.015, seed=0):
@@ -110,3 +112,59 @@ def test_a_seed_on_a_known_place_is_still_a_seed():
     # the person pointed there before the state was entered
     before = spots(100)
     assert np.linalg.norm(extract_seed(spots(seed=3), before=before) - [1, 2]) < 0.01
+
+
+@pytest.mark.parametrize("first, last", [(6.0, 1.5), (10.0, 2.0), (20.0, 3.0)])
+def test_the_last_dwell_is_the_seed_and_a_longer_one_before_is_told(first, last):
+    for seed in range(5):
+        points, extra = scene(
+            ((0, 0), 0.0, first, 40, "red"), ((1, 2), first + 2, first + 2 + last, 40, "red"), seed=seed
+        )
+        dwells = find_dwells(points, **extra)
+        assert np.linalg.norm(dwells[-1].point - [1, 2]) < 0.02
+        assert np.linalg.norm(DrawnBorder(dwells=dwells).other_dwell.point) < 0.02
+
+
+def test_flashes_that_come_again_at_a_place_are_no_dwell():
+    """Of white paper, in the images of a robot that turns, after the pointer was switched off."""
+    flashes = [((1, 2), 3.0 + i, 3.3 + i, 10, "robot") for i in range(5)]
+    for seed in range(5):
+        points, extra = scene(((0, 0), 0.0, 2.0, 25, "red"), *flashes, seed=seed)
+        assert np.linalg.norm(extract_seed(points, **extra)) < 0.02
+
+
+def test_what_only_a_robot_sees_must_last_longer_than_what_a_steady_camera_saw():
+    """White paper stays in a robot's image, too; to a camera that moves it is new."""
+    for last, seed, other in ((1.8, (0, 0), (1, 2)), (7.0, (1, 2), None)):
+        points, extra = scene(((0, 0), 0.0, 2.0, 25, "red"), ((1, 2), 2.2, 2.2 + last, 5, "robot"))
+        drawn = DrawnBorder(dwells=find_dwells(points, mobile=[name == "robot" for name in extra["cameras"]], **extra))
+        assert np.linalg.norm(drawn.seed - seed) < 0.03
+        assert drawn.other_dwell is None if other is None else np.linalg.norm(drawn.other_dwell.point - other) < 0.03
+
+
+def test_a_camera_that_misses_images_sees_a_dwell():
+    for seed in range(5):
+        points, extra = scene(((1, 2), 0.0, 3.0, 5, "robot"), seed=seed)
+        rng = np.random.default_rng(seed)
+        seen = rng.random(len(points)) > 0.2
+        dwells = find_dwells(points[seen], **{name: np.asarray(values)[seen] for name, values in extra.items()})
+        assert len(dwells) == 1 and np.linalg.norm(dwells[0].point - [1, 2]) < 0.03
+
+
+def test_a_shorter_dwell_before_and_the_rest_at_the_borders_end_are_not_told():
+    points, extra = scene(((0, 0), 0.0, 1.0, 40, "red"), ((1, 2), 3.0, 6.0, 40, "red"))
+    assert DrawnBorder(dwells=find_dwells(points, **extra)).other_dwell is None
+    points, extra = scene(((0, 0), 0.0, 6.0, 40, "red"), ((1, 2), 8.0, 10.0, 40, "red"))
+    dwells = find_dwells(points, before=np.random.default_rng(2).normal(0, 0.015, (50, 2)), **extra)
+    assert DrawnBorder(dwells=dwells).other_dwell is None
+
+
+def test_a_second_of_new_light_outweighs_five_of_old_but_not_six():
+    """Light at a place that was bright before counts a fifth: the weights themselves, without a track between them."""
+    assert KNOWN_PLACE_GAIN == pytest.approx(NEW_PLACE_GAIN / 5.0)
+    before = np.random.default_rng(1).normal(FALSE, 0.02, (200, 2))
+    for old, new, chosen in ((3.0, 1.5, (1, 2)), (30.0, 0.75, FALSE)):
+        # the pointer and the bright place are never lit at once, and too far apart for one track
+        points, extra = scene((FALSE, 0.0, old, 25, "red"), ((1, 2), old + 0.2, old + 0.2 + new, 25, "red"))
+        found = find_dwells(points, before=before, **extra)
+        assert any(np.linalg.norm(dwell.point - chosen) < 0.05 for dwell in found)

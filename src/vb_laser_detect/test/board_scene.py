@@ -9,7 +9,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
-from vb_laser_detect.calibration.board import BoardParams, corners_on_map, draw_board
+from vb_laser_detect.calibration.board import BoardParams, draw_board
 from vb_laser_detect.detection.projection import floor_points, pixels_of
 
 CAMERA = CameraModel(
@@ -18,6 +18,12 @@ CAMERA = CameraModel(
 POSE = geometry.transform(geometry.rotation_from_rpy(math.pi + 0.06, 0.05, 0.7), (4.0, 2.5, 2.95))
 _PPM = 2000.0  # [px/m] of the print
 _MARGIN = 0.02  # [m] of white paper round the pattern
+
+
+def corners_on_map(corners, p1, p2):
+    """(N, 2) [m] in the map of a board's corners, with its upper left one at P1 and its upper edge towards P2."""
+    along = np.subtract(p2, p1) / np.linalg.norm(np.subtract(p2, p1))
+    return np.asarray(p1) + corners[:, :1] * along + corners[:, 1:] * (along[1], -along[0])
 
 
 def p2_of(board: BoardParams, p1, yaw: float):
@@ -33,7 +39,7 @@ def render_board(
     paper = cv2.copyMakeBorder(draw_board(board, _PPM), *4 * [border], cv2.BORDER_CONSTANT, value=245)
     width, height = board.size
     around = np.array([[-0.05, -0.05], [width + 0.05, -0.05], [width + 0.05, height + 0.05], [-0.05, height + 0.05]])
-    outline = pixels_of(camera, pose, np.column_stack([corners_on_map(board, around, p1, p2), np.zeros(4)]))
+    outline = pixels_of(camera, pose, np.column_stack([corners_on_map(around, p1, p2), np.zeros(4)]))
     left, top = np.maximum(0, np.floor(outline.min(axis=0))).astype(int)
     right, bottom = np.minimum((camera.width, camera.height), np.ceil(outline.max(axis=0))).astype(int)
     rows, columns = np.mgrid[top:bottom, left:right].astype(float)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The real commands, guided by a scripted person: spots clicked in RViz, a printed board, the check of cameras."""
+"""The real commands, guided by a scripted person: spots clicked in RViz; and what publishes the pose."""
 
 import math
 import os
@@ -24,16 +24,12 @@ from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
 from vb_laser_detect.calibration import calibration_file
-from vb_laser_detect.calibration.board import BoardParams
 from vb_laser_detect.detection.projection import floor_points
-from vb_msgs.msg import DetectorStatus, LaserSpot
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from board_scene import CAMERA, POSE, p2_of, render_board  # noqa: E402
 from scenes import Scene  # noqa: E402
 
 TIMEOUT = 120.0
-FASTER = 3.0  # the images' stamps run ahead of the wall clock: nobody waits two seconds for a spot to be held for two
 SMALL = CameraModel(640, 360, np.array([[400.0, 0, 319], [0, 400.0, 181], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))
 
 
@@ -89,13 +85,13 @@ class Command:
 
 
 class Player:
-    """A camera that shows what it is told to, as often as one can bear."""
+    """A camera that shows what it is told to."""
 
     def __init__(self, name, camera, rate, topic="image_raw"):
         self.name, self.camera = name, camera
         self.shown = None
         self._changed = threading.Condition()
-        self._began = self._latest = rospy.Time.now()
+        self._latest, self._interval = rospy.Time.now(), rospy.Duration(1.0 / rate)
         self.render = lambda: np.full((camera.height, camera.width), 90, np.uint8)
         self._images = rospy.Publisher(f"/{name}/{topic}", Image, queue_size=1)
         self._infos = rospy.Publisher(f"/{name}/camera_info", CameraInfo, queue_size=1)
@@ -104,21 +100,18 @@ class Player:
     def _play(self, _event):
         if self._images.get_num_connections() == 0:
             return
-        frame, now = self.name + "_optical_frame", self._now()
+        # the images' own time: as many within a second of it on a busy machine as on any
+        frame, now = self.name + "_optical_frame", self._latest + self._interval
         self._infos.publish(info_from_camera(self.camera, now, frame))
         self._images.publish(message_from_image(self.render(), "mono8", now, frame))
         with self._changed:
             self._latest = now
             self._changed.notify_all()
 
-    def _now(self):
-        """The images' own time."""
-        return self._began + (rospy.Time.now() - self._began) * FASTER
-
     def show(self, what, seconds):
         """Shows something else, and waits until it was shown for so long, by the images' own time."""
         with self._changed:
-            self.shown, since = what, self._now()
+            self.shown, since = what, self._latest
             if not self._changed.wait_for(lambda: (self._latest - since).to_sec() > seconds, TIMEOUT):
                 raise AssertionError("the camera does not play")
 
@@ -133,30 +126,13 @@ class CalibrateCameraTest(unittest.TestCase):
         cls.buffer = tf2_ros.Buffer()
         cls.listener = tf2_ros.TransformListener(cls.buffer)
         cls.clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
-        # commands that take their time without the person: they run while the others are guided
-        cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)
         cls.infos = rospy.Publisher("/nobody/camera_info", CameraInfo, queue_size=1)
-        cls.timer = rospy.Timer(rospy.Duration(0.04), cls.play_spots)
-        cls.unattended = {
-            "agreeing": Command("check", "--seconds", "4", "--limit", "5"),
-            "strict": Command("check", "--seconds", "4", "--limit", "1"),
-            "nobody": Command("spots", "nobody", "--folder", tempfile.gettempdir(), "--timeout", "0.5"),
-        }
+        # takes its time without the person: it runs while the others are guided
+        cls.unattended = Command("spots", "nobody", "--folder", tempfile.gettempdir())
 
     @classmethod
     def tearDownClass(cls):
-        cls.timer.shutdown()
-        for command in cls.unattended.values():
-            command.end()
-
-    @classmethod
-    def play_spots(cls, _event):
-        now = rospy.Time.now()
-        for camera, off in (("red", 0.0), ("green", 0.03)):
-            spot = LaserSpot(camera=camera)
-            spot.header.stamp, spot.header.frame_id = now, "map"
-            spot.position.x, spot.position.y = 2.0 + 0.3 * math.sin(now.to_sec()) + off, 1.0
-            cls.spots.publish(spot)
+        cls.unattended.end()
 
     def setUp(self):
         self.folder = tempfile.TemporaryDirectory()
@@ -190,7 +166,7 @@ class CalibrateCameraTest(unittest.TestCase):
         truth = geometry.transform(geometry.rotation_from_rpy(math.pi + 0.05, -0.03, 1.2), (2.0, 3.0, 2.8))
         scene, rng = Scene(640, 360, seed=4), np.random.default_rng(2)
         base = np.clip(np.median([scene.render() for _ in range(3)], axis=0).max(axis=2), 0, 200).astype(np.uint8)
-        red = self.player("red", SMALL, 15)
+        red = self.player("red", SMALL, 8)
         rows, columns = np.mgrid[:360, :640]
 
         def render():
@@ -215,12 +191,13 @@ class CalibrateCameraTest(unittest.TestCase):
         self.click((0, 0), "odom")
         command.wait_for("set RViz' fixed frame")
         for i, pixel in enumerate(places):
-            red.show(pixel, 2.2)
             point = floor_points(SMALL, truth, np.array([pixel]))[0, :2] + rng.normal(0, 0.003, 2)
             if i == 4:
                 point = point + (0.5, 0.2)  # a slip of the mouse
-            # the person tries again until the spot was still for long enough
-            for _ in range(5):
+            # as the refusal says: what is there in the first image that a busy computer sees belongs to the room
+            for _ in range(10):
+                red.show(None, 1.0)
+                red.show(pixel, 2.2)
                 before = len(command.lines)
                 if i == 2:
                     command.type(f"{point[0]:.4f} {point[1]:.4f}")
@@ -230,7 +207,7 @@ class CalibrateCameraTest(unittest.TestCase):
                 if "is at" in answer:
                     break
                 self.assertTrue("spot_not_seen_by_camera" in answer or "spot_moving" in answer, answer)
-            self.assertIn("is at", answer)
+            self.assertIn("is at", answer, (i, command.lines))
             command.wait_for(f"{i + 1} place", after=before)
         command.type("done")
         self.assertEqual(command.status(), 0, command.lines)
@@ -238,63 +215,32 @@ class CalibrateCameraTest(unittest.TestCase):
         self.assertIn("5 of 6 used", text)
         self.assertIn("px rms", text)
         self.assertIn("cm rms", text)
-        self.check_pose("red", truth, 0.05, 1.0)
+        pose = self.check_pose("red", truth, 0.05, 1.0)
+        self.check_camera_poses(pose.T)
 
-    def test_board_on_four_places(self):
-        # a board as large for this small image as an A3 sheet is for 1080p
-        board, rng = BoardParams.for_paper("A0"), np.random.default_rng(5)
-        camera = CAMERA.scaled_to(800, 450)
-        blue = self.player("blue", camera, 12, "image_color")
-        # what the lab's file for this camera says
-        rospy.set_param("/spot_detector_blue/image", "blue/image_color")
-        self.addCleanup(rospy.delete_param, "/spot_detector_blue")
-        blue.shown = np.full((450, 800), 90, np.uint8)
-        blue.render = lambda: blue.shown
-        command = self.start("board", "blue", "--folder", self.folder.name, "--paper", "A0")
-        command.wait_for("Lay the board")
-        before = len(command.lines)
-        command.type("3.0 3.0 3.5 3.0")
-        command.wait_for("no_board", after=before)
-        for pixel, yaw in (((200, 130), 0.7), ((590, 130), 0.8), ((600, 320), 3.9), ((200, 320), 0.6)):
-            middle = floor_points(camera, POSE, np.array([pixel]))[0, :2]
-            p1 = middle - np.array([[math.cos(yaw), math.sin(yaw)], [math.sin(yaw), -math.cos(yaw)]]) @ np.divide(
-                board.size, 2
-            )
-            p2 = p2_of(board, p1, yaw)
-            blue.show(render_board(board, p1, p2, rng, camera), 0.0)
-            before = len(command.lines)
-            if yaw == 0.8:
-                command.type(f"{p1[0]} {p1[1]} {p2[0] + 0.2} {p2[1]}")
-                command.wait_for("placement_mismatch", "board_moved", after=before)
-                before = len(command.lines)
-            command.type(f"{p1[0]} {p1[1]} {p2[0]} {p2[1]}")
-            command.wait_for("corners seen", after=before)
-        command.type("done")
-        self.assertEqual(command.status(), 0, command.lines)
-        self.check_pose("blue", POSE, 0.03, 0.5)
-
-        # the pose that the file holds is what launch/parts/perception.launch publishes
+    def check_camera_poses(self, pose):
+        """The pose that the file holds is what launch/parts/perception.launch publishes, and what replaces it later."""
         rospy.set_param(
-            "/camera_poses", {"calibration_dir": self.folder.name, "cameras": "blue green", "check_period": 0.2}
+            "/camera_poses", {"calibration_dir": self.folder.name, "cameras": "red green", "check_period": 0.2}
         )
         poses = subprocess.Popen(["rosrun", "vb_laser_detect", "camera_poses"])
         self.addCleanup(poses.wait)
         self.addCleanup(poses.terminate)
-        self.check_transform("blue_optical_frame", POSE)
+        self.check_transform("red_optical_frame", pose)
         # a camera that is calibrated later, or again, is taken at once
-        path = calibration_file.calibration_path(self.folder.name, "blue")
+        path = calibration_file.calibration_path(self.folder.name, "red")
         later = path.with_name("green.yaml")
-        later.write_text(path.read_text().replace("blue", "green"))
-        self.check_transform("green_optical_frame", POSE)
+        later.write_text(path.read_text().replace("red", "green"))
+        self.check_transform("green_optical_frame", pose)
         # two files that name each other's frames are judged together, whichever is read first
-        other = POSE @ geometry.transform(np.eye(3), (0.5, 0.0, 0.0))
+        other = pose @ geometry.transform(np.eye(3), (0.5, 0.0, 0.0))
         text = path.read_text()
         document = yaml.safe_load(text)
         document["translation"] = [float(value) for value in other[:3, 3]]
         path.write_text(yaml.safe_dump({**document, "frame": "green_optical_frame"}))
-        later.write_text(later.read_text().replace("green_optical", "blue_optical"))
+        later.write_text(later.read_text().replace("green_optical", "red_optical"))
         self.check_transform("green_optical_frame", other)
-        self.check_transform("blue_optical_frame", POSE)
+        self.check_transform("red_optical_frame", pose)
         # a file that has another camera's name is none: the last good pose stays
         later.write_text(text)
         path.write_text("{")
@@ -310,26 +256,9 @@ class CalibrateCameraTest(unittest.TestCase):
         self.assertLess(error, 0.02, frame)
 
     def test_nothing_comes_from_the_camera(self):
-        command = self.unattended["nobody"]
+        command = self.unattended
         self.assertEqual(command.status(), 1)
         command.wait_for("no_images")
-
-    def test_a_frame_that_another_camera_uses_is_refused_before_any_work(self):
-        detectors = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
-        other = DetectorStatus(camera="other", frame_id="twin_optical_frame")
-        timer = rospy.Timer(rospy.Duration(0.1), lambda _event: detectors.publish(other))
-        self.addCleanup(timer.shutdown)
-        self.player("twin", SMALL, 10)
-        command = self.start("spots", "twin", "--folder", self.folder.name)
-        self.assertEqual(command.status(), 1, command.lines)
-        self.assertIn("other, twin", command.wait_for("twin_optical_frame"))
-
-    def test_check_of_two_cameras(self):
-        agreeing, strict = self.unattended["agreeing"], self.unattended["strict"]
-        self.assertEqual(agreeing.status(), 0, agreeing.lines)
-        self.assertEqual(strict.status(), 1, strict.lines)
-        self.assertIn("red is -3.0 cm in x", agreeing.wait_for("green - red"))
-        strict.wait_for("do NOT agree")
 
 
 if __name__ == "__main__":

@@ -1,21 +1,31 @@
 #!/usr/bin/env python3
-"""Three real detector nodes before played cameras: fixed with Bayer images, fixed with JPEG, and on a moving robot."""
+"""Three real detector nodes before played cameras: fixed with Bayer images, fixed with JPEG, and on a moving robot.
+
+Spots are where and when they were; whatever is wrong with its input, a detector says it once, shows it in the diagnostics,
+and goes on.
+"""
 
 import os
 import sys
 import threading
 import unittest
+from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import rospy
 import rostest
 import tf2_ros
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from dynamic_reconfigure.client import Client
+from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import Image
 
 from vb_core import geometry, names
+from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
-from vb_core.ros.images import array_from_image
+from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
@@ -24,35 +34,69 @@ from players import FixedCamera, RobotCamera  # noqa: E402
 from scenes import GREEN, RED  # noqa: E402
 
 TIMEOUT = 120.0
+WARN_EVERY = 10.0
 GUARD = (2.5, 1.5)  # [m] where a robot stands, on the circle that red's laser draws
+
+
+class Observer:
+    """What detectors publish, log and diagnose."""
+
+    def __init__(self):
+        self.changed = threading.Condition()
+        self.spots, self.logs, self.status, self.truth = [], [], {}, {}
+        self.diagnostics = defaultdict(lambda: DiagnosticStatus(level=DiagnosticStatus.STALE))  # nothing was said yet
+        for topic, kind, handle in (
+            (names.SPOTS, LaserSpot, lambda m: self.spots.append(m)),
+            (names.DETECTORS, DetectorStatus, lambda m: self.status.__setitem__(m.camera, m)),
+            ("/diagnostics", DiagnosticArray, self._on_diagnostics),
+            ("/rosout", Log, lambda m: self.logs.append(m)),
+        ):
+            rospy.Subscriber(topic, kind, self._store, callback_args=handle, queue_size=50)
+
+    def _store(self, message, handle):
+        with self.changed:
+            handle(message)
+            self.changed.notify_all()
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self.diagnostics[status.hardware_id] = status
+
+    def refused(self, camera, code):
+        status = self.status.get(camera)
+        return dict(zip(status.rejections, status.rejection_counts)).get(code, 0) if status is not None else 0
+
+    def warnings(self, camera, code):
+        """What the camera's own detector warned of: the other one may have the same trouble."""
+        name = f"/spot_detector_{camera}"
+        return [log for log in self.logs if log.name == name and f"[{code}]" in log.msg and log.level >= Log.WARN]
+
+
+def uncalibrated(camera):
+    """The camera_info of a camera whose lens nobody calibrated."""
+
+    def info(stamp):
+        message = info_from_camera(camera.camera, stamp, camera.frame)
+        message.K = [0.0] * 9
+        return message
+
+    return info
 
 
 class SpotDetectorTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("stimulus")
-        cls.changed = threading.Condition()
-        cls.spots, cls.status, cls.truth, cls.pictures = [], {}, {}, []
-        cls.diagnostics = set()
+        cls.observer = Observer()
         cls.red = FixedCamera("red", 2.0, 1.5, RED, False)
         cls.blue = FixedCamera("blue", 4.0, 1.5, GREEN, True)
         cls.robot = RobotCamera()
-        cls.fixed_tf = tf2_ros.StaticTransformBroadcaster()
-        cls.fixed_tf.sendTransform(
-            [
-                *(messages.message_from_transform(c.T, "map", c.frame, rospy.Time.now()) for c in (cls.red, cls.blue)),
-                messages.message_from_transform(
-                    geometry.transform(np.eye(3), (*GUARD, 0.0)), "map", "guard/base_link", rospy.Time.now()
-                ),
-            ]
-        )
+        cls.red.info = None
+        cls.spoil = {}  # by camera: what makes the message that comes instead of every second image
+        cls.static = tf2_ros.StaticTransformBroadcaster()
+        cls.static.sendTransform([messages.message_from_transform(cls.blue.T, "map", cls.blue.frame, rospy.Time.now())])
         cls.map = rospy.Publisher("/map", messages.OccupancyGridArray, queue_size=1, latch=True)
         cls.map.publish(messages.message_from_grid(GridMap(np.zeros((60, 100), np.int8), 0.05), rospy.Time.now()))
-        cls.stray = rospy.Publisher("/red/image_raw", Image, queue_size=1)
-        rospy.Subscriber(names.SPOTS, LaserSpot, cls.on_spot)
-        rospy.Subscriber(names.DETECTORS, DetectorStatus, cls.on_status)
-        rospy.Subscriber("/diagnostics", DiagnosticArray, cls.on_diagnostics)
-        rospy.Subscriber("/spot_detector_red/debug_image", Image, cls.on_picture)
         cls.running = True
         cls.player = threading.Thread(target=cls.play, daemon=True)
         cls.player.start()
@@ -66,113 +110,328 @@ class SpotDetectorTest(unittest.TestCase):
     def play(cls):
         rate, step = rospy.Rate(12), 0
         while cls.running and not rospy.is_shutdown():
-            stamp = rospy.Time.now()
-            angle = 0.1 * step
+            stamp, step = rospy.Time.now(), step + 1
             for camera in (cls.red, cls.blue):
-                center = camera.T[:2, 3]
-                point = center + 0.5 * np.array([np.cos(angle), np.sin(angle)])
-                cls.truth[camera.name, stamp.to_nsec()] = point
-                camera.play(stamp, point)
-            with cls.changed:  # a spot may come back before this thread has noted where it was
-                cls.truth["robot", stamp.to_nsec()] = cls.robot.play(stamp, 1.0 + 0.01 * (step % 100))
-            if step % 10 == 9:
-                broken = Image(encoding="bayer_rggb8")
-                broken.header.stamp = stamp
-                cls.stray.publish(broken)
-            step += 1
+                point = camera.T[:2, 3] + 0.5 * np.array([np.cos(0.1 * step), np.sin(0.1 * step)])
+                if not cls.spoilt(camera, stamp, step):
+                    cls.observer.truth[camera.name, stamp.to_nsec()] = point
+                    camera.play(stamp, point)
+            if not cls.spoilt(cls.robot, stamp, step):
+                with cls.observer.changed:  # a spot may come back before this thread has noted where it was
+                    cls.observer.truth["robot", stamp.to_nsec()] = cls.robot.play(stamp, 1.0 + 0.01 * (step % 100))
             rate.sleep()
 
     @classmethod
-    def on_spot(cls, message):
-        with cls.changed:
-            cls.spots.append(message)
-            cls.changed.notify_all()
-
-    @classmethod
-    def on_status(cls, message):
-        with cls.changed:
-            cls.status[message.camera] = message
-            cls.changed.notify_all()
-
-    @classmethod
-    def on_diagnostics(cls, message):
-        with cls.changed:
-            cls.diagnostics.update(status.name for status in message.status)
-            cls.changed.notify_all()
-
-    @classmethod
-    def on_picture(cls, message):
-        with cls.changed:
-            cls.pictures.append(message)
-            cls.changed.notify_all()
+    def spoilt(cls, camera, stamp, step):
+        spoil = cls.spoil.get(camera)
+        if spoil is None or step % 2:
+            return False
+        message = spoil()
+        message.header.stamp, message.header.frame_id = stamp, camera.frame
+        camera.images.publish(message)
+        return True
 
     def wait(self, condition, what):
-        with self.changed:
-            self.assertTrue(self.changed.wait_for(condition, TIMEOUT), f"waited in vain for {what}: {self.status}")
+        o = self.observer
+        with o.changed:
+            self.assertTrue(
+                o.changed.wait_for(condition, TIMEOUT), f"waited in vain for {what}: {o.status} {o.diagnostics}"
+            )
 
-    def check(self, camera, projections, limit):
-        self.wait(lambda: sum(spot.camera == camera for spot in self.spots) >= 15, "spots of " + camera)
-        with self.changed:
-            spots = [spot for spot in self.spots if spot.camera == camera]
-        errors = []
-        for spot in spots:
-            self.assertEqual(spot.header.frame_id, "map")
-            self.assertIn(spot.projection, projections)
-            # stamped with the image's own time, to the nanosecond
-            self.assertIn((camera, spot.header.stamp.to_nsec()), self.truth)
-            truth = self.truth[camera, spot.header.stamp.to_nsec()]
-            errors.append(np.hypot(spot.position.x - truth[0], spot.position.y - truth[1]))
-            self.assertTrue(0.0 < spot.confidence <= 1.0)
-            self.assertTrue(0.005 < spot.diameter_m < 0.08, spot.diameter_m)
-        # those that are backfilled once a stroke is confirmed come before the one that confirms it
-        stamps = [spot.header.stamp.to_nsec() for spot in spots]
-        self.assertEqual(stamps, sorted(set(stamps)))
+    def wait_for_spots(self, camera, count=3, projection=None):
+        """Spots of images that were taken from now on."""
+        now, o = rospy.Time.now(), self.observer
+
+        def fresh():
+            return [
+                spot
+                for spot in o.spots
+                if spot.camera == camera
+                and spot.header.stamp > now
+                and (projection is None or spot.projection == projection)
+            ]
+
+        self.wait(lambda: len(fresh()) >= count, f"spots of {camera}")
+        return fresh()
+
+    def errors(self, spots):
+        truth = self.observer.truth
+        return [
+            np.hypot(*(np.array([s.position.x, s.position.y]) - truth[s.camera, s.header.stamp.to_nsec()]))
+            for s in spots
+        ]
+
+    def check_fault(self, camera, code, words, level, count=10):
+        """Counted, in the diagnostics, and warned of, but not for each image."""
+        o = self.observer
+        before = o.refused(camera, code)
+        self.wait(lambda: o.refused(camera, code) >= before + count, f"{count} times {code}")
+        self.wait(
+            lambda: o.diagnostics[camera].level == level and words in o.diagnostics[camera].message,
+            f"diagnostic of {code}",
+        )
+        self.wait(lambda: o.warnings(camera, code), f"a warning of {code}")
+        with o.changed:
+            stamps = sorted(log.header.stamp.to_sec() for log in o.warnings(camera, code))
+        # a log's stamp comes a little later than the decision to write it
+        self.assertTrue((np.diff(stamps) > WARN_EVERY / 2).all(), stamps)
+
+    def check_spots(self, camera, projections, limit):
+        """All spots of a camera until now are right, have their images' own times, and come in order."""
+        self.wait_for_spots(camera, 15)
+        with self.observer.changed:
+            spots = [spot for spot in self.observer.spots if spot.camera == camera]
+        errors = self.errors(spots)
         self.assertLess(np.median(errors), limit)
         self.assertLess(np.max(errors), 5 * limit)
+        # those that are given back once a stroke is confirmed come before the one that confirms it
+        stamps = [spot.header.stamp.to_nsec() for spot in spots]
+        self.assertEqual(stamps, sorted(set(stamps)))
+        for spot in spots:
+            self.assertEqual((spot.header.frame_id, spot.mobile), ("map", camera == "robot"))
+            self.assertIn(spot.projection, projections)
+            self.assertTrue(0.0 < spot.confidence <= 1.0 and 0.005 < spot.diameter_m < 0.08, spot)
+        o = self.observer
+        self.wait(lambda: camera in o.status and o.status[camera].detected > 10, f"the status of {camera}")
+        status = o.status[camera]
+        self.assertGreaterEqual(status.received, status.processed)
+        self.assertGreater(min(status.rate_hz, status.search_ms), 0.0)
 
-    def test_fixed_camera_with_bayer_images(self):
-        self.check("red", [LaserSpot.GROUND_PLANE], 0.01)
-        self.assertFalse(any(spot.mobile for spot in self.spots if spot.camera == "red"))
+    def test_all_cameras(self):
+        """Cameras with nothing in common, at the same time: most of this is waiting for what comes once a second."""
+        with ThreadPoolExecutor() as pool:
+            stories = [pool.submit(self.fixed_camera), pool.submit(self.moving_camera)]
+            stories.append(pool.submit(self.check_spots, "blue", [LaserSpot.GROUND_PLANE], 0.01))
+        for story in stories:
+            story.result()
 
-    def test_fixed_camera_with_jpeg_images(self):
-        self.check("blue", [LaserSpot.GROUND_PLANE], 0.01)
+    # one story, as each chapter needs the one before
+    def fixed_camera(self):
+        self.camera_info_is_late_wrong_and_then_right()
+        self.tf_loop_ends()
+        self.check_spots("red", [LaserSpot.GROUND_PLANE], 0.01)
+        self.camera_info_changes()
+        self.another_camera_says_the_same_frame()
+        self.bad_images("red", self.red)
+        self.tuning()
+        self.debug_image()
+        self.nothing_on_a_robot_is_a_spot()
 
-    def test_moving_camera_with_depth(self):
-        self.check("robot", [LaserSpot.DEPTH, LaserSpot.GROUND_PLANE_FALLBACK], 0.02)
-        self.assertTrue(any(spot.projection == LaserSpot.DEPTH for spot in self.spots if spot.camera == "robot"))
-        self.assertTrue(all(spot.mobile for spot in self.spots if spot.camera == "robot"))
+    def camera_info_is_late_wrong_and_then_right(self):
+        o, red = self.observer, self.red
+        self.wait(
+            lambda: "no camera_info on /red/camera_info" in o.diagnostics["red"].message,
+            "the diagnostic that camera_info is missing",
+        )
+        self.assertEqual(o.diagnostics["red"].level, DiagnosticStatus.ERROR)
 
-    def test_nothing_on_a_robot_is_a_spot(self):
-        def refused(code):
-            red = self.status.get("red")
-            return dict(zip(red.rejections, red.rejection_counts)).get(code, 0) if red is not None else 0
+        red.info = uncalibrated(red)
+        self.wait(lambda: o.warnings("red", "bad_camera_info"), "a warning of the zero matrix")
+        self.wait(lambda: "no focal length" in o.diagnostics["red"].message, "the diagnostic of the zero matrix")
+        self.assertEqual(o.diagnostics["red"].level, DiagnosticStatus.ERROR)
+        self.wait(lambda: o.refused("red", "no_camera_info") >= 3, "spots that were dropped")
+        self.assertEqual(len(o.warnings("red", "bad_camera_info")), 1)
+        self.assertFalse([spot for spot in o.spots if spot.camera == "red"])
+        red.info = lambda stamp: info_from_camera(red.camera, stamp, red.frame)
 
-        self.wait(lambda: refused("on_robot") and refused("robot_without_pose"), "light on a robot")
+    def tf_loop_ends(self):
+        now, red = rospy.Time.now(), self.red
+        self.static.sendTransform(
+            [
+                messages.message_from_transform(np.eye(4), "a", red.frame, now),
+                messages.message_from_transform(np.eye(4), "b", "a", now),
+                messages.message_from_transform(np.eye(4), "a", "b", now),
+                messages.message_from_transform(np.eye(4), "map", "elsewhere", now),
+            ]
+        )
+        self.check_fault("red", "no_transform", "loop", DiagnosticStatus.ERROR)
+        self.assertFalse([spot for spot in self.observer.spots if spot.camera == "red"])
+        self.static.sendTransform([messages.message_from_transform(red.T, "map", red.frame, now)])
+        self.assertLess(np.median(self.errors(self.wait_for_spots("red"))), 0.01)
+
+    def camera_info_changes(self):
+        # another focal length shows the same spot in another place: nearer to the middle, by the ratio of both
+        red = self.red
+        longer = CameraModel(
+            red.camera.width,
+            red.camera.height,
+            red.camera.matrix * [[1.25, 1, 1], [1, 1.25, 1], [1, 1, 1]],
+            red.camera.distortion * 0,
+        )
+        red.info = lambda stamp: info_from_camera(longer, stamp, red.frame)
+        self.wait(lambda: self.radius() < 0.45, "spots by the other camera_info")
+        red.info = lambda stamp: info_from_camera(longer.scaled_to(960, 540), stamp, red.frame)
+        self.check_fault("red", "no_camera_info", "not of 480 x 270", DiagnosticStatus.ERROR, count=3)
+        red.info = lambda stamp: info_from_camera(red.camera, stamp, red.frame)
+        self.wait(lambda: self.radius() > 0.48, "spots by the first camera_info again")
+
+    def another_camera_says_the_same_frame(self):
+        # a frame has one pose: neither camera's spots can be believed
+        o, name = self.observer, self.red.frame
+        other = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
+        timer = rospy.Timer(
+            rospy.Duration(0.5), lambda _event: other.publish(DetectorStatus(camera="green", frame_id=name))
+        )
+        self.addCleanup(timer.shutdown)
+        self.check_fault("red", "shared_frame", "green, red", DiagnosticStatus.ERROR, count=3)
+        with o.changed:
+            count = len([spot for spot in o.spots if spot.camera == "red"])
+        before = o.refused("red", "shared_frame")
+        self.wait(lambda: o.refused("red", "shared_frame") >= before + 5, "images whose place is not known")
+        self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "red"]), count)
+        timer.shutdown()
+        # each spot says which one it is
+        self.assertGreater(self.wait_for_spots("red")[-1].track, 0)
+
+    def radius(self):
+        """[m] of the newest spot from the middle of the circle that it draws; 0.5 in truth."""
+        spot = next(spot for spot in reversed(self.observer.spots) if spot.camera == "red")
+        return np.hypot(spot.position.x - self.red.T[0, 3], spot.position.y - self.red.T[1, 3])
+
+    def bad_images(self, name, camera):
+        height, width = camera.camera.height, camera.camera.width
+        good = np.full((height, width), 100, np.uint8)
+
+        def short():
+            message = message_from_image(good, "mono8", rospy.Time(), "")
+            message.data = message.data[:1000]
+            return message
+
+        def unknown():
+            return Image(encoding="purple8", height=height, width=width, step=width, data=good.tobytes())
+
+        for spoil, words in (
+            (lambda: Image(encoding="bayer_rggb8"), "the image is empty"),
+            (unknown, "purple8"),
+            (lambda: message_from_image(good.astype(np.float32), "32FC1", rospy.Time(), ""), "32FC1"),
+            (short, "cannot read an image"),
+        ):
+            self.spoil[camera] = spoil
+            code = "unknown_encoding" if words == "32FC1" else "bad_image"
+            self.check_fault(name, code, words, DiagnosticStatus.WARN, count=3)
+            self.wait_for_spots(name, 1)
+        del self.spoil[camera]
+        self.wait(lambda: self.observer.diagnostics[name].level == DiagnosticStatus.OK, "all well again")
+
+    def tuning(self):
+        client = Client("/spot_detector_red/detector", timeout=TIMEOUT)
+        self.addCleanup(client.close)
+        described = {entry["name"]: entry for entry in client.get_parameter_descriptions(timeout=TIMEOUT)}
+        self.assertEqual((described["confirm_frames"]["min"], described["confirm_frames"]["type"]), (1, "int"))
+        self.assertNotIn("moving_camera", described)
+        before = self.observer.refused("red", "too_large")
+        changed = client.update_configuration({"max_diameter_mm": 2.0})
+        self.assertEqual(changed["max_diameter_mm"], 2.0)
+        self.wait(lambda: self.observer.refused("red", "too_large") > before + 5, "spots that are too large now")
+        self.assertEqual(rospy.get_param("/spot_detector_red/detector/max_diameter_mm"), 2.0)
+        # nothing would be rejected: nothing changes, not even what came with it
+        refused = client.update_configuration({"min_probability": 0.0, "confirm_frames": 7})
+        self.assertEqual(refused["min_probability"], changed["min_probability"])
+        self.assertEqual(refused["confirm_frames"], changed["confirm_frames"])
+        self.wait(lambda: any("must be above 0" in log.msg for log in self.observer.logs), "the reason")
+        client.update_configuration({"max_diameter_mm": 80.0})
+        self.wait_for_spots("red")
+        # the projection's, and the node's own
+        other = Client("/spot_detector_red/projection", timeout=TIMEOUT)
+        self.addCleanup(other.close)
+        other.update_configuration({"max_range": 1.0})
+        self.wait(lambda: self.observer.refused("red", "too_far") > 3, "a floor that is too far away")
+        other.update_configuration({"max_range": 12.0})
+        self.wait_for_spots("red")
+
+    def debug_image(self):
+        pictures = []
+        rospy.Subscriber("/spot_detector_red/debug_image", Image, self.observer._store, callback_args=pictures.append)
+        self.wait(lambda: len(pictures) >= 3, "debug images")
+        self.assertEqual((pictures[0].encoding, pictures[0].width), ("bgr8", 480))
+
+    def nothing_on_a_robot_is_a_spot(self):
+        o = self.observer
+        self.assertTrue(o.refused("red", "robot_without_pose"))
+        self.static.sendTransform(
+            [
+                messages.message_from_transform(
+                    geometry.transform(np.eye(3), (*GUARD, 0.0)), "map", "guard/base_link", rospy.Time.now()
+                )
+            ]
+        )
+        self.wait(lambda: o.refused("red", "on_robot") >= 1, "light on a robot")
         # from now on the robot's place is known; the spot comes round to it again
-        known, before = self.status["red"].header.stamp, refused("on_robot")
-        self.wait(lambda: refused("on_robot") >= before + 5, "more light on the robot")
-        self.wait(lambda: any(spot.camera == "red" and spot.header.stamp > known for spot in self.spots), "spots")
-        with self.changed:
-            later = [spot.position for spot in self.spots if spot.camera == "red" and spot.header.stamp > known]
+        known, before = o.status["red"].header.stamp, o.refused("red", "on_robot")
+        self.wait(lambda: o.refused("red", "on_robot") >= before + 5, "more light on the robot")
+        self.wait_for_spots("red")
+        with o.changed:
+            later = [spot.position for spot in o.spots if spot.camera == "red" and spot.header.stamp > known]
         self.assertGreater(min(np.hypot(at.x - GUARD[0], at.y - GUARD[1]) for at in later), 0.18)
 
-    def test_status_counts_and_bad_images_do_no_harm(self):
-        def counted():
-            red = self.status.get("red")
-            return red is not None and "bad_image" in red.rejections and red.processed > 20 and red.detected > 10
+    # one story again
+    def moving_camera(self):
+        self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
+        self.check_spots("robot", [LaserSpot.DEPTH, LaserSpot.GROUND_PLANE_FALLBACK], 0.02)
+        self.bad_depth(self.robot)
+        self.bad_images("robot", self.robot)
+        self.zero_matrix_while_it_runs(self.robot)
+        self.pose_is_late_missing_and_in_a_loop(self.robot)
 
-        self.wait(counted, "the status of red with a bad image")
-        red = self.status["red"]
-        self.assertGreaterEqual(red.received, red.processed)
-        self.assertGreater(red.rate_hz, 0.0)
-        self.assertGreater(red.search_ms, 0.0)
+    def bad_depth(self, robot):
+        def empty(depth):
+            return message_from_image(
+                np.full(depth.shape, np.nan, np.float32), "32FC1", rospy.Time(), "camera_optical_frame"
+            )
 
-    def test_diagnostics(self):
-        self.wait(lambda: sum("spot detector of camera" in name for name in self.diagnostics) >= 3, "diagnostics")
+        def colored(depth):
+            return message_from_image(
+                np.zeros((*depth.shape, 3), np.uint8), "rgb8", rospy.Time(), "camera_optical_frame"
+            )
 
-    def test_debug_image_when_listened_to(self):
-        self.wait(lambda: len(self.pictures) > 0, "a debug image")
-        self.assertEqual(array_from_image(self.pictures[-1]).shape, (270, 480, 3))
+        good = robot.depth_message
+        # depth of another camera's frame does not belong to the pixels of this one
+        robot.depth_message = lambda depth: message_from_image(depth, "16UC1", rospy.Time(), "depth_optical_frame")
+        self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
+        self.check_fault("robot", "depth_not_registered", "depth_optical_frame", DiagnosticStatus.WARN, count=3)
+        for spoilt, words in ((empty, "no reading at all"), (colored, "expected depth images of 16UC1 or 32FC1")):
+            robot.depth_message = spoilt
+            # the floor's plane takes over, and the spots say so
+            spots = self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
+            self.assertLess(np.median(self.errors(spots)), 0.03)
+            self.check_fault("robot", "bad_depth", words, DiagnosticStatus.WARN, count=3)
+        robot.depth_message = lambda depth: message_from_image(
+            np.where(depth > 0, depth / 1000.0, np.nan).astype(np.float32),
+            "32FC1",
+            rospy.Time(),
+            "camera_optical_frame",
+        )
+        self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
+        robot.depth_message = good
+
+    def zero_matrix_while_it_runs(self, robot):
+        good, robot.info = robot.info, uncalibrated(robot)
+        self.check_fault("robot", "no_camera_info", "no focal length", DiagnosticStatus.ERROR, count=3)
+        self.assertEqual(len(self.observer.warnings("robot", "bad_camera_info")), 1)
+        robot.info = good
+        self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
+
+    def pose_is_late_missing_and_in_a_loop(self, robot):
+        o = self.observer
+        # a pose that comes after its image is waited for
+        robot.pose_late_s = 0.05
+        self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
+        robot.pose_late_s = 0.0
+        # without a pose at the image's time a spot is dropped and counted, never published where it was last
+        robot.localized = False
+        self.check_fault("robot", "no_transform", "no transform", DiagnosticStatus.ERROR, count=5)
+        with o.changed:
+            count = len([spot for spot in o.spots if spot.camera == "robot"])
+        before = o.refused("robot", "no_transform")
+        self.wait(lambda: o.refused("robot", "no_transform") >= before + 5, "more spots that are dropped")
+        self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "robot"]), count)
+        robot.looped = robot.localized = True
+        self.wait(lambda: "loop" in o.diagnostics["robot"].message, "the diagnostic of the loop")
+        before = o.refused("robot", "no_transform")
+        self.wait(lambda: o.refused("robot", "no_transform") >= before + 5, "spots that are dropped for the loop")
+        self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "robot"]), count)
+        robot.looped = False
+        self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,11 @@ from typing import Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
+from vb_core.errors import CodedError
+from vb_core.image_format import Picture
+from vb_laser_detect.detection.projection import GROUND_PLANE, FloorPoint
+from vb_laser_detect.detector import SpotDetector
+
 RED = (0.12, 0.2, 1.0)  # how a red laser's light falls into the sensor's blue, green and red pixels
 GREEN = (0.2, 1.0, 0.15)
 
@@ -85,3 +90,38 @@ def tinted(scene: Scene) -> Scene:
     """The same scene with so coloured a floor that a Bayer image of it can be told from a grey one."""
     scene.floor = scene.floor * np.array([0.75, 1.0, 1.1], np.float32)
     return scene
+
+
+class ImageDetector(SpotDetector):
+    """A detector whose `detect` returns the image's own spots; those of earlier images that it confirmed are in `earlier`.
+
+    Attributes:
+        bayer: whether (H, W) images are Bayer images.
+        geometry: of all images.
+    """
+
+    bayer, geometry = False, None
+
+    def detect(self, image, stamp):
+        """See `SpotDetector.detect`."""
+        picture = Picture(image, "bayer_rggb") if self.bayer else image
+        spots = super().detect(picture, stamp, self.geometry)
+        self.earlier = [spot for spot in spots if spot.stamp != stamp]
+        return spots[len(self.earlier) :]
+
+
+class FlatFloor:
+    """A geometry: pixels on the floor by a scale [m/px], but those for which `reject` names a reason."""
+
+    def __init__(self, scale=0.004, reject=lambda u, v: ""):
+        self._scale, self._reject = scale, reject
+
+    def to_floor(self, pixels):
+        """As `ImageGeometry.to_floor`."""
+        return np.column_stack([np.asarray(pixels, float) * self._scale, np.zeros(len(pixels))])
+
+    def point(self, u, v):
+        """As `ImageGeometry.point`."""
+        if self._reject(u, v):
+            raise CodedError(self._reject(u, v))
+        return FloorPoint(self.to_floor([(u, v)])[0], self._scale, GROUND_PLANE, 3.0)

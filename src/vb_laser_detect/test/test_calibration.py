@@ -10,6 +10,7 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration import calibration_file
+from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration import pose as pose_module
 from vb_laser_detect.calibration.pose import Correspondences, PoseEstimationParams, estimate_pose
 from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, parse_numbers
@@ -25,7 +26,7 @@ def observe(rng, count=8, pixel_noise=0.3, point_noise=0.005, pose=POSE, jitter=
     """Points near the image's edge, as a person would choose them, with what is measured of them."""
     pixels = SPREAD[:count] + rng.uniform(-jitter, jitter, (count, 2))
     points = floor_points(CAMERA, pose, pixels)[:, :2]
-    return Correspondences.single(
+    return Correspondences(
         pixels + rng.normal(0, pixel_noise, pixels.shape), points + rng.normal(0, point_noise, points.shape)
     )
 
@@ -87,7 +88,7 @@ def test_wrong_points_are_found_and_left_out(wrong):
         angle = rng.uniform(0, 2 * math.pi, wrong)
         # mistaken for another tile, a slip of the mouse
         points[bad] += (rng.uniform(0.25, 1.0, wrong) * np.array([np.cos(angle), np.sin(angle)])).T
-        estimate = estimate_pose(CAMERA, Correspondences.single(observed.pixels, points))
+        estimate = estimate_pose(CAMERA, Correspondences(observed.pixels, points))
         assert not estimate.used[bad].any() and estimate.used.sum() >= 7 - wrong
         assert on_floor_apart(estimate).max() < 0.08
 
@@ -96,14 +97,14 @@ def test_one_wrong_coordinate_of_five_is_found():
     observed = observe(np.random.default_rng(3), 5, 0.3, 0.003)
     points = observed.points.copy()
     points[1] += (0.4, 0.3)
-    estimate = estimate_pose(CAMERA, Correspondences.single(observed.pixels, points))
+    estimate = estimate_pose(CAMERA, Correspondences(observed.pixels, points))
     assert list(np.flatnonzero(~estimate.used)) == [1]
 
 
 # ------------------------------------------------------------------ what determines no pose
 def test_three_points_are_too_few():
     assert rejection(observe(np.random.default_rng(0), 3)) == "too_few_calibration_points"
-    assert rejection(Correspondences.single(np.zeros((0, 2)), np.zeros((0, 2)))) == "too_few_calibration_points"
+    assert rejection(Correspondences(np.zeros((0, 2)), np.zeros((0, 2)))) == "too_few_calibration_points"
 
 
 def test_one_place_taken_again_and_again_does_not_count():
@@ -113,33 +114,31 @@ def test_one_place_taken_again_and_again_does_not_count():
         assert rejection(three.select(again)) == rejection(three.select(again[:4])) == "too_few_calibration_points"
         # seen and clicked a little beside, as it would be
         pixels, points = (getattr(three, name)[again] for name in ("pixels", "points"))
-        near = Correspondences.single(pixels + rng.normal(0, 1.5, (8, 2)), points + rng.normal(0, 0.001, (8, 2)))
+        near = Correspondences(pixels + rng.normal(0, 1.5, (8, 2)), points + rng.normal(0, 0.001, (8, 2)))
         assert rejection(near) == "too_few_calibration_points"
         # the click stayed where it was while the spot moved on
         points = observe(rng, 4).points
         points[3] = points[2]
-        assert rejection(Correspondences.single(SPREAD[:4], points)) == "too_few_calibration_points"
+        assert rejection(Correspondences(SPREAD[:4], points)) == "too_few_calibration_points"
 
 
 def test_one_click_that_stayed_behind_is_left_out():
     observed = observe(np.random.default_rng(2), 8)
     points = observed.points.copy()
     points[3] = points[2]
-    assert list(np.flatnonzero(~estimate_pose(CAMERA, Correspondences.single(observed.pixels, points)).used)) == [3]
+    assert list(np.flatnonzero(~estimate_pose(CAMERA, Correspondences(observed.pixels, points)).used)) == [3]
 
 
 def test_points_on_a_line_are_refused():
     pixels = np.column_stack([np.linspace(100, 1800, 8), np.linspace(200, 900, 8)])
-    assert rejection(Correspondences.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "collinear"
-    assert (
-        rejection(Correspondences.single(np.full((5, 2), 500.0), np.full((5, 2), 2.0))) == "too_few_calibration_points"
-    )
+    assert rejection(Correspondences(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "collinear"
+    assert rejection(Correspondences(np.full((5, 2), 500.0), np.full((5, 2), 2.0))) == "too_few_calibration_points"
 
 
 def test_points_close_together_are_refused():
     for corner in ((900, 500), (10, 10), (1780, 950)):
         pixels = np.array(corner) + np.random.default_rng(1).uniform(0, 120, (10, 2))
-        assert rejection(Correspondences.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "clustered"
+        assert rejection(Correspondences(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "clustered"
 
 
 @pytest.mark.parametrize(
@@ -150,21 +149,20 @@ def test_points_that_leave_the_pose_open_are_refused(focal, tilt, part, code, mo
     camera = CameraModel.ideal(1920, 1080, focal)
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi + tilt, 0, 0), (0, 0, 3.0))
     pixels = (SPREAD[:4] - (960, 540)) * part + (960, 540)
-    observed = Correspondences.single(pixels, floor_points(camera, pose, pixels)[:, :2])
+    observed = Correspondences(pixels, floor_points(camera, pose, pixels)[:, :2])
     assert rejection(observed, PoseEstimationParams(point_sigma=0.02), camera) == code
 
 
 def test_mirrored_coordinates_are_refused():
     observed = observe(np.random.default_rng(5), 8, 0.0, 0.0)
-    mirrored = Correspondences.single(observed.pixels, observed.points * (1, -1))
+    mirrored = Correspondences(observed.pixels, observed.points * (1, -1))
     assert rejection(mirrored) in ("below_floor", "no_consistent_pose")
 
 
 def test_points_of_another_lens_or_in_disorder_do_not_agree():
     observed = observe(np.random.default_rng(6), 8, 0.0, 0.0)
     assert (
-        rejection(Correspondences.single(observed.pixels, observed.points[[3, 0, 6, 1, 7, 2, 5, 4]]))
-        == "no_consistent_pose"
+        rejection(Correspondences(observed.pixels, observed.points[[3, 0, 6, 1, 7, 2, 5, 4]])) == "no_consistent_pose"
     )
 
 
@@ -172,11 +170,11 @@ def test_points_outside_the_image_and_no_numbers():
     observed = observe(np.random.default_rng(7), 8)
     pixels = observed.pixels.copy()
     pixels[2] = (2000, 100)
-    assert rejection(Correspondences.single(pixels, observed.points)) == "outside_image"
+    assert rejection(Correspondences(pixels, observed.points)) == "outside_image"
     pixels[2] = (np.nan, 100)
-    assert rejection(Correspondences.single(pixels, observed.points)) == "bad_points"
+    assert rejection(Correspondences(pixels, observed.points)) == "bad_points"
     with pytest.raises(CodedError) as raised:
-        Correspondences.single(pixels, observed.points[:5])
+        Correspondences(pixels, observed.points[:5])
     assert raised.value.code == "bad_points"
 
 
@@ -228,11 +226,9 @@ def test_file_round_trip(tmp_path):
     observed = observe(np.random.default_rng(9), 8)
     estimate = estimate_pose(CAMERA, observed)
     path = calibration_file.calibration_path(str(tmp_path / "new"), "red")
-    pose = calibration_file.CameraPose("red", "map", "red_optical_frame", estimate.T_map_camera, 812.5)
+    pose = CameraPose("red", "map", "red_optical_frame", estimate.T_map_camera, 812.5)
     for _ in range(2):
-        calibration_file.save(
-            path, calibration_file.make_document(pose, estimate, observed, "spots", "2020-01-01 12:00")
-        )
+        calibration_file.save(path, pose, describe(estimate, observed))
     assert path.with_name("red.yaml.old").exists() and not list(path.parent.glob("*.part"))
     loaded = calibration_file.load(path)
     assert (loaded.camera, loaded.parent, loaded.frame) == ("red", "map", "red_optical_frame")
@@ -267,7 +263,7 @@ def test_bad_files_are_refused(tmp_path, content, code):
 def test_an_unwritable_folder_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(CodedError) as raised:
-        calibration_file.save(tmp_path / "file" / "red.yaml", {"camera": "red"})
+        calibration_file.save(tmp_path / "file" / "red.yaml", CameraPose("red", "map", "f", np.eye(4)), [])
     assert raised.value.code == "cannot_write"
 
 

@@ -6,22 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from board_scene import CAMERA, POSE, p2_of, render_board
+from board_scene import CAMERA, POSE, corners_on_map, p2_of, render_board
 from vb_core.errors import CodedError
-from vb_laser_detect.calibration.pose import PoseEstimationParams
-from vb_laser_detect.calibration.board import (
-    PAPERS_MM,
-    BoardParams,
-    BoardView,
-    corners_on_map,
-    draw_board,
-    find_board,
-    merge_views,
-    write_board,
-)
-from vb_laser_detect.calibration.calibration_session import CalibrationSession
+from vb_laser_detect.calibration.board import PAPERS_MM, BoardParams, draw_board, find_board, write_board
 from vb_laser_detect.calibration.consistency import compare_cameras
-from vb_laser_detect.detection.projection import floor_points, pixels_of
+from vb_laser_detect.detection.projection import pixels_of
 
 BOARD = BoardParams.for_paper("A3")
 PLACES = [((3.1, 3.2), -1.2), ((5.0, 3.0), 0.3), ((4.9, 1.7), 2.0), ((2.9, 2.0), 0.0)]
@@ -40,44 +29,9 @@ def views():
 def test_corners_are_found_to_a_fraction_of_a_pixel(views):
     for p1, p2, view in views:
         assert len(view.ids) == 12
-        truth = pixels_of(CAMERA, POSE, np.column_stack([corners_on_map(BOARD, view.corners, p1, p2), np.zeros(12)]))
+        truth = pixels_of(CAMERA, POSE, np.column_stack([corners_on_map(view.corners, p1, p2), np.zeros(12)]))
         assert np.abs((view.pixels - truth).mean(axis=0)).max() < 0.06  # no bias: pixel centres are whole numbers
         assert np.linalg.norm(view.pixels - truth, axis=1).max() < 0.5
-
-
-def test_pose_from_a_board_in_four_places(views):
-    session = CalibrationSession(CAMERA, PoseEstimationParams())
-    for p1, p2, view in views:
-        session.add(view.pixels, corners_on_map(BOARD, view.corners, p1, p2))
-    estimate = session.solve()
-    assert estimate.rms_px < 0.4 and estimate.rms_m < 0.001
-    assert np.linalg.norm(estimate.T_map_camera[:3, 3] - POSE[:3, 3]) < 0.01
-    grid = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
-    apart = floor_points(CAMERA, estimate.T_map_camera, grid) - floor_points(CAMERA, POSE, grid)
-    assert np.linalg.norm(apart, axis=1).max() < 0.01
-    assert estimate.floor_sigma[0] < 0.005
-    session.undo(), session.undo(), session.undo()
-    with pytest.raises(CodedError) as raised:
-        session.solve()
-    assert raised.value.code == "clustered"
-
-
-def test_errors_of_the_places_are_shared_out_and_a_wrong_place_is_left_out(views):
-    rng = np.random.default_rng(1)
-    params = PoseEstimationParams(placement_sigma=0.006)
-    session, apart = CalibrationSession(CAMERA, params), []
-    for wrong in (False, True):
-        while session.undo():
-            pass
-        for i, (p1, p2, view) in enumerate(views):
-            slip = (0.3, -0.2) if wrong and i == 1 else (0.0, 0.0)
-            p1 = np.add(p1, rng.normal(0, 0.004, 2)) + slip
-            p2 = np.add(p2, rng.normal(0, 0.004, 2)) + slip
-            session.add(view.pixels, corners_on_map(BOARD, view.corners, p1, p2))
-        estimate = session.solve()
-        apart.append(np.linalg.norm(estimate.T_map_camera[:2, 3] - POSE[:2, 3]))
-        assert (~estimate.used).sum() == (12 if wrong else 0)
-    assert max(apart) < 0.06
 
 
 def test_boards_that_cannot_be_used_are_refused():
@@ -103,33 +57,6 @@ def test_colour_images_are_taken_too():
     p2 = p2_of(BOARD, (4.0, 2.5), 0.4)
     image = render_board(BOARD, (4.0, 2.5), p2, np.random.default_rng(4))
     assert len(find_board(BOARD, cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)).ids) == 12
-
-
-def test_views_are_merged_and_a_moving_board_is_refused(views):
-    view = views[0][2]
-    rng = np.random.default_rng(3)
-    noisy = [BoardView(view.pixels + rng.normal(0, 0.3, view.pixels.shape), view.corners, view.ids) for _ in range(15)]
-    noisy.append(BoardView(view.pixels[:3], view.corners[:3], view.ids[:3]))
-    merged = merge_views(noisy)
-    assert (merged.ids == view.ids).all() and np.abs(merged.pixels - view.pixels).max() < 0.5
-    for moving, code in (
-        ([BoardView(view.pixels + 5.0 * i, view.corners, view.ids) for i in range(5)], "board_moved"),
-        ([], "no_board"),
-        ([BoardView(view.pixels[:4], view.corners[:4], view.ids[:4])], "board_hidden"),
-    ):
-        with pytest.raises(CodedError) as raised:
-            merge_views(moving)
-        assert raised.value.code == code
-
-
-def test_place_on_the_map_is_seen_from_above():
-    corners = np.array([[0.0, 0.0], [BOARD.size[0], 0.0], [0.0, BOARD.size[1]]])
-    placed = corners_on_map(BOARD, corners, (1.0, 2.0), p2_of(BOARD, (1.0, 2.0), math.pi / 2))
-    # P1 to P2 points up in the map, so the board's lower edge is at its right
-    assert placed == pytest.approx(np.array([[1.0, 2.0], [1.0, 2.35], [1.28, 2.0]]))
-    with pytest.raises(CodedError) as raised:
-        corners_on_map(BOARD, corners, (1.0, 2.0), (1.4, 2.0))
-    assert raised.value.code == "placement_mismatch"
 
 
 @pytest.mark.parametrize("paper", sorted(PAPERS_MM))
@@ -189,7 +116,7 @@ def test_agreement_finds_offsets_whatever_the_cameras_phases():
     assert pairs["green", "red"].offset == pytest.approx((-0.03, 0.02), abs=0.001)
     assert pairs["green", "red"].median == pytest.approx(math.hypot(0.03, 0.02), abs=0.001)
     assert pairs["blue", "red"].median < 0.003 < pairs["green", "red"].p95
-    assert pairs["blue", "red"].count > 200 and "cm" in pairs["blue", "red"].describe()
+    assert pairs["blue", "red"].count > 200
 
 
 def test_agreement_of_slow_cameras():

@@ -4,17 +4,17 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes import GREEN, RED, Scene, tinted
+from scenes import GREEN, RED, FlatFloor, ImageDetector, Scene, tinted
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection.classifier import Classification, SpotClassifier
-from vb_laser_detect.detector import DetectorParams, SpotDetector
+from vb_laser_detect.detector import DetectorParams
 from vb_laser_detect.detection.projection import meters_per_pixel
 
 PERIOD = 0.04
 
 
 def at_once(**changes):
-    return SpotDetector(DetectorParams.stationary(confirm_frames=1, **changes))
+    return ImageDetector(DetectorParams.stationary(confirm_frames=1, **changes))
 
 
 def feed(detector, images, start=0.0):
@@ -27,7 +27,7 @@ def feed(detector, images, start=0.0):
 @pytest.mark.parametrize("sigma", [1.2, 2.5, 5.0])
 def test_spot_is_found_to_a_fraction_of_a_pixel(bayer, color, sigma):
     scene, detector, random = Scene(), at_once(), np.random.default_rng(2)
-    detector.encoding = "bayer_rggb8" if bayer else "bgr8"
+    detector.bayer = bayer
     feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
     errors = []
     for i in range(12):
@@ -131,7 +131,7 @@ def disturbances():
 @pytest.mark.parametrize("disturbance", disturbances(), ids=lambda f: f.__name__)
 def test_no_spot_without_a_laser(disturbance, bayer):
     scene, detector = Scene(), at_once()
-    detector.encoding = "bayer_rggb8" if bayer else "bgr8"
+    detector.bayer = bayer
     found = feed(detector, [scene.render(bayer=bayer, **disturbance(scene, i)) for i in range(60)])
     assert found == [[]] * 60
 
@@ -163,7 +163,7 @@ def test_a_spot_hardly_larger_than_a_pixel_is_no_faint_one():
 @pytest.mark.parametrize("laser", [RED, GREEN])
 def test_bayer_images_tell_white_light_from_a_laser(laser):
     scene, detector = tinted(Scene()), at_once()
-    detector.encoding = "bayer_rggb8"
+    detector.bayer = True
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
     glint = feed(detector, [scene.render([(300, 150)], color=(1.0, 1.0, 1.0), bayer=True) for _ in range(10)], 0.4)
     assert glint == [[]] * 10
@@ -185,8 +185,8 @@ def test_bayer_images_tell_white_light_from_a_laser(laser):
 def test_small_glints_that_move_are_no_spots_on_bayer_images():
     # a glint hardly larger than a pixel: the pattern makes colours of it, another one wherever it goes
     scene = tinted(Scene())
-    detector = SpotDetector(DetectorParams.stationary())
-    detector.encoding = "bayer_rggb8"
+    detector = ImageDetector(DetectorParams.stationary())
+    detector.bayer = True
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
     looked_at, found, time = 0, 0, 0.4
     for sigma in (0.5, 0.6, 0.7):
@@ -202,8 +202,8 @@ def test_small_glints_that_move_are_no_spots_on_bayer_images():
 
 
 def test_while_a_spot_is_drawn_nothing_else_is_examined():
-    scene, detector = tinted(Scene()), SpotDetector(DetectorParams.stationary())
-    detector.encoding = "bayer_rggb8"
+    scene, detector = tinted(Scene()), ImageDetector(DetectorParams.stationary())
+    detector.bayer = True
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
     drawn, other, left_out = [], (500.0, 80.0), []
     for i in range(60):
@@ -215,15 +215,15 @@ def test_while_a_spot_is_drawn_nothing_else_is_examined():
     assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in drawn[3:45])
     # held still, too: nothing can take its place
     assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in drawn[45:])
-    assert left_out[20:45] == [1] * 25
+    assert all(number >= 1 for number in left_out[20:45])
 
 
 @pytest.mark.parametrize("bayer", [False, True])
 @pytest.mark.parametrize("brightness, gain", [(60.0, 1.6), (60.0, 2.5), (110.0, 1.6)])
 def test_a_spot_is_followed_into_light_that_comes(brightness, gain, bayer):
     # a sunbeam's edge creeps along under the spot: what rose there is larger than any spot
-    scene, detector = tinted(Scene(brightness=brightness)), SpotDetector(DetectorParams.stationary())
-    detector.encoding = "bayer_rggb8" if bayer else "bgr8"
+    scene, detector = tinted(Scene(brightness=brightness)), ImageDetector(DetectorParams.stationary())
+    detector.bayer = bayer
     dark = scene.floor.copy()
     feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
     found, truths = [], [(150.0 + 3.0 * i, 180.0) for i in range(60)]
@@ -237,8 +237,8 @@ def test_a_spot_is_followed_into_light_that_comes(brightness, gain, bayer):
 
 
 def test_what_comes_beside_a_followed_spot_is_no_reason_to_lose_it():
-    scene, detector = tinted(Scene()), SpotDetector(DetectorParams.stationary())
-    detector.encoding = "bayer_rggb8"
+    scene, detector = tinted(Scene()), ImageDetector(DetectorParams.stationary())
+    detector.bayer = True
     floor = scene.floor.copy()
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
     truths, found = [(150.0 + 3.0 * i, 180.0) for i in range(40)], []
@@ -261,7 +261,7 @@ def test_a_camera_without_colour_is_not_asked_for_it():
 @pytest.mark.parametrize("gain, bayer", [(1.4, False), (0.4, False), (0.4, True)])
 def test_a_spot_is_followed_over_a_switched_light(gain, bayer):
     scene, detector = Scene(), at_once()
-    detector.encoding = "bayer_rggb8" if bayer else "bgr8"
+    detector.bayer = bayer
     feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
     held = []
     for i, light in enumerate([1.0] * 5 + [gain] * 60):
@@ -289,10 +289,10 @@ def test_people_beside_it_do_not_take_a_spots_turn():
 def test_a_doubtful_spot_that_stays_is_learnt():
     class Doubtful(SpotClassifier):
         def classify(self, blob, features, expected=False):
-            return Classification(0.6, "peak")
+            return Classification(0.7, "peak")
 
     scene = Scene()
-    detector = SpotDetector(DetectorParams.stationary(confirm_frames=1), Doubtful({}, 0.0))
+    detector = ImageDetector(DetectorParams.stationary(confirm_frames=1), Doubtful({}, 0.0))
     feed(detector, [scene.render() for _ in range(8)])
     found = feed(detector, [scene.render([(150, 90)]) for _ in range(75)], 0.4)
     assert all(found[:30]) and not any(found[45:])
@@ -300,7 +300,7 @@ def test_a_doubtful_spot_that_stays_is_learnt():
 
 # ------------------------------------------------------------------ confirmation, sizes, places
 def test_one_flash_is_not_confirmed_but_a_drawn_spot_is():
-    scene, detector = Scene(), SpotDetector(DetectorParams.stationary(confirm_frames=3))
+    scene, detector = Scene(), ImageDetector(DetectorParams.stationary(confirm_frames=3))
     feed(detector, [scene.render() for _ in range(6)])
     assert detector.detect(scene.render([(100, 100)]), 0.30) == []
     assert detector.detect(scene.render(), 0.34) == []
@@ -309,26 +309,23 @@ def test_one_flash_is_not_confirmed_but_a_drawn_spot_is():
 
 
 def test_a_confirmed_stroke_gives_back_its_first_spots():
-    scene, detector = Scene(), SpotDetector(DetectorParams.stationary(confirm_frames=3))
+    scene, detector = Scene(), ImageDetector(DetectorParams.stationary(confirm_frames=3))
     feed(detector, [scene.render() for _ in range(6)])
     backfilled = []
     for i in range(5):
-        detector.tag = f"image {i}"
         detector.detect(scene.render([(300 + 4 * i, 200)]), 0.3 + PERIOD * i)
-        backfilled.append(
-            [(earlier.tag, round(earlier.stamp, 2), round(earlier.spot.u)) for earlier in detector.backfilled]
-        )
-    assert backfilled == [[], [], [("image 0", 0.3, 300), ("image 1", 0.34, 304)], [], []]
+        backfilled.append([(round(earlier.stamp, 2), round(earlier.u)) for earlier in detector.earlier])
+    assert backfilled == [[], [], [(0.3, 300), (0.34, 304)], [], []]
     detector.set_params(DetectorParams.stationary(confirm_frames=1))
     detector.detect(scene.render([(100, 100)]), 0.6)
-    assert detector.backfilled == []
+    assert detector.earlier == []
 
 
 def test_sizes_count_in_millimetres_where_the_pose_is_known():
     scene = Scene()
     for scale, expected in ((0.002, 1), (0.05, 0)):
         detector = at_once()
-        detector.set_camera_pose(lambda pixels, scale=scale: np.column_stack([pixels * scale, np.zeros(len(pixels))]))
+        detector.geometry = FlatFloor(scale)
         feed(detector, [scene.render() for _ in range(6)])
         assert len(detector.detect(scene.render([(200, 150)]), 0.3)) == expected
     assert detector.candidates[0].rejection == "too_large"
@@ -336,7 +333,7 @@ def test_sizes_count_in_millimetres_where_the_pose_is_known():
 
 def test_a_place_can_be_rejected_and_the_reason_is_kept():
     scene, detector = Scene(), at_once()
-    detector.set_camera_pose(None, lambda u, v: "spot_outside_map" if u < 320 else "")
+    detector.geometry = FlatFloor(reject=lambda u, v: "spot_outside_map" if u < 320 else "")
     feed(detector, [scene.render() for _ in range(6)])
     spots = detector.detect(scene.render([(100, 100), (500, 200)]), 0.3)
     assert [round(spot.u) for spot in spots] == [500]
@@ -350,7 +347,7 @@ def test_metres_per_pixel():
 
 def test_moving_camera():
     random = np.random.default_rng(0)
-    detector = SpotDetector(DetectorParams.mobile(confirm_frames=1))
+    detector = ImageDetector(DetectorParams.mobile(confirm_frames=1))
     wide, found = Scene(900, 480, seed=4), 0
     for i in range(20):
         floor = wide.floor[:, 10 * i : 10 * i + 640]
@@ -364,7 +361,7 @@ def test_moving_camera():
 @pytest.mark.parametrize("tint", [(1.0, 1.0, 1.0), (0.6, 0.85, 1.05), (1.1, 0.85, 0.6), (0.6, 1.1, 0.7)])
 def test_moving_camera_takes_no_paper_for_light(tint):
     # on a coloured floor white paper rises most in the colour that the floor lacks
-    detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480)
+    detector, scene = ImageDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480)
     scene.floor *= np.array(tint, np.float32)
     scene.floor[200:212, 300:312] = 250
     scene.floor[300:306, 100:106] = 250
@@ -373,14 +370,14 @@ def test_moving_camera_takes_no_paper_for_light(tint):
 
 def test_moving_camera_takes_a_wide_bright_stripe_for_no_spot():
     # what a projector draws, or the sun through a slit
-    detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480)
+    detector, scene = ImageDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480)
     scene.floor[200:216, 100:400] = (60, 250, 80)
     assert feed(detector, [scene.render() for _ in range(5)]) == [[]] * 5
 
 
 def test_moving_camera_follows_the_spot_over_a_bright_line():
     # a red line on a red carpet: the spot's outline goes on in it, and what it is shows the frame before
-    detector, scene = SpotDetector(DetectorParams.mobile()), Scene(640, 480)
+    detector, scene = ImageDetector(DetectorParams.mobile()), Scene(640, 480)
     scene.floor[:, :] = (56, 48, 120) + scene.render()[:, :, :1] * 0.05
     scene.floor[200:204, 100:500] = (95, 80, 190)
     assert not any(feed(detector, [scene.render() for _ in range(3)]))
@@ -393,7 +390,7 @@ def test_moving_camera_follows_the_spot_over_a_bright_line():
 @pytest.mark.parametrize("color", [RED, GREEN])
 def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(color):
     # borders are drawn along such edges; the brighter side must not merge with the spot
-    detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480, brightness=150.0)
+    detector, scene = ImageDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480, brightness=150.0)
     scene.floor[150:] *= 0.3
     truths = [(100.0 + 20 * i, 150.0) for i in range(20)]
     found = feed(detector, [scene.render([truth], 3.0, color=color) for truth in truths])
@@ -404,8 +401,8 @@ def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(color):
 
 @pytest.mark.parametrize("color", [RED, GREEN])
 def test_moving_camera_sees_the_spot_within_the_reflection_of_a_lamp(color):
-    detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480, brightness=120.0)
-    detector.set_camera_pose(lambda pixels: np.column_stack([pixels * 0.003, np.zeros(len(pixels))]))
+    detector, scene = ImageDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480, brightness=120.0)
+    detector.geometry = FlatFloor(0.003)
     lamp = cv2.ellipse(np.zeros((480, 640), np.float32), (320, 300), (34, 20), 0, 0, 360, 90.0, -1)
     scene.floor = scene.floor + cv2.GaussianBlur(lamp, (0, 0), 6)[:, :, None]
     assert not any(feed(detector, [scene.render([])] * 3))
@@ -416,15 +413,102 @@ def test_moving_camera_sees_the_spot_within_the_reflection_of_a_lamp(color):
     assert len(offsets) > 18 and max(offsets) < 8.0
 
 
+# ------------------------------------------------------------------ lamps, and images out of order
+def drawn(step):
+    """Where a pointer is that draws to and fro at 150 px/s."""
+    return 60.0 + abs((6.0 * step) % 480 - 240), 60.0
+
+
+@pytest.mark.parametrize("kind", ["bgr", "bayer", "mono"])
+@pytest.mark.parametrize("rhythm", [5.0, 3.0, 0.0], ids=["5 Hz", "3 Hz", "steady"])
+def test_a_light_that_stays_is_no_pointer_whatever_its_rhythm(rhythm, kind):
+    scene, detector = tinted(Scene(320, 192)), ImageDetector(DetectorParams.stationary(max_dwell_time=10.0))
+    detector.bayer = kind == "bayer"
+
+    def image(step, *spots):
+        on = not rhythm or (step * PERIOD * rhythm) % 1.0 < 0.5
+        shown = scene.render(list(spots) + [(250.0, 150.0)] * on, bayer=detector.bayer)
+        return shown[:, :, 2].copy() if kind == "mono" else shown
+
+    feed(
+        detector,
+        [scene.render([], bayer=detector.bayer)[..., 2] if kind == "mono" else scene.render([], bayer=detector.bayer)]
+        * 8,
+    )
+    # a pointer that draws is not kept waiting by it
+    alone = [bool(detector.detect(image(step), 0.4 + PERIOD * step)) for step in range(100)]
+    beside = [detector.detect(image(step, drawn(step)), 0.4 + PERIOD * step) for step in range(100, 200)]
+    assert any(alone) and sum(any(abs(spot.v - 60.0) < 2.0 for spot in spots) for spots in beside) >= 75
+    for step in range(200, 340):
+        detector.detect(image(step), 0.4 + PERIOD * step)
+    later = [detector.detect(image(step), 0.4 + PERIOD * step) for step in range(340, 380)]
+    assert not any(later) and detector.lamps >= 1
+    found = [detector.detect(image(step, drawn(step)), 0.4 + PERIOD * step) for step in range(380, 460)]
+    hits = [any(abs(spot.v - 60.0) < 2.0 for spot in spots) for spots in found]
+    assert sum(hits) >= 60 and not any(abs(spot.v - 60.0) > 2.0 for spots in found for spot in spots)
+
+
+@pytest.mark.parametrize("every", [10, 12])
+def test_images_that_come_late_are_left_out_and_counted(every):
+    scene, detector = tinted(Scene(320, 192)), ImageDetector(DetectorParams.stationary())
+    feed(detector, [scene.render()] * 8)
+    order = list(range(120))
+    for i in range(0, 119, every):
+        order[i], order[i + 1] = order[i + 1], order[i]
+    found = set()
+    for step in order:
+        spots = detector.detect(scene.render([drawn(step)]), 0.4 + PERIOD * step)
+        found |= {round(spot.stamp, 3) for spot in spots + detector.earlier}
+    late = len(range(0, 119, every))
+    assert detector.late == late and len(found) >= 120 - late - 1
+
+
+def test_a_pointer_that_blinks_is_seen_in_grey_images_too():
+    scene, detector, found = Scene(320, 192), ImageDetector(DetectorParams.stationary()), set()
+    feed(detector, [scene.render()[:, :, 1].copy()] * 8)
+    lit = [step for step in range(150) if (step * PERIOD * 2.0) % 1.0 < 0.5]
+    for step in range(150):
+        image = scene.render([drawn(step / 3.0)] if step in lit else [], color=(1.0, 1.0, 1.0))[:, :, 1].copy()
+        spots = detector.detect(image, 0.4 + PERIOD * step)
+        found |= {round((spot.stamp - 0.4) / PERIOD) for spot in spots + detector.earlier}
+    assert found <= set(lit) and len(found) >= 0.9 * len(lit)
+
+
+@pytest.mark.parametrize("depth", [0.3, 0.5])
+@pytest.mark.parametrize("gray", [False, True])
+def test_lamps_that_flicker_over_a_rolling_shutter(depth, gray):
+    scene, detector, found = tinted(Scene(320, 240)), ImageDetector(DetectorParams.stationary()), set()
+    floor, rows = scene.floor.copy(), np.arange(240, dtype=np.float32)[:, None, None]
+    for step in range(-25, 100):
+        lit = floor * (1.0 + depth * np.sin(2 * np.pi * (rows / 150.0 + 0.13 * step)))
+        shown = scene.render([drawn(step)] if step >= 0 else [], color=GREEN, floor=lit)
+        spots = detector.detect(shown[:, :, 1].copy() if gray else shown, 1.0 + PERIOD * step)
+        assert not any(np.hypot(spot.u - drawn(step)[0], spot.v - 60.0) > 3.0 for spot in spots)
+        found |= {round((spot.stamp - 1.0) / PERIOD) for spot in spots + detector.earlier}
+    assert len(found) >= 90
+
+
+def test_images_that_come_in_bursts():
+    scene, detector, found = tinted(Scene(480, 192)), ImageDetector(DetectorParams.stationary()), 0
+    detector.geometry = FlatFloor(0.004)
+    feed(detector, [scene.render()] * 9)
+    for step in range(90):
+        # three at a time, stamped as they arrive; the spot is drawn at 2 m/s
+        u = 60.0 + abs((20.0 * step) % 720 - 360)
+        detector.detect(scene.render([(u, 60.0)]), 0.4 + 3 * PERIOD * (step // 3) + 0.001 * (step % 3))
+        found += len(detector.candidates) > 0 and not detector.candidates[-1].rejection
+    assert found >= 80
+
+
 # ------------------------------------------------------------------ rates
 @pytest.mark.parametrize("rate", [2.0, 3.0, 60.0])
 @pytest.mark.parametrize("preset", [DetectorParams.stationary, DetectorParams.mobile])
 def test_slow_and_fast_cameras_yield_spots(rate, preset):
-    scene, detector, found = Scene(320, 192), SpotDetector(preset()), 0
+    scene, detector, found = Scene(320, 192), ImageDetector(preset()), 0
     count = 12
     for i in range(4 + count):
         spots = detector.detect(scene.render([(60.0 + 12.0 * i, 100.0)] if i >= 4 else []), 10.0 + i / rate)
-        found += len(spots) + len(detector.backfilled)
+        found += len(spots) + len(detector.earlier)
     assert found == count
 
 
@@ -467,11 +551,11 @@ def test_light_without_colour_counts_once_it_was_followed_for_longer_than_a_step
     white, scene = (1.0, 1.0, 1.0), Scene()
 
     def told(color, images):
-        detector = SpotDetector(DetectorParams.mobile())
+        detector = ImageDetector(DetectorParams.mobile())
         feed(detector, [scene.render() for _ in range(8)])
         places = [(100 + 8.0 * i, 150) for i in range(images)]
         spots = feed(detector, [scene.render([place], color=color) for place in places], 8 * PERIOD)
-        return [bool(found) for found in spots], len(detector.backfilled)
+        return [bool(found) for found in spots], len(detector.earlier)
 
     assert not any(told(white, 12)[0])
     spots, backfilled = told(white, 17)
@@ -483,8 +567,8 @@ def test_light_without_colour_counts_once_it_was_followed_for_longer_than_a_step
 @pytest.mark.parametrize("bayer, weaker", [(False, True), (True, False)])
 def test_a_newcomer_does_not_take_the_drawn_spot_s_place(bayer, weaker):
     # beside a moving laser a weaker white light on colour images, beside one that is held an equal red one on mosaics
-    scene, detector = tinted(Scene()), SpotDetector(DetectorParams.stationary())
-    detector.encoding = "bayer_rggb8" if bayer else "bgr8"
+    scene, detector = tinted(Scene()), ImageDetector(DetectorParams.stationary())
+    detector.bayer = bayer
     feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
     color, power, found = ((1.0, 1.0, 1.0), 250.0, []) if weaker else (RED, 420.0, [])
     for i in range(60):
@@ -502,8 +586,8 @@ def test_paint_takes_light_from_some_channel_and_is_no_spot(preset, bayer):
     # dots of paper that are laid down are as sudden, round and bright as a spot, and more coloured
     for color in ((225, 80, 50), (30, 130, 250), (60, 230, 40), (45, 35, 235)):
         for radius in (3, 5, 9):
-            scene, detector = tinted(Scene(320, 240)), SpotDetector(preset(confirm_frames=1))
-            detector.encoding = "bayer_rggb8" if bayer else "bgr8"
+            scene, detector = tinted(Scene(320, 240)), ImageDetector(preset(confirm_frames=1))
+            detector.bayer = bayer
             feed(detector, [scene.render(bayer=bayer) for _ in range(5)])
             dot = cv2.circle(np.zeros((240, 320), np.float32), (150, 120), radius, 1.0, -1, cv2.LINE_AA)
             dot = cv2.GaussianBlur(dot, (0, 0), 0.8)[:, :, None]

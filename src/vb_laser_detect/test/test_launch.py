@@ -51,7 +51,6 @@ def test_each_detector_is_on_its_cameras_machine(machines):
         "spot_detector_red": None,
         "spot_detector_green": "loft",
         "spot_detector_blue": "hall",
-        "clock_check": None,
         "lab_monitor": None,
     }
     assert {name: machine.address for name, machine in config.machines.items() if name in ("loft", "hall")} == {
@@ -60,7 +59,6 @@ def test_each_detector_is_on_its_cameras_machine(machines):
     }
     # nothing goes to a machine just because it is there
     assert all(machine.assignable is False for name, machine in config.machines.items() if name in ("loft", "hall"))
-    assert config.params["/clock_check/nodes"].value == "spot_detector_green spot_detector_blue"
     config.assign_machines()
     assert {node.name: node.machine.address for node in config.nodes}["spot_detector_blue"] == "10.0.0.3"
 
@@ -83,9 +81,7 @@ def test_the_example_of_a_machines_file_can_be_read():
 
 def test_parameters_can_be_set_for_all_detectors_and_for_one(tmp_path):
     for name, value in (("ceiling", 11), ("wall", 12), ("robot", 13), ("rear", 14)):
-        (tmp_path / f"{name}.yaml").write_text(
-            f"detector:\n  max_dwell_time: 20.0\n  difference_threshold: {value}.0\n"
-        )
+        (tmp_path / f"{name}.yaml").write_text(f"detector:\n  max_dwell_time: 20.0\n  max_diameter_mm: {value}.0\n")
     files = {name: tmp_path / f"{name}.yaml" for name in ("ceiling", "wall", "robot", "rear")}
     config = load(
         "cameras:=red green",
@@ -97,7 +93,7 @@ def test_parameters_can_be_set_for_all_detectors_and_for_one(tmp_path):
         file="lab.launch",
     )
     rise = {
-        name: config.params[f"{name}/detector/difference_threshold"].value
+        name: config.params[f"{name}/detector/max_diameter_mm"].value
         for name in (
             "/spot_detector_red",
             "/spot_detector_green",

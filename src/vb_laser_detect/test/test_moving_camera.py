@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from vb_laser_detect.detector import DetectorParams, SpotDetector
+from scenes import ImageDetector
+from vb_laser_detect.detector import DetectorParams
 from vb_laser_detect.detection.blocks import halve
 from vb_laser_detect.detection.image_registration import ImageRegistration, is_still
 
@@ -60,7 +61,7 @@ class View:
 def test_spots_on_photographs(still):
     found = asked = false = images = 0
     for seed in (1, 2, 3):
-        view, detector = View(seed, still), SpotDetector(DetectorParams.mobile(confirm_frames=1))
+        view, detector = View(seed, still), ImageDetector(DetectorParams.mobile(confirm_frames=1))
         random = np.random.default_rng(seed)
         for i in range(60):
             # a pulse of three images each second, drawn a little; not where the picture is white already
@@ -105,10 +106,10 @@ def test_the_motion_is_the_camera_s_and_not_a_thing_s():
 
 
 def test_a_lamp_that_was_there_from_the_beginning_is_no_spot_and_what_moves_is():
-    view, detector = View(7, still=True), SpotDetector(DetectorParams.mobile())
+    view, detector = View(7, still=True), ImageDetector(DetectorParams.mobile())
     lamp = [detector.detect(view.at(i, (200.0, 150.0)), 0.04 * i) for i in range(40)]
     assert not any(lamp)
     told = 0
     for i in range(40, 70):
-        told += len(detector.detect(view.at(i, (200.0 + 1.5 * (i - 40), 150.0)), 0.04 * i)) + len(detector.backfilled)
+        told += len(detector.detect(view.at(i, (200.0 + 1.5 * (i - 40), 150.0)), 0.04 * i)) + len(detector.earlier)
     assert told >= 20

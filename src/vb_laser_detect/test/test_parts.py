@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from scenes import GREEN, RED, Scene, tinted
+from vb_core.image_format import PixelReader
 from vb_laser_detect.detection import features
 from vb_laser_detect.detector import DetectorParams, Spot
 from vb_laser_detect.detection.background import Background
@@ -24,7 +25,7 @@ from vb_laser_detect.detection.blocks import (
 from vb_laser_detect.detection.debug_image import draw_candidates
 
 from vb_laser_detect.detection.projection import ProjectionParams
-from vb_laser_detect.detection.detector_counts import DetectorCounts
+from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -184,7 +185,8 @@ def test_statistics():
 def test_debug_image(encoding, bayer):
     image = Scene(160, 96).render(bayer=bayer)
     picture = draw_candidates(
-        image, encoding, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")]
+        PixelReader().read(image, encoding),
+        [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, rejection="too_dark")],
     )
     assert picture.shape == (96, 160, 3) and (picture == (0, 220, 0)).all(axis=2).any()
 
@@ -196,3 +198,36 @@ def test_config_files_hold_the_presets(name, preset):
     config = yaml.safe_load((PACKAGE / "config" / f"{name}.yaml").read_text())
     assert DetectorParams.from_mapping(config["detector"] or {}) == preset
     ProjectionParams.from_mapping(config["projection"])
+
+
+@pytest.mark.parametrize(
+    "missing, told", [("no_transform", "camera_no_pose"), ("no_camera_info", "camera_no_lens"), ("shared_frame", "")]
+)
+def test_what_images_lack_is_told_once_it_lasts(missing, told):
+    watch = InputWatch()
+    for now in range(31):
+        assert watch.fault(float(now)) == (told if now > 15 else ""), "cameras and poses start one by one"
+        watch.see_image(float(now), missing)
+    watch.see_image(31.0, "")
+    assert watch.fault(33.0) == ""
+    watch.see_image(33.0, missing)
+    watch.see_image(37.0, missing)
+    assert watch.fault(37.5) == told, "what was there before is missed sooner"
+
+
+def test_images_without_a_pose_that_are_over_are_no_alarm_however_late_they_are_reported():
+    """A detector whose first images came before the poses, on a computer that starts slowly."""
+    watch = InputWatch()
+    for now in np.arange(20.0, 22.0, 0.1):
+        watch.see_image(now, "no_transform")
+    watch.see_image(22.0, "")
+    assert watch.fault(22.1) == ""
+
+
+def test_an_unplugged_camera_is_told_and_one_that_never_sent_anything_is_left_to_check_lab():
+    watch = InputWatch()
+    assert watch.fault(100.0) == ""
+    watch.see_image(100.0, "")
+    assert watch.fault(102.0) == "" and watch.fault(104.0) == "camera_silent"
+    watch.see_image(105.0, "")
+    assert watch.fault(105.5) == ""

@@ -1,5 +1,6 @@
 """Which sighting belongs to which spot, when it counts, and which one is told, at every rate."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ def sighting(x, y=0.0, confidence=0.9, tint=GREEN):
 
 
 class Film:
-    """Feeds a tracker images at a rate [1/s]; the tag of each is its number."""
+    """Feeds a tracker images at a rate [1/s]."""
 
     def __init__(self, rate=25.0, mosaic=False, **changes):
         self.tracker, self.camera = (
@@ -41,13 +42,13 @@ class Film:
         self.images += 1
         self.expected = self.tracker.begin(self.now, self.camera, None)
         told = []
-        for track in self.tracker.update(sightings, self.images):
+        for track in self.tracker.update([replace(one, stamp=self.now) for one in sightings]):
             told.append(
                 Told(
                     track.number,
                     track.confirmed,
                     track.published,
-                    [one.tag for one in track.unpublished if track.published],
+                    [round(one.stamp / self.period) - 1 for one in track.unpublished if track.published],
                 )
             )
             if track.published:  # as the detector does

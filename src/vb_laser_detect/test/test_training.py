@@ -1,8 +1,5 @@
 """Examples for a classifier of one's own from a recording with clicks."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import rosbag
 import rospy
@@ -12,8 +9,7 @@ from scenes import GREEN, Scene
 from vb_core.ros.images import message_from_image
 from vb_laser_detect.detection.training import load_examples, save_examples
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench" / "detection"))
-from training import from_recording  # noqa: E402
+from bench.detection.training import from_recording
 
 
 def test_a_recording_and_clicks_make_examples(tmp_path):

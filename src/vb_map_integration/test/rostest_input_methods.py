@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Borders by clicks, by dragged vertices and by files, over a real roscore and a real map_integrator."""
+"""Borders by dragged vertices and by files, over a real roscore and a real map_integrator."""
 
 from __future__ import annotations
 
@@ -14,19 +14,17 @@ from pathlib import Path
 import numpy as np
 import rospy
 import rostest
-from geometry_msgs.msg import Point, PointStamped, Quaternion, TransformStamped, Vector3
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from tf2_ros import StaticTransformBroadcaster
-from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerUpdate, MarkerArray
+from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerUpdate
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import Latest, MapServer, lab, wait_until  # noqa: E402
-from vb_core import sentences  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
 from vb_map_integration import border_editor_node as editor  # noqa: E402
+from vb_map_integration.border import VirtualBorder  # noqa: E402
+from vb_map_integration.borders.border_messages import message_from_border  # noqa: E402
 from vb_msgs.msg import VirtualBorderArray  # noqa: E402
-from vb_msgs.srv import RenameBorder  # noqa: E402
+from vb_msgs.srv import AddBorder, RenameBorder  # noqa: E402
 
 SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
 
@@ -75,33 +73,14 @@ class InputMethodsTest(unittest.TestCase):
         cls.grid = lab()
         cls.maps = Latest("/virtual_borders/map", OccupancyGridArray)
         cls.borders = Latest("/virtual_borders/borders", VirtualBorderArray)
-        cls.status = Latest("/clicked_border/status", String)
-        cls.drawn = Latest("/clicked_border/markers", MarkerArray)
         cls.handles = Handles()
-        cls.clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=100)
         cls.server = MapServer(cls.grid)
-        transform = TransformStamped(child_frame_id="shelf")
-        transform.header.frame_id = "map"
-        transform.transform.translation = Vector3(1.0, 0.5, 0.0)
-        transform.transform.rotation = Quaternion(0.0, 0.0, 0.5**0.5, 0.5**0.5)
-        cls.broadcaster = StaticTransformBroadcaster()
-        cls.broadcaster.sendTransform(transform)
         wait_until(lambda: cls.maps.count and cls.borders.count, "the first map")
-        wait_until(lambda: cls.clicks.get_num_connections() and cls.status.count, "clicked_border")
         wait_until(lambda: cls.handles.publisher.get_num_connections(), "border_editor")
 
     def setUp(self):
         rospy.ServiceProxy("/virtual_borders/clear", Trigger)()
-        rospy.ServiceProxy("/clicked_border/cancel", Trigger)()
         wait_until(lambda: not self.borders.message.borders, "the empty list of borders")
-
-    def click(self, x, y, frame="map"):
-        message = PointStamped(point=Point(x, y, 0.0))
-        message.header.frame_id = frame
-        self.clicks.publish(message)
-
-    def wait_for_log(self, *words):
-        wait_until(lambda: all(word in self.status.message.data for word in words), f"the status with {words}")
 
     def stored(self, count):
         wait_until(lambda: len(self.borders.message.borders) == count, f"{count} border(s)")
@@ -109,70 +88,14 @@ class InputMethodsTest(unittest.TestCase):
 
     def drawn_border(self):
         """The id of a separating curve from (0, 0) to (0, 1) whose right side is restricted."""
-        for x, y in ((0.0, 0.0), (0.0, 1.0), (0.0, 1.0), (2.0, 0.0)):
-            self.click(x, y)
+        border = VirtualBorder([(0.0, 0.0), (0.0, 1.0)], (2.0, 0.0), 1.0, False)
+        add = rospy.ServiceProxy("/virtual_borders/add_border", AddBorder)
+        add(border=message_from_border(border), frame_id="map", source="test")
         return self.stored(1)[0].id
 
     def restricted(self):
         cells = np.asarray(self.maps.message.data).reshape(self.grid.shape)
         return int((cells != self.grid.data).sum())
-
-    # ------------------------------------------------------------- clicks
-    def test_clicks_make_a_polygon(self):
-        for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.05, 0.05), (0.5, 0.5)):
-            self.click(x, y)
-        border = self.stored(1)[0]
-        self.assertEqual((border.kind, len(border.points)), (border.POLYGON, 4))
-        wait_until(lambda: self.restricted() == 400, "1 m2 in the map")
-        self.wait_for_log("added", "first point")
-        wait_until(lambda: [marker.action for marker in self.drawn.message.markers] == [3], "nothing drawn any more")
-
-    def test_clicks_make_a_separating_curve(self):
-        for x, y in ((0.0, 0.0), (0.0, 1.0), (0.05, 1.0), (2.0, 0.0)):
-            self.click(x, y)
-        border = self.stored(1)[0]
-        self.assertEqual((border.kind, len(border.points)), (border.SEPARATING_CURVE, 2))
-        wait_until(lambda: self.restricted() == 98 * 79, "half of the room in the map")
-
-    def test_services_end_a_chain_and_take_clicks_back(self):
-        refused = rospy.ServiceProxy("/clicked_border/close", Trigger)()
-        self.assertFalse(refused.success)
-        self.assertIn("too_few_points", refused.message)
-        for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (3.0, 3.0)):
-            self.click(x, y)
-        self.wait_for_log("4 point(s)")
-        self.assertTrue(rospy.ServiceProxy("/clicked_border/remove_last", Trigger)().success)
-        self.wait_for_log("3 point(s)")
-        self.assertTrue(rospy.ServiceProxy("/clicked_border/close", Trigger)().success)
-        self.click(0.9, 0.5)
-        self.assertEqual(len(self.stored(1)[0].points), 3)
-
-    def test_a_click_in_another_frame_is_transformed(self):
-        def first_click_counts():
-            answered = self.status.count
-            self.click(0.0, 0.0, "shelf")
-            wait_until(lambda: self.status.count > answered, "the answer")
-            return "1 point(s)" in self.status.message.data
-
-        wait_until(first_click_counts, "the shelf's frame to be known to the tool")
-        for x, y in ((1.0, 0.0), (1.0, 1.0), (0.0, 0.0), (0.7, 0.3)):
-            self.click(x, y, "shelf")
-        points = [(round(point.x, 6), round(point.y, 6)) for point in self.stored(1)[0].points]
-        self.assertEqual(points, [(1.0, 0.5), (1.0, 1.5), (0.0, 1.5)])
-
-    def test_refused_clicks_change_nothing(self):
-        count = self.maps.count
-        self.click(float("nan"), 0.0)
-        self.wait_for_log(sentences.translate("bad_points", {}))
-        self.click(0.0, 0.0, "nowhere")
-        self.wait_for_log("no transform")
-        for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 0.0), (50.0, 50.0)):
-            self.click(x, y)
-        # the clicks are still there: only the seed is missing
-        self.wait_for_log("refused [seed_outside_map]", "restricted")
-        self.assertEqual((self.maps.count, self.borders.message.borders), (count, []))
-        self.click(0.7, 0.3)
-        self.stored(1)
 
     # ------------------------------------------------------------- dragged vertices
     def test_a_new_polygon_is_dragged_and_saved(self):

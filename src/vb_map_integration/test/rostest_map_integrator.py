@@ -25,7 +25,6 @@ from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray  # noqa: 
 from vb_msgs.srv import (  # noqa: E402
     AddBorder,
     AddBorderRequest,
-    TransferBorders,
     ConfirmMap,
     ConfirmMapRequest,
     ListBorders,
@@ -47,7 +46,6 @@ SERVICES = {
     "set_border_enabled": SetBorderEnabled,
     "rename_border": RenameBorder,
     "confirm_map": ConfirmMap,
-    "transfer_borders": TransferBorders,
     "undo": Trigger,
     "redo": Trigger,
     "clear": Trigger,
@@ -256,8 +254,6 @@ class MapIntegratorTest(unittest.TestCase):
             self.assertEqual((self.cells()[45:55, 85:95] == 100).all(), True)  # still in force
             wait_until(lambda: "borders_unconfirmed" in [n.code for n in notices.message.notices], "the notice")
             self.assertEqual(self.call("add_border", polygon(x=2.0), "", "test").code, "confirm_map_first")
-            proposal = self.call("transfer_borders", "", True)
-            self.assertTrue(proposal.success and bytes(proposal.image[:4]) == b"\x89PNG", proposal.message)
             self.assertEqual(self.call("confirm_map", ConfirmMapRequest.OTHER_PLACE, "upstairs", "test").code, "ok")
             wait_until(lambda: not self.borders.message.needs_confirmation, "no doubt")
             self.assertEqual((self.borders.message.borders, self.borders.message.map_name), ([], "upstairs"))
@@ -291,6 +287,29 @@ class MapIntegratorTest(unittest.TestCase):
                 return None
 
         self.assertEqual(wait_until(listed, "the services again")[0].name, "carpet")
+
+    def test_files_deleted_or_overwritten_while_it_runs_cost_no_border(self):
+        """An addition was answered with success, and after a restart no border was there; damage gave no answer."""
+        self.call("add_border", polygon(name="carpet"), "", "test")
+        store = os.path.join(self.folder, "store")
+        files = [name for name in os.listdir(store) if name.startswith("borders.")]
+        self.assertIn("borders.db", files)
+        for name in files:
+            os.unlink(os.path.join(store, name))
+        self.assertEqual(self.call("add_border", polygon(x=2.0, name="rug"), "", "test").code, "ok")
+        for end in ("", "-wal", "-shm"):
+            with open(os.path.join(store, f"borders.db{end}"), "wb") as stream:
+                stream.write(b"?" * 9000)
+        self.assertEqual(self.call("add_border", polygon(y=2.0, name="mat"), "", "test").code, "ok")
+        rosnode.kill_nodes(["/map_integrator"])
+
+        def listed():
+            try:
+                return [border.name for border in self.call("list_borders").borders.borders]
+            except rospy.ServiceException:
+                return None
+
+        wait_until(lambda: listed() == ["carpet", "rug", "mat"], "the borders after a restart")
 
     def test_bad_parameters_end_the_node_with_one_line(self):
         # not by rosrun: it looks through whole folders first

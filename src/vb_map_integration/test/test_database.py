@@ -1,7 +1,5 @@
 """What is kept on the disk: nothing that was acknowledged is lost or moved, and what was repaired is said."""
 
-import hashlib
-import json
 import os
 import shutil
 import signal
@@ -17,8 +15,10 @@ import pytest
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_map_integration.storage import database as module
-from vb_map_integration.borders.border_files import borders_to_yaml
-from vb_map_integration.storage.database import FILE, Database, fingerprint
+from vb_map_integration.storage import sqlite_files as files
+from vb_map_integration.storage import database_files
+from vb_map_integration.storage.database import Database
+from vb_map_integration.storage.database_files import FILE
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_map_integration.storage.repair import repair_borders
 
@@ -169,7 +169,7 @@ def test_a_pause_ends_on_a_full_disk_too(tmp_path, monkeypatch):
     def fail(*_):
         raise sqlite3.OperationalError("disk is full")
 
-    monkeypatch.setattr(module, "_run", fail)
+    monkeypatch.setattr(files, "run", fail)
     assert keeper.expire(4.0) is None and not keeper.status(keeper.borders[0])[0]
     assert keeper.expire(6.0).ids == ("b1",) and keeper.status(keeper.borders[0]) == (True, "")
     assert (keeper.map_with_borders.data == 100).sum() > (GRID.data == 100).sum()
@@ -186,12 +186,11 @@ def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(
     with pytest.raises(CodedError) as caught:
         keeper.add(square(10, 10), 1.0)
     assert caught.value.code == "cannot_write" and keeper.borders == ()
-    assert keeper.reopen() is None
+    assert not keeper.reopen()
     (tmp_path / "file").unlink()
-    again = keeper.reopen()
-    assert again is not None and codes(again) == [] and again.reopen() is None
-    assert again.add(square(10, 10), 1.0).ids == ("b1",)
-    again.close()
+    assert keeper.reopen() and codes(keeper) == [] and not keeper.reopen()
+    assert keeper.add(square(10, 10), 1.0).ids == ("b1",)
+    keeper.close()
 
 
 def test_a_disk_that_can_be_written_again_keeps_the_borders_that_acted(tmp_path, monkeypatch):
@@ -201,19 +200,18 @@ def test_a_disk_that_can_be_written_again_keeps_the_borders_that_acted(tmp_path,
         raise OSError("No space left on device")
 
     with monkeypatch.context() as full:
-        full.setattr(module, "_try_to_write", fail)
+        full.setattr(files, "try_to_write", fail)
         keeper = integrator(tmp_path)
-        assert keeper.borders == borders and keeper.reopen() is None
+        assert keeper.borders == borders and not keeper.reopen()
     cells = keeper.map_with_borders.data.copy()
-    again = keeper.reopen()
-    assert again is not None and again.borders == borders and np.array_equal(again.map_with_borders.data, cells)
-    assert again.undo().ids
-    again.close()
+    assert keeper.reopen() and keeper.borders == borders and np.array_equal(keeper.map_with_borders.data, cells)
+    assert keeper.undo().ids
+    keeper.close()
 
 
 def test_a_second_integrator_is_refused(tmp_path, monkeypatch):
     """Both gave the id b1, and one border was gone after a restart."""
-    monkeypatch.setattr(module, "LOCK_TIMEOUT", 0.1)
+    monkeypatch.setattr(database_files, "LOCK_TIMEOUT", 0.1)
     first = integrator(tmp_path)
     with pytest.raises(CodedError) as caught:
         MapIntegrator(IntegratorParams(), tmp_path)
@@ -329,20 +327,95 @@ def test_with_both_files_damaged_the_newest_copy_is_taken_and_the_loss_is_report
     assert again(tmp_path) == ((), ["borders_lost"])
 
 
-def test_rows_of_an_older_state_are_noticed(tmp_path):
-    borders = closed(tmp_path)
+def test_a_copy_is_chosen_by_its_revision_and_not_by_its_date(tmp_path):
+    """A copy of an empty database with a date in 2036 won over one with 21 borders."""
+    (tmp_path / "empty").mkdir()
+    integrator(tmp_path / "empty").close()
+    borders = closed(tmp_path / "used")
+    integrator(tmp_path / "used").close()  # the copy is as of the last start
+    shutil.copyfile(str(tmp_path / "empty" / FILE), str(tmp_path / "used" / "copies" / "borders-2036-01-01.db"))
+    for name in (FILE, "borders.twin.db"):
+        (tmp_path / "used" / name).write_bytes(b"?" * 9000)
+    assert again(tmp_path / "used") == (borders, ["borders_lost_since"])
+
+
+def test_a_database_of_a_newer_version_is_refused_and_left_alone(tmp_path):
+    """It was called damaged, set aside, and all borders were gone."""
+    closed(tmp_path)
+    for name in (FILE, "borders.twin.db"):
+        connection = sqlite3.connect(str(tmp_path / name))
+        connection.execute("PRAGMA user_version = 2")
+        connection.close()
+    for _ in range(2):  # the lock is given back
+        with pytest.raises(CodedError) as caught:
+            Database(tmp_path)
+        assert caught.value.code == "database_newer"
     connection = sqlite3.connect(str(tmp_path / FILE))
-    connection.execute("DELETE FROM borders WHERE id = 'b2'")
-    connection.commit()
+    assert connection.execute("SELECT count(*) FROM borders").fetchone() == (3,)
     connection.close()
-    found, said = again(tmp_path)
-    assert found == borders and said == ["database_repaired"]
+    assert not (tmp_path / "damaged").exists()
+
+
+@pytest.mark.parametrize("command", ["add", "undo", "rename", "confirm"])
+def test_a_database_overwritten_while_it_runs_is_an_error_with_a_code_and_repaired(tmp_path, command):
+    """They failed with sqlite3.DatabaseError, which ended the thread that asked."""
+    keeper = integrator(tmp_path)
+    for number in range(3):
+        keeper.add(square(10 + 25 * number, 10), 1.0 + number)
+    borders = keeper.borders
+    for name in (FILE, f"{FILE}-wal", f"{FILE}-shm"):
+        (tmp_path / name).write_bytes(b"?" * 9000)
+    actions = {
+        "add": lambda: keeper.add(square(50, 50), 5.0),
+        "undo": keeper.undo,
+        "rename": lambda: keeper.rename("b1", "rug", 5.0),
+        "confirm": lambda: keeper.confirm(True, "home", 5.0),
+    }
+    with pytest.raises(CodedError) as caught:
+        actions[command]()
+    assert caught.value.code in ("database_failed", "cannot_write") and keeper.borders == borders
+    assert keeper.reopen(6.0) and codes(keeper) == ["database_repaired"] and keeper.borders == borders
+    actions[command]()
+    keeper.close()
+
+
+def test_files_deleted_while_it_runs_are_written_again(tmp_path):
+    """An addition was answered with success, and after a restart no border was there."""
+    keeper = integrator(tmp_path)
+    keeper.add(square(10, 10), 1.0)
+    for path in tmp_path.glob("borders*"):
+        path.unlink()
+    with pytest.raises(CodedError) as caught:
+        keeper.add(square(50, 50), 2.0)
+    assert caught.value.code == "cannot_write" and len(keeper.borders) == 1
+    assert keeper.reopen() and keeper.add(square(50, 50), 3.0).ids == ("b2",)
+    found = keeper.borders
+    keeper.close()
+    assert again(tmp_path) == (found, [])
+
+
+def test_with_the_lock_deleted_the_second_integrator_takes_over_and_the_first_one_ends(tmp_path, monkeypatch):
+    """Both handed out the id b1."""
+    monkeypatch.setattr(database_files, "LOCK_TIMEOUT", 0.1)
+    first = integrator(tmp_path)
+    (tmp_path / f"{FILE}.lock").unlink()
+    second = integrator(tmp_path)
+    assert second.add(square(10, 10), 1.0).ids == ("b1",)
+    with pytest.raises(CodedError) as caught:
+        first.add(square(50, 50), 1.0)
+    assert caught.value.code == "cannot_write"
+    with pytest.raises(CodedError) as caught:
+        first.reopen()
+    assert caught.value.code == "database_in_use"
+    assert second.add(square(50, 50), 2.0).ids == ("b2",)
+    second.close()
+    assert len(again(tmp_path)[0]) == 2
 
 
 def test_daily_copies_are_bounded(tmp_path, monkeypatch):
     import datetime
 
-    monkeypatch.setattr(module, "MAX_COPIES", 3)
+    monkeypatch.setattr(database_files, "MAX_COPIES", 3)
     day = [datetime.date(2026, 1, 1)]
     database = Database(tmp_path, today=lambda: day[0])
     for number in range(6):
@@ -350,53 +423,6 @@ def test_daily_copies_are_bounded(tmp_path, monkeypatch):
         database.set_value("x", str(number))
     assert [path.stem[-2:] for path in database.copies()] == ["06", "05", "04"]
     database.close()
-
-
-# ----------------------------------------------------------------- borders of older versions
-def old_folder(root, grid, borders, journal=(), damaged=False):
-    folder = root / fingerprint(grid)[:12]
-    folder.mkdir(parents=True)
-    body = f"next_number: 9\nrevision: {len(borders)}\n" + borders_to_yaml(borders)
-    digest = hashlib.sha256(body.encode()).hexdigest()
-    text = f"format: 1\nsha256: '{digest}'\nmap: '{fingerprint(grid)}'\n# below: what the sum is of\n{body}"
-    (folder / "borders.yaml.bak").write_text(text)
-    (folder / "borders.yaml").write_text(text[: len(text) // 2] if damaged else text)
-    changes = enumerate(journal, len(borders) + 1)
-    lines = [json.dumps({"revision": number, "kind": "new", "change": change}) for number, change in changes]
-    (folder / "journal.jsonl").write_text("".join(line + "\n" for line in lines))
-    np.savez_compressed(str(folder / "map.npz"), data=grid.data, resolution=grid.resolution, origin=grid.origin)
-    return folder
-
-
-@pytest.mark.parametrize("damaged", [False, True])
-def test_borders_of_older_versions_are_taken_over_once(tmp_path, damaged):
-    first, second = square(10, 10, id="b1", name="old"), square(60, 10, id="b2", name="newer")
-    old_folder(tmp_path, GRID, [first], [[["b2", None, json.loads(borders_to_yaml([second])[11:])]]], damaged)
-    other = GRID.with_data(np.where(GRID.data > 0, 100, 0).astype(np.int8))
-    other.data[:, 40] = 100
-    old_folder(tmp_path, other, [square(60, 60, id="b1", name="upstairs", grid=other)])
-    keeper = integrator(tmp_path)
-    assert [(border.id, border.name) for border in keeper.borders] == [("b1", "old"), ("b2", "newer")] or damaged
-    assert {border.name for border in keeper.borders} == {"old", "newer"}
-    assert np.array_equal(keeper.borders[0].points, first.points)
-    assert {"borders_imported", "borders_imported_damaged"} & set(codes(keeper))
-    keeper.set_map(other)
-    assert [border.name for border in keeper.borders] == ["upstairs"] and not keeper.needs_confirmation
-    keeper.remove(keeper.borders[0].id)
-    keeper.close()
-    keeper = integrator(tmp_path, other)
-    assert keeper.borders == () and codes(keeper) == []
-    keeper.close()
-
-
-def test_a_folder_whose_map_is_damaged_is_taken_over_too(tmp_path):
-    folder = old_folder(tmp_path, GRID, [square(10, 10, id="b1")])
-    content = bytearray((folder / "map.npz").read_bytes())
-    content[len(content) // 2] ^= 0xFF
-    (folder / "map.npz").write_bytes(bytes(content))
-    keeper = integrator(tmp_path)
-    assert len(keeper.borders) == 1 and not keeper.needs_confirmation  # its files name the map
-    keeper.close()
 
 
 def test_os_is_not_needed_for_memory_only():

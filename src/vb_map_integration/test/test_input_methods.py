@@ -1,4 +1,4 @@
-"""Clicks, dragged vertices, GeoJSON, and what a costmap makes of soft values."""
+"""Dragged vertices, GeoJSON, and what a costmap makes of soft values."""
 
 import json
 import sys
@@ -6,14 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_map_integration.borders import editing
-from vb_map_integration.border import MAX_POINTS, VirtualBorder
-from vb_map_integration.borders.clicks import ClickParams, Clicks
+from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid.costmap_settings import check_soft_value
 from vb_map_integration.borders.geojson import borders_from_geojson, borders_to_geojson
 
@@ -29,83 +26,6 @@ def code_of(action):
         action()
     assert caught.value.message
     return caught.value.code
-
-
-# ----------------------------------------------------------------- clicks
-def clicked(*points, **params):
-    clicks = Clicks(ClickParams(**params))
-    results = [clicks.click(point) for point in points]
-    assert all(result is None for result in results[:-1])
-    return clicks, results[-1]
-
-
-def test_a_click_on_the_first_point_closes_a_polygon():
-    clicks, border = clicked((0, 0), (1, 0), (1, 1), (0.1, 0.1), (0.8, 0.2), occupancy=0.75)
-    assert border.closed and border.points.tolist() == [[0, 0], [1, 0], [1, 1]]
-    assert border.seed.tolist() == [0.8, 0.2] and border.occupancy == 0.75
-    # a refused border loses no click: the next one is another seed
-    again = clicks.click((0.7, 0.3))
-    assert again.seed.tolist() == [0.7, 0.3] and np.array_equal(again.points, border.points)
-    clicks.cancel()
-    assert clicks.points == [] and clicks.closed is None
-
-
-def test_a_click_on_the_last_point_ends_a_curve():
-    _, border = clicked((0, 0), (0, 1), (0.1, 1.05), (3, 3))
-    assert border.closed is False and border.points.tolist() == [[0, 0], [0, 1]]
-
-
-def test_a_click_near_both_ends_means_the_nearer_one():
-    # the chain's ends are 0.2 m apart
-    ends = [(0, 0), (1, 0), (1, 1), (0, 0.2)]
-    assert clicked(*ends, (0, 0.08), (0.5, 0.5))[1].closed
-    assert not clicked(*ends, (0, 0.13), (0.5, 0.5))[1].closed
-
-
-def test_clicks_can_be_taken_back():
-    clicks, _ = clicked((0, 0), (1, 0), (1, 1), (0, 0))
-    assert clicks.closed
-    clicks.remove_last()
-    assert clicks.closed is None and len(clicks.points) == 3
-    clicks.remove_last()
-    assert code_of(lambda: clicks.end(closed=True)) == "too_few_points"
-    clicks.end(closed=False)
-    clicks.cancel()
-    assert code_of(clicks.remove_last) == "no_point_to_remove"
-
-
-@pytest.mark.parametrize("point", [(np.nan, 0), (0, np.inf), (1e9, 0), (0, 0, 0), "ab"])
-def test_what_is_not_a_click_is_refused(point):
-    clicks = Clicks()
-    clicks.click((0, 0))
-    try:
-        assert code_of(lambda: clicks.click(point)) == "bad_points"
-    except ValueError:
-        assert isinstance(point, str)  # a fault of the caller, not of a person
-    assert len(clicks.points) == 1
-
-
-def test_clicks_have_an_end():
-    clicks = Clicks()
-    for number in range(MAX_POINTS):
-        clicks.click((number, 0))
-    assert code_of(lambda: clicks.click((-5, 0))) == "too_many_points"
-
-
-@settings(max_examples=50, deadline=None, derandomize=True)
-@given(st.lists(st.tuples(st.integers(-3, 3), st.integers(-3, 3)), max_size=40))
-def test_any_row_of_clicks_gives_sound_borders(points):
-    clicks = Clicks()
-    for point in points:
-        if clicks.closed is not None and len(clicks.points) % 2:
-            clicks.cancel()
-        assert clicks.describe()
-        try:
-            border = clicks.click(point)
-        except CodedError as error:
-            assert error.code == "too_few_points" and clicks.closed is None  # there and back is no polygon
-            continue
-        assert border is None or len(border.points) >= (3 if border.closed else 2)
 
 
 # ----------------------------------------------------------------- vertices

@@ -13,9 +13,11 @@ from shapely.geometry import LineString, Point, Polygon, box
 from shapely.ops import split
 
 from vb_core.errors import CodedError
+from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.integration import IntegrationError, IntegrationParams, integrate
+from vb_map_integration.grid import raster
+from vb_map_integration.integration import WALL_WIDTH, IntegrationError, IntegrationParams, integrate
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_of, world  # noqa: E402
@@ -148,7 +150,7 @@ def test_an_extension_goes_on_behind_a_table_leg():
     prior, room = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [leg])
     result = integrate(prior, VirtualBorder([(4.0, 3.5), (4.0, 1.5)], (7.0, 1.0), closed=False))
     assert jaccard(result.region, rasterise(room.intersection(box(4.0, 0, 8, 5)).difference(leg), prior)) >= 0.99
-    assert codes(result) == []
+    assert set(codes(result)) == {"extended_far"}
 
 
 def test_an_extension_goes_on_behind_several_boxes_on_both_sides():
@@ -308,6 +310,8 @@ def test_warnings_are_coded():
     assert "covers_nearly_all" in codes(run())
     _, run = room_border([(4, 1), (4, 4)], (6.0, 2.5), closed=False)
     assert codes(run(places={"robot": (5.0, 2.0), "dock": (1.0, 1.0)})) == ["robot_inside"]
+    assert codes(run(places={"robot": [(1.0, 1.0), (5.0, 2.0)]})) == ["robot_inside"], "the second one of two"
+    assert codes(run(places={"robot": [(1.0, 1.0), (-90.0, 2.0)]})) == []
 
 
 @pytest.mark.parametrize("offset", [-0.012, -0.006, 0.006, 0.012])
@@ -316,6 +320,17 @@ def test_a_seed_within_a_cell_of_the_curve_stays_on_its_side(offset):
     result = integrate(prior, VirtualBorder([(4.0125, 1.0), (4.0125, 4.0)], (4.0125 + offset, 4.4), closed=False))
     side = box(0, 0, 4.0125, 5) if offset < 0 else box(4.0125, 0, 8, 5)
     assert jaccard(result.region, rasterise(room.intersection(side), prior)) >= 0.99
+
+
+@pytest.mark.parametrize("ends, far", [((4.9, 0.1), []), ((4.9, 1.5), ["at its last point"])])
+def test_an_end_that_is_extended_across_free_floor_is_named_with_its_length(ends, far):
+    """Of 1,250 lines on real maps 656 were extended by over a metre, 355 of them without a word."""
+    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [])
+    result = integrate(prior, VirtualBorder([(4.0, ends[0]), (4.0, ends[1])], (7.0, 1.0), closed=False))
+    issues = [issue for issue in result.issues if issue.code == "extended_far"]
+    assert [sentences.translate(issue.values["side"][1:]) for issue in issues] == far
+    length = f"{np.linalg.norm(result.line[-1] - (4.0, ends[1])):.1f}"
+    assert all(issue.values["length"] == length and f"{length} m" in issue.message for issue in issues)
 
 
 def test_a_map_without_walls_is_parted_at_its_edge_and_says_so():
@@ -331,6 +346,15 @@ def test_an_overshoot_at_the_closing_point_tears_no_hole():
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
     result = integrate(prior, VirtualBorder(points, (4.0, 2.5), closed=True))
     assert result.region[rasterise(Point(4.0, 2.5).buffer(0.95), prior)].all()
+
+
+def test_what_is_wound_round_twice_is_inside():
+    """People go round twice to be sure: an even-odd rule would restrict the strip between the rounds only."""
+    outer, inner = box(3.0, 1.5, 5.0, 3.5), box(3.1, 1.6, 4.9, 3.4)
+    points = np.vstack([np.array(outer.exterior.coords), np.array(inner.exterior.coords)])
+    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
+    result = integrate(prior, VirtualBorder(points, (4.0, 2.5), closed=True))
+    assert result.region[rasterise(box(3.2, 1.7, 4.8, 3.3), prior)].all()
 
 
 def test_the_extension_takes_huge_and_tiny_numbers():
@@ -392,3 +416,49 @@ def test_a_closet_of_one_cell_outside_the_polygon_can_be_restricted():
     square = np.array([(0.5, 0.5), (1.5, 0.5), (1.5, 1.5), (0.5, 1.5)])
     result = integrate(prior, VirtualBorder(square, (50.5 * 0.05, 50.5 * 0.05), closed=True))
     assert np.argwhere(result.region).tolist() == [[50, 50]]
+
+
+@pytest.mark.parametrize("beyond, moved", [(0.7, True), (1.3, False)])
+def test_a_seed_on_an_obstacle_moves_to_the_nearest_floor_within_its_radius(beyond, moved):
+    """Of a square obstacle; the radius is max_seed_shift, and the floor is on the side that is nearest."""
+    params = IntegrationParams()
+    depth = beyond * params.max_seed_shift  # [m] from the seed to the nearest free floor, on its right
+    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [])
+    cells = prior.data.copy()
+    seed = np.array([4.0, 2.5])
+    low, high = prior.world_to_cell([seed - (2.0, 1.5), seed + (depth, 1.5)])
+    cells[low[0] : high[0] + 1, low[1] : high[1] + 1] = 100
+    border = VirtualBorder([(7.0, 0.0), (7.0, 5.0)], seed, closed=False)
+    if not moved:
+        with pytest.raises(IntegrationError) as caught:
+            integrate(prior.with_data(cells), border, params)
+        assert caught.value.code == "seed_on_obstacle"
+        return
+    result = integrate(prior.with_data(cells), border, params)
+    (told,) = [issue for issue in result.issues if issue.code == "seed_moved"]
+    assert float(told.values["distance"]) == pytest.approx(depth, abs=2 * prior.resolution)
+
+
+def test_a_wall_is_a_band_of_its_width_along_the_chain():
+    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [])
+    result = integrate(prior, VirtualBorder([(2.0, 2.0), (5.0, 2.0)], None, wall=True))
+    rows, columns = np.nonzero(result.region)
+    width, length = (float(np.ptp(found) + 1) * prior.resolution for found in (rows, columns))
+    assert width == pytest.approx(WALL_WIDTH, abs=1.01 * prior.resolution) and width > prior.resolution
+    assert length == pytest.approx(3.0 + width, abs=2.01 * prior.resolution)
+    assert len(rows) == len(np.unique(rows)) * len(np.unique(columns))  # a full rectangle
+
+
+@pytest.mark.parametrize("slope", [1.0, -1.0, 0.5, -2.0])
+def test_a_traced_chain_leaves_no_corner_open(slope):
+    """Neighbours share an edge, whichever way the chain runs; each cell is one that the chain comes near."""
+    line = np.array([[2.2, 20.4], [2.2 + 15.0, 20.4 + 15.0 * slope]])
+    for vertices in (line, line[::-1]):
+        trace = raster.trace_chain(vertices, (60, 60))
+        steps = np.abs(np.diff(trace.rows)) + np.abs(np.diff(trace.columns))
+        assert (steps == 1).all()
+        off = [
+            LineString(vertices).distance(box(c - 0.5, r - 0.5, c + 0.5, r + 0.5))
+            for r, c in zip(trace.rows, trace.columns)
+        ]
+        assert max(off) < 0.5

@@ -118,6 +118,17 @@ def test_a_large_map_or_a_tiny_one_does_no_harm():
         assert found is None or not found.is_unambiguous
 
 
+@pytest.mark.parametrize("column", [60, 61, 62])
+def test_floor_that_one_beam_saw_far_outside_the_walls_does_no_harm(column):
+    """A sample of the floor may miss the beam, and what is drawn of the floor then reaches farther than the sample."""
+    grid, below = flat(), 600
+    data = np.vstack([np.full((below, grid.shape[1]), -1, np.int8), grid.data])
+    data[: below + 100, column] = 0
+    origin = (grid.origin[0], grid.origin[1] - below * grid.resolution, 0.0)
+    found = register(grid, GridMap(data, grid.resolution, origin))
+    assert found is not None and np.hypot(found.transform.x, found.transform.y) < 0.1
+
+
 def test_maps_without_walls_are_not_registered():
     assert register(flat(), GRID.with_data(np.full(GRID.shape, -1, np.int8))) is None
 
@@ -203,25 +214,6 @@ def test_floors_with_the_same_walls_are_told_apart_by_their_names(tmp_path):
     # without a name both fit: nothing is sure
     keeper = integrator(tmp_path, flat(seed=20))
     assert keeper.needs_confirmation and len(keeper.borders) == 1
-    keeper.close()
-
-
-def test_borders_are_adopted_with_a_transform(tmp_path):
-    truth = Transform(0.5, 0.2, 0.1)
-    keeper = integrator(tmp_path, flat())
-    keeper.add(keep_out(), 1.0)
-    keeper.set_map(flat(truth, seed=5, known=(0.0, 4.0)))
-    proposal = keeper.propose_transfer("")
-    assert proposal.registration is not None and proposal.image[:4] == b"\x89PNG"
-    keeper.transfer(keeper.propose_transfer("", truth), 2.0)
-    assert not keeper.needs_confirmation and closed_off(keeper, truth)
-    with pytest.raises(CodedError) as caught:
-        keeper.propose_transfer("nowhere")
-    assert caught.value.code == "unknown_map"
-    keeper.set_map(flat())
-    with pytest.raises(CodedError) as caught:
-        keeper.transfer(keeper.propose_transfer("", truth), 3.0)
-    assert caught.value.code == "place_has_borders"
     keeper.close()
 
 
@@ -327,6 +319,8 @@ def test_a_zone_to_avoid_is_a_cost():
 def test_a_schedule_switches_a_border():
     import datetime
 
+    from vb_map_integration.borders.schedule import is_scheduled
+
     def at(day, hour, minute=0):
         return datetime.datetime(2026, 11, day, hour, minute).timestamp()  # 2026-11-23 is a Monday
 
@@ -346,10 +340,37 @@ def test_a_schedule_switches_a_border():
         keeper.expire(now)
         assert closed_off(keeper) == bool(acts)
         assert keeper.status(keeper.borders[0]) == ((True, "") if acts else (False, "off_schedule"))
+    assert is_scheduled("sun 22:00-02:00", at(30, 1, 59))  # 2026-11-30 is a Monday
+    assert not is_scheduled("sun 22:00-02:00", at(30, 2)) and not is_scheduled("sun 22:00-02:00", at(24, 1))
     for text in ("mon 8-12", "xyz 08:00-09:00", "mon 25:00-26:00", "mon-xyz 08:00-09:00", "08:60-09:00"):
         with pytest.raises(CodedError) as caught:
             keep_out(schedule=text)
         assert caught.value.code == "bad_schedule"
+
+
+@pytest.fixture
+def summer_time(monkeypatch):
+    import time
+
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
+
+
+@pytest.mark.parametrize("day", ["2026-03-29", "2026-10-25", "2026-11-23"])
+def test_a_scheduled_hour_is_never_left_out(summer_time, day):
+    """On the night on which the clock is put forward, "daily 02:00-03:00" was in force for no minute."""
+    import datetime
+
+    from vb_map_integration.borders.schedule import is_scheduled
+
+    start = datetime.datetime.fromisoformat(day).timestamp()
+    minutes = [number for number in range(8 * 60) if is_scheduled("daily 02:00-03:00", start + 60.0 * number)]
+    assert len(minutes) == (120 if day == "2026-10-25" else 60)  # in autumn the clock shows the hour twice
+    assert minutes == list(range(minutes[0], minutes[-1] + 1))
+    assert not any(is_scheduled("daily 05:00-06:00", start + 60.0 * number) for number in range(4 * 60))
 
 
 def test_borders_of_one_home_stay_with_it_when_another_has_hundreds(tmp_path):

@@ -17,10 +17,10 @@ from move_base_msgs.msg import MoveBaseAction
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from stimulus import Stimulus, assert_bad_parameter_is_named, wait_until  # noqa: E402
 
+from vb_core.poses import to_base  # noqa: E402
 from vb_core.ros.messages import pose2d_from_message  # noqa: E402
 from vb_robot import robot_dispatcher_node  # noqa: E402
 from vb_robot.floor_view import FloorView  # noqa: E402
-from vb_robot.poses import to_base  # noqa: E402
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
 

@@ -4,24 +4,25 @@
 import os
 import signal
 import sys
+import time
 import unittest
 from xmlrpc.client import ServerProxy
 
+import numpy as np
 import rosgraph
 import rospy
 import rostest
 from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Twist
-from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import Path
-from std_msgs.msg import Bool
+from std_srvs.srv import Empty, EmptyResponse
 from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from stimulus import Body, Stimulus, assert_bad_parameter_is_named, room, wait_until  # noqa: E402
 
 from vb_core import names  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, message_from_pose2d  # noqa: E402
-from vb_msgs.msg import DriverState, NoticeArray, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
+from vb_msgs.msg import DriverState, NoticeArray, Stop, VirtualBorder, VirtualBorderArray  # noqa: E402
 from vb_robot import robot_driver_node  # noqa: E402
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
@@ -43,12 +44,11 @@ class DriverTest(unittest.TestCase):
         cls.stimulus = Stimulus(pose=(1.5, 2.5, 0.0), others=(cls.ada,))
         cls.drivers, cls.notices = {}, {}
         for body in (cls.stimulus, cls.ada):
-            rospy.Subscriber(f"{body.prefix}cmd_vel", Twist, cls.on_command, body)
+            cls.listen(body)
         rospy.Subscriber(names.DRIVERS, DriverState, lambda m: cls.drivers.update({m.robot: (m.source, m.code)}))
         rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices)
         cls.navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
-        cls.stop = rospy.Publisher(names.STOP, Bool, queue_size=1)
-        cls.goals = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
+        cls.stop = rospy.Publisher(names.STOP, Stop, queue_size=1)
         cls.borders = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
         cls.wish = None
         cls.timer = rospy.Timer(rospy.Duration(0.1), cls.on_timer)
@@ -59,6 +59,10 @@ class DriverTest(unittest.TestCase):
         cls.stimulus.scan_range = 7.0
         cls.stimulus.set_state(DEFAULT)
         assert wait_until(lambda: cls.drivers.get("") and cls.drivers.get("ada")), "the drivers did not come up"
+
+    @classmethod
+    def listen(cls, body):
+        body.wheels = rospy.Subscriber(f"{body.prefix}cmd_vel", Twist, cls.on_command, body)
 
     @classmethod
     def on_command(cls, message, body):
@@ -87,11 +91,12 @@ class DriverTest(unittest.TestCase):
         self.assertTrue(wait_until(self.is_released), str(self.drivers))
 
     def is_released(self):
-        self.stop.publish(Bool(False))  # again: a driver that has just started may not have heard the first one
+        # again: a driver that has just started may have told of a stop since
+        self.stimulus.latch.resume(self.stimulus.latch.number)
         return self.drivers.get("") == ("none", "idle") and self.drivers["ada"][0] != "stop"
 
     def is_stopped(self):
-        self.stop.publish(Bool(True))  # again: a driver that reports need not be connected to this topic yet
+        self.stop.publish(Stop())  # again: a driver that reports need not be connected to this topic yet
         return {drives for drives, _code in self.drivers.values()} == {"stop"}
 
     def put(self, body, pose):
@@ -128,7 +133,6 @@ class DriverTest(unittest.TestCase):
 
     def test_a_driver_that_starts_again_while_the_manager_is_away_stays_stopped(self):
         self.assertTrue(wait_until(self.is_stopped), str(self.drivers))
-        self.assertTrue(wait_until(lambda: os.path.exists(rospy.get_param("/robot_driver/stop_file"))))
         self.stimulus.silent = True
         said = []
         listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
@@ -148,12 +152,10 @@ class DriverTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.has_notice("robot_stopped")))
         self.assertTrue(wait_until(lambda: self.has_notice("stop_not_persisted", "ada")))
         self.assertFalse(self.has_notice("stop_not_persisted"))
-        self.stop.publish(Bool(False))
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
-        self.assertTrue(wait_until(lambda: not os.path.exists(rospy.get_param("/robot_driver/stop_file"))))
-        self.stimulus.set_state(DEFAULT, stopped=True)
+        self.assertTrue(wait_until(lambda: self.is_released() or self.stimulus.velocity == (0.05, 0.2)))
+        self.stimulus.latch.stop("said to the manager", "test")
         self.assertTrue(self.holds("stopped"))
-        self.stimulus.set_state(DEFAULT)
+        self.stimulus.latch.resume(self.stimulus.latch.number)
         self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
 
@@ -178,6 +180,81 @@ class DriverTest(unittest.TestCase):
         other.unregister()
         self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
 
+    def test_another_node_that_drives_the_base_is_named_and_answered_with_zeros_also_while_idle_and_stopped(self):
+        for situation in ("idle", "stopped"):
+            if situation == "stopped":
+                self.assertTrue(wait_until(self.is_stopped), str(self.drivers))
+            heard = []
+            base = rospy.Subscriber(
+                "cmd_vel", Twist, lambda message: heard.append((time.monotonic(), message.linear.x))
+            )
+            other = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+            self.assertTrue(wait_until(lambda: self.drivers[""][1] == "other_cmd_vel_publisher"), situation)
+            self.assertTrue(wait_until(lambda: self.has_notice("robot_other_cmd_vel_publisher")), "silent, but it can")
+            forward = Twist()
+            forward.linear.x = 0.3
+            # to the driver and back to this process, whose subscribers share one connection
+            self.assertTrue(wait_until(lambda: base.get_num_connections() > 1 and other.get_num_connections() > 1))
+            for _ in range(40):
+                other.publish(forward)
+                rospy.rostime.wallsleep(0.05)
+            ends = [later[0] for later in heard[1:]] + [time.monotonic()]
+            driven = sum(end - at for (at, speed), end in zip(heard, ends) if speed > 0.0)
+            print(f"{situation}: the other one's commands were the newest for {driven:.2f} s of 2 s")
+            self.assertTrue(any(speed > 0.0 for _, speed in heard))
+            following = [speed for (_, before), (_, speed) in zip(heard, heard[1:]) if before > 0.0]
+            self.assertEqual(set(following), {0.0}, "each of its commands is answered by a zero")
+            other.unregister()
+            base.unregister()
+            self.assertTrue(wait_until(lambda: self.drivers[""][1] in ("idle", "stopped")), situation)
+
+    def test_a_base_that_does_not_listen_is_told(self):
+        # drivers that came up before this process listened have said so, too
+        for robot in ("", "ada"):
+            self.assertTrue(wait_until(lambda: not self.has_notice("base_not_listening", robot)), str(self.notices))
+        self.ada.wheels.unregister()
+        self.assertTrue(wait_until(lambda: self.has_notice("base_not_listening", "ada")))
+        self.assertFalse(self.has_notice("base_not_listening"), str(self.notices))
+        self.listen(self.ada)
+        self.assertTrue(wait_until(lambda: not self.has_notice("base_not_listening", "ada")))
+
+    def test_a_command_that_goes_sideways_stops_it(self):
+        type(self).wish = (0.05, 0.2)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        sideways = Twist()
+        sideways.linear.x, sideways.linear.y = 0.05, 0.1
+        navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
+        type(self).wish = None
+
+        def stops():
+            navigation.publish(sideways)
+            return self.drivers[""][1] == "bad_command" and self.stimulus.velocity == (0.0, 0.0)
+
+        self.assertTrue(wait_until(stops), str(self.drivers))
+        navigation.unregister()
+
+    def test_the_active_source_and_its_code_are_reported_twice_a_second(self):
+        type(self).wish = (0.05, 0.2)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        said = []
+        listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
+        self.assertTrue(wait_until(lambda: len([one for one in said if one.robot == ""]) >= 5))
+        listener.unregister()
+        mine = [one for one in said if one.robot == ""]
+        self.assertEqual({(one.source, one.code) for one in mine}, {("navigation", "driving")})
+        gaps = np.diff([one.header.stamp.to_sec() for one in mine])
+        self.assertTrue((gaps > 0.4).all(), gaps)  # at most twice; how late on a busy computer does not matter
+
+    def test_a_driver_that_starts_again_sends_zeros_first(self):
+        before = process_of("/robot_driver")
+        os.kill(before, signal.SIGKILL)
+        heard = []
+        base = rospy.Subscriber("cmd_vel", Twist, heard.append)
+        self.assertTrue(wait_until(lambda: process_of("/robot_driver") not in (None, before)))
+        self.assertTrue(wait_until(lambda: len(heard) > 5))
+        self.assertEqual({(message.linear.x, message.angular.z) for message in heard}, {(0.0, 0.0)})
+        base.unregister()
+
     def test_notices_are_cleared_by_code_and_robot(self):
         self.stimulus.set_state(SEED)  # nobody leaves while somebody draws
         self.publish_border()
@@ -197,16 +274,47 @@ class DriverTest(unittest.TestCase):
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
         # only a border that comes while the robot is there is left: until now the driver may have seen the map
         # before it saw where the robot had been put, which is a robot that somebody took into a border
+        self.publish_border(False)
+        self.assertTrue(wait_until(lambda: not self.has_notice("robot_inside_border", "ada")))
         self.publish_border()
+        self.assertTrue(wait_until(lambda: self.has_notice("robot_inside_border", "ada")))
         self.stimulus.set_state(DEFAULT)
         self.assertTrue(wait_until(lambda: self.has_notice("robot_exits_border", "ada")))
         self.assertTrue(wait_until(lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0)))
         self.assertTrue(wait_until(lambda: not self.has_notice("robot_inside_border", "ada")))
 
+    def test_a_localisation_that_does_not_know_looks_around_if_it_ever_knew_or_was_shown(self):
+        known, unknown = PoseWithCovarianceStamped(), PoseWithCovarianceStamped()
+        unknown.pose.covariance[0] = unknown.pose.covariance[7] = 0.25  # as AMCL starts, and as RViz shows a pose
+        poses = rospy.Publisher("ada/amcl_pose", PoseWithCovarianceStamped, queue_size=1, latch=True)
+        looks = []
+
+        def look(_request):
+            looks.append(0)
+            if len(looks) >= 3:
+                poses.publish(known)
+            return EmptyResponse()
+
+        service = rospy.Service("ada/request_nomotion_update", Empty, look)
+        try:
+            poses.publish(unknown)
+            said = []
+            listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
+            self.assertTrue(wait_until(lambda: len([one for one in said if one.robot == "ada"]) > 6))
+            listener.unregister()
+            self.assertEqual(looks, [], "nobody has said where it is")
+            rospy.Publisher("ada/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True).publish(unknown)
+            self.assertTrue(wait_until(lambda: len(looks) == 3))
+            poses.publish(unknown)
+            self.assertTrue(wait_until(lambda: len(looks) == 4), "it knew a moment ago")
+        finally:
+            poses.publish(known)
+            service.shutdown()
+
     def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):
         cells, localization = [], PoseWithCovarianceStamped()
         listener = rospy.Subscriber(
-            names.KEEP_OUT, OccupancyGridArray, lambda message: cells.append(int((message.data == 100).sum()))
+            names.MAP_WITH_MARGIN, OccupancyGridArray, lambda message: cells.append(int((message.data == 100).sum()))
         )
         poses = rospy.Publisher("amcl_pose", PoseWithCovarianceStamped, queue_size=1)
         plain = self.publish_border()
@@ -221,18 +329,6 @@ class DriverTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: becomes(0.25, lambda count: count > usual)))
         self.assertTrue(wait_until(lambda: becomes(0.0001, lambda count: count == usual)))
         listener.unregister()
-
-    def test_a_goal_inside_is_answered(self):
-        self.publish_border()
-        goal = MoveBaseActionGoal()
-        goal.goal.target_pose.header.frame_id = "map"
-        goal.goal.target_pose.pose = message_from_pose2d(4.4, 2.6, 0.0)
-
-        def answered():
-            self.goals.publish(goal)
-            return self.has_notice("goal_in_border")
-
-        self.assertTrue(wait_until(answered))
 
     def test_the_path_of_a_robot_with_a_name_is_on_the_topic_of_all(self):
         shown = {}
@@ -255,6 +351,15 @@ class DriverTest(unittest.TestCase):
                 robot_driver_node.build()
         finally:
             rospy.delete_param("robot_profile")
+
+    def test_a_contact_with_a_field_that_its_message_lacks_is_refused(self):
+        for wrong in ({"field": "pressed"}, {"field": "data", "sensor": "which"}):
+            rospy.set_param("robot_profile", {"contacts": [{"topic": "bumper", "type": "std_msgs/UInt8", **wrong}]})
+            try:
+                with self.assertRaisesRegex(Exception, "has no field"):
+                    robot_driver_node.build()
+            finally:
+                rospy.delete_param("robot_profile")
 
     def test_bad_parameter_is_named(self):
         assert_bad_parameter_is_named(self, robot_driver_node.build, "exit_borders", "sometimes")

@@ -12,11 +12,11 @@ import rostest
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from faulty_move_base import FaultyMoveBase  # noqa: E402
+from move_base_msgs.msg import MoveBaseActionGoal  # noqa: E402
 from stimulus import Body, Stimulus, room, wait_until  # noqa: E402
 
 from vb_core import names  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d  # noqa: E402
-from move_base_msgs.msg import MoveBaseActionGoal  # noqa: E402
 from vb_msgs.msg import NoticeArray  # noqa: E402
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)

@@ -14,7 +14,8 @@ from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
-from vb_msgs.msg import InteractionState, LaserSpot
+from vb_core.stop_latch import StopLatch
+from vb_msgs.msg import DriverState, InteractionState, LaserSpot
 from vb_robot.floor_view import FloorView
 
 NAMES = {0: "default", 1: "border", 2: "seed", 3: "guide"}
@@ -84,14 +85,20 @@ class Stimulus(Body):
         self._count = 0
         self._interaction = ""
         self.publish_map(room())
+        self.latch = StopLatch()  # the interaction manager's
+        self._reports = rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver)
         self._timer = rospy.Timer(rospy.Duration(0.05), self._tick)
 
     def publish_map(self, grid, physical=None):
         self._map.publish(message_from_grid(grid, rospy.Time.now()))
         self._physical.publish(message_from_grid(physical or grid, rospy.Time.now()))
 
-    def set_state(self, state, stopped=False):
-        message = InteractionState(stopped=stopped)
+    def _on_driver(self, message):
+        for identity in message.stops:
+            self.latch.stop(identity, message.robot)
+
+    def set_state(self, state):
+        message = InteractionState()
         now = rospy.Time.now()
         message.header.stamp = now
         if state == 0:
@@ -102,14 +109,19 @@ class Stimulus(Body):
         message.state, message.name = state, NAMES[state]
         message.interaction_id, message.entered = self._interaction, now
         self._state_message = message
+        self._publish_state(now)
+
+    def _publish_state(self, now):
+        message = self._state_message
+        message.header.stamp = now
+        message.stopped, message.stopped_by, message.stop_number, message.stops = self.latch.read()
         self._state.publish(message)
 
     def _tick(self, _event):
         now = rospy.Time.now()
         self._ticks += 1
         if self._state_message is not None and not self.silent and self._ticks % 2 == 0:
-            self._state_message.header.stamp = now
-            self._state.publish(self._state_message)
+            self._publish_state(now)
         if self._ticks % 5 == 1:
             for body in (self, *self.others):
                 body.info.publish(info_from_camera(body.view.camera, now, body.prefix + "optical"))

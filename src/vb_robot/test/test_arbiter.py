@@ -8,15 +8,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
+from vb_core.poses import to_base
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driving.arbiter import Arbiter
-from vb_robot.driving.gate import NAVIGATION, INPUT_TIMEOUT, TELEOP
+from vb_core.stop_latch import HeldStops, StopLatch
+from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
+from vb_robot.driving.arbiter import ACCELERATION, Arbiter
+from vb_robot.driving.gate import INPUT_TIMEOUT, NAVIGATION, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
-from vb_robot.driving.spot_follower import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
-from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
-from vb_robot.floor_view import FloorView
+from vb_robot.driving.spot_follower import (
+    BACK_TO_DISTANCE,
+    FAR_DISTANCE,
+    GOOD_DISTANCE,
+    MAX_SPEED,
+    MAX_TURN,
+    NEAR_DISTANCE,
+    SpotFollower,
+    VelocityRequest,
+)
 from vb_robot.driving.workspace import MIN_UNCERTAINTY, PoseUncertainty, Workspace
-from vb_robot.poses import to_base
+from vb_robot.floor_view import FloorView
+from vb_robot.spots import Sighting, Sightings
 
 DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.usual()
 
@@ -43,16 +54,17 @@ class Rig:
         camera="robot",
         cameras=("robot",),
         exit_borders=False,
-        stopped=False,
+        stops=None,
     ):
         self.now, self.pose, self.silent = 100.0, pose, set()
-        self.arbiter = Arbiter(PROFILE, camera, cameras, exit_borders, stopped)
+        self.arbiter = Arbiter(PROFILE, camera, cameras, exit_borders, stops)
         self.arbiter.follower.view = VIEW
         self.set_grid(grid or empty())
-        self.camera, self.fov, self.state, self.stopped = camera, fov, (DEFAULT, "", 0.0), False
+        self.camera, self.fov, self.state, self.latch = camera, fov, (DEFAULT, "", 0.0), StopLatch()
         self.spot, self.confidence, self.navigation, self.teleop = None, 0.9, None, None
         self.ranges = np.full(fov, math.inf)
         self.commands, self.cancelled = [], 0
+        self.goal = False  # whether navigation has one
         self.off = 0.0  # [m] by which the localisation believes to be farther back than it is
         self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
 
@@ -60,7 +72,7 @@ class Rig:
         self.arbiter.set_maps(Workspace(grid, empty(), PROFILE.radius, uncertainty=PoseUncertainty().meters))
 
     def set_state(self, state, interaction="a"):
-        self.state, self._said = (state, interaction if state else "", self.now), -math.inf
+        self.state, self._said = (state, interaction if state != DEFAULT else "", self.now), -math.inf
 
     def see(self, place, camera, mobile, confidence=0.9):
         self.arbiter.add(Sighting(self.now, tuple(place), camera, mobile, confidence))
@@ -74,7 +86,8 @@ class Rig:
         self.now += DT
         if "state" not in self.silent and self.now - self._said >= 0.1 - 1e-9:
             self._said = self.now
-            self.arbiter.set_state(*self.state, self.now, self.stopped)
+            self.arbiter.set_state(*self.state, self.now)
+            self.arbiter.stops.follow(self.latch.stopped, self.latch.stops)
         if "pose" not in self.silent:
             if "localisation" not in self.silent:
                 self.correction = self.now + 0.3  # dated ahead, as AMCL does
@@ -95,6 +108,9 @@ class Rig:
         else:
             self._stood = 0.0
         self.arbiter.gate.clock_age = self._stood
+        if "goal" not in self.silent and self.goal:
+            self.arbiter.set_goal(True, self.now)
+        self.arbiter.plan_exit(self.now)
         command = self.arbiter.step(self.now)
         self.cancelled += command.cancel
         self.commands.append(command)
@@ -117,14 +133,14 @@ class Rig:
 # ------------------------------------------------------------ who drives
 def test_the_first_that_wants_to_drives():
     rig = Rig()
-    assert rig.step().source == "none" and not rig.commands[-1].publish
+    assert rig.step(4.0).source == "none" and not rig.commands[-1].publish
     rig.navigation = (0.3, 0.1)
     command = rig.step()
     assert (command.source, command.v, command.w) == ("navigation", 0.3, 0.1)
     rig.follows()
     rig.teleop = (-0.1, 0.0)
     assert rig.step().source == "teleop" and rig.commands[-1].v == -0.1
-    rig.stopped = True
+    rig.latch.stop("a", "test")
     command = rig.step(0.6)
     assert (command.source, command.v, command.publish) == ("stop", 0.0, True)
 
@@ -142,7 +158,7 @@ def test_navigation_that_falls_silent_is_told_to_stop_once():
 def test_two_never_drive_at_once_also_if_the_task_sends_its_goal_again():
     rig = Rig().follows()
     rig.navigation = (0.5, 1.0)
-    rig.arbiter.goal_active = True
+    rig.goal = True
     before = rig.cancelled
     rig.spot = None
     rig.step(3.0)
@@ -157,7 +173,7 @@ def test_somebody_who_commands_past_the_driver_stops_it_and_is_named():
     rig.step(0.5)
     rig.arbiter.gate.record_other_publisher("/move_base", rig.now)
     assert rig.step().code == "other_cmd_vel_publisher" and rig.commands[-1].v == 0.0
-    assert rig.arbiter.gate.other_publishers == "/move_base"
+    assert rig.arbiter.gate.other_publishers(rig.now) == "/move_base"
     assert rig.step(1.2).v == 0.3
 
 
@@ -167,52 +183,27 @@ def test_stop_is_latched_until_released(by):
     rig.navigation = rig.teleop = (0.3, 0.0)
     rig.step()
     if by == "state":
-        rig.stopped = True
-    rig.arbiter.set_stop(True, rig.now)
-    rig.step(5.0)
-    assert rig.commands[-1].source == "stop"
-    if by == "state":
-        rig.stopped = False  # `resume`
+        rig.latch.stop("a", "test")
     else:
-        rig.arbiter.set_stop(False, rig.now)
-    assert rig.step(0.6).v == 0.3
-
-
-def test_an_interaction_manager_that_starts_again_releases_no_stop_that_it_did_not_hear():
-    rig = Rig()
-    rig.navigation = rig.teleop = (0.3, 0.0)
-    rig.step(0.5)
-    rig.silent.add("state")
-    rig.step(0.2)
-    rig.arbiter.set_stop(True, rig.now)
-    rig.step(1.0)
-    rig.silent.clear()  # it is back, and says that nobody is stopped
+        rig.arbiter.stops.hear("a")
     assert rig.step(5.0).source == "stop"
-    rig.arbiter.set_stop(False, rig.now)
+    rig.latch.stop("a", "the robot, which tells")
+    assert rig.step(5.0).source == "stop"
+    rig.latch.resume(rig.latch.number)
     assert rig.step(0.6).v == 0.3
 
 
-def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise():
-    rig = Rig(stopped=True)
+def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(tmp_path):
+    HeldStops(tmp_path / "stops")  # it ran before, without a stop
+    before = HeldStops(tmp_path / "stops")
+    before.hear("a")
+    assert before.store()
+    rig = Rig(stops=HeldStops(tmp_path / "stops"))
     rig.silent.add("state")
     rig.navigation = rig.teleop = (0.3, 0.0)
     assert rig.step(1.0).source == "stop"
     rig.silent.clear()  # the manager is back, and has not heard of the stop either
-    assert rig.step(1.0).source == "stop" and rig.arbiter.stopped
-    rig.arbiter.set_stop(False, rig.now)  # `resume`
-    assert rig.step(0.6).v == 0.3 and not rig.arbiter.stopped
-
-
-def test_a_resume_that_is_older_than_the_stop_does_not_release_it():
-    rig = Rig()
-    rig.navigation, rig.stopped = (0.3, 0.0), True
-    rig.step(0.5)
-    resumed = rig.now
-    rig.step(0.1)
-    rig.arbiter.set_stop(True, rig.now)
-    rig.silent.add("state")
-    rig.arbiter.set_state(DEFAULT, "", 0.0, resumed, stopped=False)  # comes on another topic, and late
-    assert rig.step().source == "stop"
+    assert rig.step(5.0).source == "stop"
 
 
 # ------------------------------------------------------------ the gate
@@ -301,7 +292,7 @@ def test_within_a_border_a_person_may_drive_it_and_navigation_may_not():
 def test_contact_lets_it_only_back_up():
     rig = Rig()
     rig.navigation = (0.3, 0.0)
-    rig.arbiter.gate.contacts["bumper"] = True
+    rig.arbiter.gate.set_contact(("bumper", 0), "forward")
     assert rig.step(0.2).code == "contact" and rig.commands[-1].v == 0.0
     rig.navigation = (-0.2, 0.0)
     assert rig.step().v == -0.2
@@ -395,7 +386,7 @@ def test_one_weak_sighting_of_a_ceiling_camera_does_not_stop_it():
 def test_guide_leaves_robots_alone_that_do_not_see_the_spot():
     far = Rig(pose=(6.0, 2.5, 0.0), camera="robot2", cameras=("robot1", "robot2"))
     far.navigation = (0.3, 0.0)
-    far.arbiter.goal_active = True
+    far.goal = True
     far.set_state(GUIDE)
     for _ in range(100):
         far.see((2.0, 2.5), "robot1", True)
@@ -478,3 +469,34 @@ def test_it_stops_when_the_spot_is_gone():
     rig = Rig().follows()
     rig.spot = None
     assert rig.step(INPUT_TIMEOUT).v == 0.0 and rig.commands[-1].code == "spot_lost"
+
+
+def test_between_near_and_far_the_robot_goes_on_with_what_it_does():
+    """Hysteresis: a spot that moves to and fro by centimetres must not make the robot start and stop."""
+    follower = SpotFollower()
+    follower.view = VIEW
+
+    def speed(distance):
+        follower.spot = (distance, 0.0)
+        return follower.compute_request((0.0, 0.0, 0.0)).v
+
+    between = 0.5 * (max(GOOD_DISTANCE, NEAR_DISTANCE) + FAR_DISTANCE)
+    assert speed(between) == 0.0
+    assert speed(FAR_DISTANCE + 0.05) > 0.0 and speed(between) > 0.0
+    assert speed(GOOD_DISTANCE - 0.01) == 0.0 and speed(between) == 0.0
+    back = 0.5 * (NEAR_DISTANCE + BACK_TO_DISTANCE)
+    assert speed(back) == 0.0
+    assert speed(NEAR_DISTANCE - 0.05) < 0.0 and speed(back) < 0.0
+    assert speed(BACK_TO_DISTANCE + 0.01) == 0.0 and speed(back) == 0.0
+
+
+def test_reversing_slows_down_at_the_brakes_rate_and_speeds_up_at_the_motors():
+    arbiter, limits = Arbiter(PROFILE, "robot", ("robot",)), PROFILE.limits
+    for last, wanted, rate in (
+        (0.1, -0.2, limits.deceleration),
+        (0.1, 0.2, ACCELERATION),
+        (0.2, 0.1, limits.deceleration),
+    ):
+        arbiter._last = VelocityRequest(last, 0.0, "driving")
+        changed = arbiter._ramped(0.02, VelocityRequest(wanted, 0.0, "driving")).v - last
+        assert changed == pytest.approx(math.copysign(0.02 * rate, wanted - last))

@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driving.border_exit import MARGIN, ExitPlanner
+from vb_core.vocabulary import BORDER, DEFAULT
+from vb_robot.driving import border_exit
 from vb_robot.driving.arbiter import Arbiter
+from vb_robot.driving.border_exit import MARGIN, ExitPlanner
 from vb_robot.driving.gate import RATE
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import Workspace
@@ -45,12 +47,25 @@ class Rig:
 
     def __init__(self, map_with_borders, physical, pose, ranges=OPEN, exit_borders=True):
         self.arbiter, self.maps = Arbiter(RobotProfile(), exit_borders=exit_borders), (map_with_borders, physical)
+        self.pose, self.ranges, self.now, self.poses, self.state, self.said = (
+            pose,
+            ranges,
+            100.0,
+            [pose],
+            DEFAULT,
+            set(),
+        )
+        self.goal = False
+        # the border is new: it came where the robot was
+        self.arbiter.set_maps(Workspace(physical, physical, RADIUS))
+        self.step()
         self.arbiter.set_maps(Workspace(map_with_borders, physical, RADIUS))
-        self.pose, self.ranges, self.now, self.poses, self.state, self.said = pose, ranges, 100.0, [pose], 0, set()
 
     def step(self):
         self.now += DT
-        self.arbiter.set_state(self.state, "a" if self.state else "", 0.0, self.now)
+        self.arbiter.set_goal(self.goal, self.now)
+        self.arbiter.plan_exit(self.now)
+        self.arbiter.set_state(self.state, "a" if self.state != DEFAULT else "", 0.0, self.now)
         self.arbiter.gate.set_pose(self.pose, self.now)
         self.arbiter.gate.set_scan(Scan(self.ranges, -math.pi, math.pi / 180, 0.1, 8.0, np.eye(4), RADIUS), self.now)
         command = self.arbiter.step(self.now)
@@ -139,10 +154,10 @@ def test_gives_up_where_something_is_in_the_way_and_tries_again():
 
 def test_waits_while_somebody_draws_and_keeps_navigations_goal_for_afterwards():
     rig = enclosed()
-    rig.state = 1
+    rig.state = BORDER
     assert all(rig.step().source == "none" for _ in range(40))
-    rig.state = 0
-    rig.arbiter.goal_active = True
+    rig.state = DEFAULT
+    rig.goal = True
     driven = []
     while not driven or driven[-1].source == "exit_border":
         rig.arbiter.request("navigation", 0.0, 0.5, rig.now + DT)  # its recovery turns the robot, in vain
@@ -154,7 +169,7 @@ def test_waits_while_somebody_draws_and_keeps_navigations_goal_for_afterwards():
 
 def test_a_robot_that_is_not_to_leave_borders_stays_in_one_also_with_a_goal():
     rig = enclosed(exit_borders=False)
-    rig.arbiter.goal_active = True
+    rig.goal = True
     assert all(rig.step().source == "none" for _ in range(60))
 
 
@@ -167,7 +182,7 @@ def test_a_robot_that_was_brought_near_a_border_is_left_to_the_one_that_brought_
     rig = enclosed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS + 0.01, 1.5, 0.0)
-    rig.arbiter.goal_active = True
+    rig.goal = True
     for _ in range(40):
         rig.arbiter.request("navigation", -0.1, 0.0, rig.now + DT)
         assert rig.step().source == "navigation"
@@ -178,7 +193,7 @@ def test_a_robot_too_near_for_navigation_to_plan_is_helped_away_and_keeps_its_go
     rig = enclosed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS - gap, 1.5, 0.3)
-    rig.arbiter.goal_active = True
+    rig.goal = True
     commands = [rig.step() for _ in range(160)]
     assert {command.source for command in commands} == {"none", "exit_border"} and not any(c.cancel for c in commands)
     assert rig.pose[0] < 4.0 - RADIUS - MARGIN + 0.05, "to a cell"
@@ -190,7 +205,7 @@ def test_navigation_that_wants_to_go_on_into_a_border_is_helped_away_too():
     rig = enclosed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS - 0.01, 1.5, 0.0)
-    rig.arbiter.goal_active = True
+    rig.goal = True
     drivers = set()
     for _ in range(100):
         rig.arbiter.request("navigation", 0.2, 0.1, rig.now + DT)
@@ -202,7 +217,7 @@ def test_navigation_that_wants_to_go_on_past_a_wall_that_it_would_touch_is_helpe
     rig = enclosed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS - 0.01, 1.5, math.pi / 2)
-    rig.arbiter.goal_active = True
+    rig.goal = True
     ahead = np.abs(np.linspace(-math.pi, math.pi, 360, endpoint=False)) < math.radians(20)
     drivers = set()
     for _ in range(100):
@@ -213,3 +228,16 @@ def test_navigation_that_wants_to_go_on_past_a_wall_that_it_would_touch_is_helpe
         drivers.add(command.source)
         assert command.source != "navigation" or command.v == 0.0 or not facing
     assert "exit_border" in drivers
+
+
+@pytest.mark.parametrize("side, enough", [(0.9, 0.5), (1.1, 1.5)])
+def test_a_pocket_is_allowed_floor_from_a_least_area_on(side, enough, monkeypatch):
+    """Of the floor where the robot fits as a whole; what is smaller is no place to be helped to."""
+    physical = room()
+    mask = square(physical, 3.05, 0.0, 6.0, 5.0) & ~square(physical, 4.0, 2.0, 4.0 + side, 2.0 + side)
+    map_with_borders = restricted(physical, mask)
+    fits = side - 2 * (RADIUS + MARGIN + 0.03 + physical.resolution)
+    for area, found in ((0.3 * fits**2, True), (1.5 * side**2, False)):
+        monkeypatch.setattr(border_exit, "MIN_AREA", area)
+        route = ExitPlanner(Workspace(map_with_borders, physical, RADIUS), RADIUS, (5.5, 4.0)).plan_path((5.5, 4.0))
+        assert (route is not None and 4.0 < route[-1, 0] < 4.0 + side and 2.0 < route[-1, 1] < 2.0 + side) == found

@@ -6,6 +6,7 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
+from vb_core.vocabulary import BORDER, DEFAULT, SEED
 from vb_robot.dispatching.dispatch_policy import (
     FAILED_MEMORY,
     PROGRESS_TIMEOUTS,
@@ -16,7 +17,7 @@ from vb_robot.dispatching.dispatch_policy import (
 )
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.dispatching.viewpoint import Viewpoint
-from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
+from vb_robot.spots import Sighting, Sightings
 
 Decision = namedtuple("Decision", "kind viewpoint")  # what a change of a robot's goal means for navigation
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
+from vb_core.poses import to_base
+from vb_core.vocabulary import BORDER, DEFAULT
 from vb_robot.dispatching.dispatch_policy import SentGoalState
 from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, RobotStatus
-from vb_robot.dispatching.drawing import UnseenFloor, DrawingState
-from vb_robot.spots import BORDER, Sighting
+from vb_robot.dispatching.drawing import DrawingState, UnseenFloor
 from vb_robot.floor_view import FloorView
-from vb_robot.poses import to_base
+from vb_robot.spots import Sighting
 
 PERIOD = 0.25
 VIEW = FloorView.usual()
@@ -154,7 +155,7 @@ def test_what_people_are_told():
         lab.see("red", lab.spot)
         lab.step()
     assert lab.dispatcher.notice is None or lab.dispatcher.notice.code == "floor_ahead_not_seen", "seen again"
-    lab.dispatcher.sightings.set_state(0, "", lab.now)
+    lab.dispatcher.sightings.set_state(DEFAULT, "", lab.now)
     lab.step()
     assert lab.dispatcher.notice is None
 

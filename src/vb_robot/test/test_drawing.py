@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatching.drawing import HALF_VIEW, MIN_LOOKAHEAD, REACTION, UnseenFloor, DrawingState
 from vb_robot.clearance_map import ClearanceMap
+from vb_robot.dispatching.drawing import HALF_VIEW, MIN_LOOKAHEAD, REACTION, DrawingState, UnseenFloor
 
 NO_CHAIN = np.zeros((0, 2))
 RIGHT = np.array([0.3, 0.0])  # [m/s]

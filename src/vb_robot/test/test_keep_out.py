@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.clearance_map import ClearanceMap
-from vb_robot.floor_view import FloorView
+from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.dispatching.viewpoint import ViewpointPlanner
+from vb_robot.floor_view import FloorView
 
 VIEW = FloorView.usual()
 

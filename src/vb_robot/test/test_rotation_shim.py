@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from vb_robot.driving.rotation_shim import RotationShim
+from vb_robot.driving.rotation_shim import RECOVERY, RotationShim
 from vb_robot.driving.spot_follower import VelocityRequest
 
-STEP = 0.05  # [s]
+STEP, NOW = 0.05, 100.0  # [s]
 PATH = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])
 
 
@@ -34,7 +34,7 @@ def turned_round(seed, shim, sweep_s):
             # back to where it faced away, and beyond
             w = math.copysign(rng.uniform(0.2, 0.4), off) if abs(off) > math.radians(110) else -math.copysign(0.5, off)
         request = VelocityRequest(0.03 * float(rng.random() < 0.3), w)
-        given = shim.align(request, (x, y, yaw)) if shim else request
+        given = shim.align(request, (x, y, yaw), NOW) if shim else request
         x, y = x + STEP * given.v * math.cos(yaw), y + STEP * given.v * math.sin(yaw)
         yaw += STEP * given.w
     return False
@@ -50,26 +50,26 @@ def test_a_robot_that_faces_away_from_its_path_turns_round(sweep_s):
 def test_it_turns_the_shorter_way_and_keeps_to_it(side):
     shim = shim_with()
     given = [
-        shim.align(VelocityRequest(0.1, -side * 0.3), (1.0, 0.0, side * math.radians(degrees)))
+        shim.align(VelocityRequest(0.1, -side * 0.3), (1.0, 0.0, side * math.radians(degrees)), NOW)
         for degrees in (170, 175, 185, 190, 120, 91, 80, 40)
     ]
     assert all(request.v == 0.0 and -side * request.w >= 0.5 for request in given)
     request = VelocityRequest(0.1, side * 0.3)
-    assert shim.align(request, (1.0, 0.0, side * math.radians(20))) == request
-    assert shim.align(request, (1.0, 0.0, side * math.radians(80))) == request, "beside is not behind"
+    assert shim.align(request, (1.0, 0.0, side * math.radians(20)), NOW) == request
+    assert shim.align(request, (1.0, 0.0, side * math.radians(80)), NOW) == request, "beside is not behind"
 
 
 def test_a_faster_turn_keeps_its_speed():
-    assert abs(shim_with().align(VelocityRequest(0.0, 1.2), (1.0, 0.0, 3.0)).w) == 1.2
+    assert abs(shim_with().align(VelocityRequest(0.0, 1.2), (1.0, 0.0, 3.0), NOW).w) == 1.2
 
 
 def test_a_stop_is_a_stop():
     shim = shim_with()
-    shim.align(VelocityRequest(0.0, 0.3), (1.0, 0.0, 3.0))
-    assert shim.align(VelocityRequest(0.0, 0.0), (1.0, 0.0, 3.0)) == VelocityRequest(0.0, 0.0)
+    shim.align(VelocityRequest(0.0, 0.3), (1.0, 0.0, 3.0), NOW)
+    assert shim.align(VelocityRequest(0.0, 0.0), (1.0, 0.0, 3.0), NOW) == VelocityRequest(0.0, 0.0)
     # after it another drive begins, whose path is beside the robot
-    shim.align(VelocityRequest(0.0, 0.0), (1.0, 0.0, math.radians(-80)))
-    assert shim.align(VelocityRequest(0.1, 0.2), (1.0, 0.0, math.radians(-80))) == VelocityRequest(0.1, 0.2)
+    shim.align(VelocityRequest(0.0, 0.0), (1.0, 0.0, math.radians(-80)), NOW)
+    assert shim.align(VelocityRequest(0.1, 0.2), (1.0, 0.0, math.radians(-80)), NOW) == VelocityRequest(0.1, 0.2)
 
 
 @pytest.mark.parametrize(
@@ -80,17 +80,42 @@ def test_a_stop_is_a_stop():
         (PATH, None),
         (PATH, (1.0, 0.0, 1.0)),
         (PATH, (3.05, 0.0, 0.0)),
+        (PATH, (2.78, 0.0, math.pi)),
         (PATH, (1.0, 2.0, math.pi)),
     ],
-    ids=["no path", "an empty path", "no pose", "the path is ahead", "at the goal", "another path"],
+    ids=[
+        "no path",
+        "an empty path",
+        "no pose",
+        "the path is ahead",
+        "at the goal",
+        "within its tolerance",
+        "another path",
+    ],
 )
 def test_all_other_requests_pass(path, pose):
     shim = shim_with(path)
     for request in (VelocityRequest(0.1, 0.3), VelocityRequest(0.0, -0.3), VelocityRequest(-0.1, 0.0)):
-        assert shim.align(request, pose) == request
+        assert shim.align(request, pose, NOW) == request
 
 
 def test_a_path_that_bends_is_followed_from_the_nearest_place():
     corner = np.concatenate([PATH, np.column_stack([np.full(40, 3.0), np.linspace(0.05, 2.0, 40)])])
-    given = shim_with(corner).align(VelocityRequest(0.1, 0.0), (3.0, 0.5, math.radians(-85)))
+    given = shim_with(corner).align(VelocityRequest(0.1, 0.0), (3.0, 0.5, math.radians(-85)), NOW)
     assert given.v == 0.0 and given.w > 0.0
+
+
+def test_a_recovery_that_turns_round_is_let_through_until_navigation_drives_on():
+    shim = shim_with()
+    assert shim.align(VelocityRequest(0.0, 1.0), (1.0, 0.0, -3.0), NOW).w > 0.0
+    shim.recover(NOW)
+    for degrees in range(0, 360, 10):  # once round, also over what is behind
+        request = VelocityRequest(0.0, 1.0)
+        assert shim.align(request, (1.0, 0.0, math.radians(degrees)), NOW + 0.04 * degrees) == request
+    assert shim.align(VelocityRequest(0.1, 0.0), (1.0, 0.0, -3.0), NOW + 15.0).v == 0.0, "the controller drives again"
+    shim.recover(NOW)
+    assert shim.align(VelocityRequest(0.0, -1.0), (1.0, 0.0, -3.0), NOW + RECOVERY + 0.1).w > 0.0
+
+
+def test_reverse_is_never_turned_into_a_turn():
+    assert shim_with().align(VelocityRequest(-0.2, 0.0), (1.0, 0.0, 3.0), NOW) == VelocityRequest(-0.2, 0.0)

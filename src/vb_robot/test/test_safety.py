@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
-from vb_core.robot_profile import Limits
-from vb_robot.driving.safety import Clearance, Scan, SpeedLimits, arc, safe_speed, stop_distance
+from vb_core.robot_profile import Limits, RobotProfile
+from vb_robot.driving.gate import Gate
+from vb_robot.driving.safety import Clearance, Fix, Scan, SpeedLimits, arc, pose_jump, safe_speed, stop_distance
 
 LIMITS, RADIUS, KEEP = Limits(), 0.18, Clearance(0.12, 0.04, 0.05)
 
@@ -55,8 +56,8 @@ def test_nearer_than_the_scanner_can_measure_is_an_obstacle(value):
 
 def test_a_scanner_that_says_0_for_no_echo():
     ranges = np.zeros(360)
-    assert scan(ranges, zero_means_no_return=True).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
-    assert scan(ranges, zero_means_no_return=True).sees_path(0.2, 0.0, RADIUS, 0.05)
+    assert scan(ranges, no_return="zero").free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
+    assert scan(ranges, no_return="zero").sees_path(0.2, 0.0, RADIUS, 0.05)
 
 
 def test_free_distance_to_a_wall_and_round_a_post():
@@ -90,3 +91,32 @@ def test_speed_limits_count_where_the_robot_is_and_where_it_drives_to():
 def test_arc_closes_a_circle():
     assert np.allclose(arc((1.0, 2.0, 0.5), np.array([2 * math.pi * 0.7]), 1 / 0.7), [[1.0, 2.0]], atol=1e-9)
     assert np.allclose(arc((1.0, 2.0, math.pi / 2), np.array([0.5, -0.5]), 0.0), [[1.0, 2.5], [1.0, 1.5]])
+
+
+def test_a_jump_of_the_pose_is_what_the_odometry_does_not_tell():
+    before = Fix(10.0, (1.0, 2.0, math.pi / 2), (0.0, 0.0, 0.0))
+    # the robot drove 1 m ahead and turned left by 1 rad, and both say so: ahead is +y in the map
+    driven = Fix(11.0, (1.0, 3.0, math.pi / 2 + 1.0), (1.0, 0.0, 1.0))
+    assert pose_jump(before, driven) == pytest.approx(0.0, abs=1e-9)
+    # only localisation turned, or only odometry; the way round is the shorter one
+    assert pose_jump(before, Fix(11.0, (1.0, 2.0, math.pi / 2 + 1.0), (0.0, 0.0, 0.0))) == pytest.approx(0.5)
+    assert pose_jump(before, Fix(11.0, (1.0, 2.0, math.pi / 2), (0.0, 0.0, -1.0))) == pytest.approx(0.5)
+    assert pose_jump(before, Fix(11.0, (1.0, 2.0, math.pi / 2 + 6.0), (0.0, 0.0, 0.0))) == pytest.approx(
+        0.5 * (2 * math.pi - 6.0)
+    )
+    assert pose_jump(before, Fix(11.0, (1.3, 2.4, math.pi / 2), (0.0, 0.0, 0.0))) == pytest.approx(0.5)
+    # without odometry, what a robot may have driven in the time is no jump: 1 m and 3 rad in a second
+    blind = Fix(10.0, (1.0, 2.0, 0.0))
+    assert pose_jump(blind, Fix(11.0, (2.0, 2.0, 3.0))) == pytest.approx(0.0)
+    assert pose_jump(blind, Fix(10.5, (2.0, 2.0, 3.0))) == pytest.approx(0.5 + 0.5 * 1.5)
+
+
+def test_a_clock_that_jumps_back_ends_the_wait_after_a_jump_of_the_pose():
+    gate = Gate(RobotProfile())
+    gate.set_pose((1.0, 1.0, 0.0), 100.0, odometry=(0.0, 0.0, 0.0))
+    assert gate.pose(100.0) == (1.0, 1.0, 0.0)
+    gate.set_pose((4.0, 1.0, 0.0), 100.1, odometry=(0.0, 0.0, 0.0))
+    assert gate.pose(100.1) is None
+    # a simulation or a bag begins again: the hold would last until its old time
+    gate.set_pose((1.0, 1.0, 0.0), 5.0, odometry=(0.0, 0.0, 0.0))
+    assert gate.pose(5.0) == (1.0, 1.0, 0.0)

@@ -8,12 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core import geometry
+from vb_core.grid_layers import clearance_grid
 from vb_core.grid_map import GridMap
+from vb_core.poses import to_base, to_map
+from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
 from vb_robot.dispatching.drawing import DrawingState
-from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap, clearance_grid
-from vb_robot.floor_view import FloorView
 from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, ViewpointPlanner
-from vb_robot.poses import to_base, to_map
+from vb_robot.floor_view import FloorView
 
 VIEW = FloorView.usual()
 NO_CHAIN = np.zeros((0, 2))

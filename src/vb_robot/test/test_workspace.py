@@ -112,14 +112,41 @@ def test_the_map_for_navigation_has_what_the_driver_keeps_out_of():
     assert (here.keep_out.data[data < 0] == -1).all(), "unknown floor stays unknown: navigation does not plan there"
 
 
+def spread(std, turned=np.eye(2)):
+    """The covariance (3, 3) of x, y and yaw; std (2,) [m] along turned axes."""
+    covariance = np.diag([0.0, 0.0, 0.01])
+    covariance[:2, :2] = turned @ np.diag(std) ** 2 @ turned.T
+    return covariance
+
+
 def test_the_uncertainty_follows_the_localisations_own_spread_at_once_up_and_slowly_down():
     uncertainty = PoseUncertainty()
     assert uncertainty.meters == MIN_UNCERTAINTY, "without a covariance"
-    assert not uncertainty.add(np.diag([0.01, 0.005]) ** 2) and uncertainty.meters == MIN_UNCERTAINTY
+    assert not uncertainty.add(spread([0.01, 0.005])) and uncertainty.meters == MIN_UNCERTAINTY
     turned = np.array([[0.5, 0.5], [-0.5, 0.5]]) * math.sqrt(2.0)
-    assert uncertainty.add(turned @ np.diag([0.12, 0.005]) ** 2 @ turned.T), "the worst direction, in steps"
+    assert uncertainty.add(spread([0.12, 0.005], turned)), "the worst direction, in steps"
     assert uncertainty.meters == pytest.approx(0.075)
-    changed = [uncertainty.add(np.diag([0.01, 0.01]) ** 2) for _ in range(UNCERTAINTY_UPDATES)]
+    changed = [uncertainty.add(spread([0.01, 0.01])) for _ in range(UNCERTAINTY_UPDATES)]
     assert changed == [False] * (UNCERTAINTY_UPDATES - 1) + [True] and uncertainty.meters == MIN_UNCERTAINTY
-    uncertainty.add(np.full((2, 2), math.nan))
+    assert not uncertainty.lost
+    uncertainty.add(np.full((3, 3), math.nan))
     assert uncertainty.meters == MAX_UNCERTAINTY, "what makes no sense is no reason to come nearer"
+
+
+@pytest.mark.parametrize(
+    "covariance, lost",
+    [
+        (np.diag([0.1, 0.1, 0.1]) ** 2, False),
+        (np.diag([3.0, 0.1, 0.1]) ** 2, True),
+        (np.diag([0.1, 0.1, 1.0]) ** 2, True),
+        (np.full((3, 3), math.nan), True),
+        (np.diag([0.01, 0.01, math.nan]), True),
+        (np.diag([0.01, 0.01, -1.0]), True),
+    ],
+)
+def test_a_localisation_that_may_be_anywhere_is_lost(covariance, lost):
+    uncertainty = PoseUncertainty()
+    uncertainty.add(covariance)
+    assert uncertainty.lost == lost
+    uncertainty.add(np.diag([0.05, 0.05, 0.05]) ** 2)
+    assert not uncertainty.lost

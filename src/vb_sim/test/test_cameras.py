@@ -101,11 +101,11 @@ def test_bloom_grows_with_exposure_and_shrinks_with_distance(lab):
 
     def saturated(height, exposure):
         pose = dataclasses.replace(camera, height=height).pose()
-        spot = render_spot((2.0, 1.5), (0, 0), None, camera.model(), pose, Optics(exposure_ms=exposure))
+        spot = render_spot((2.0, 1.5), (0, 0), None, camera.model(), pose, Optics(exposure_gain=exposure))
         return int((spot.light > 255).sum())
 
-    assert saturated(1.5, 10.0) > saturated(2.95, 10.0) > 0
-    assert saturated(2.95, 20.0) > saturated(2.95, 5.0)
+    assert saturated(1.5, 1.0) > saturated(2.95, 1.0) > 0
+    assert saturated(2.95, 2.0) > saturated(2.95, 0.5)
 
 
 def test_a_fast_spot_is_smeared_over_the_exposure(lab):

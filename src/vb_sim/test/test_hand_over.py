@@ -15,7 +15,7 @@ from vb_core import geometry
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_robot.coverage import floor_seen
 from vb_robot.floor_view import FloorView
-from vb_robot.poses import to_base
+from vb_core.poses import to_base
 from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.models import load_models, read_section

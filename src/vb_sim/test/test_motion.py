@@ -19,7 +19,6 @@ from vb_sim.robot.motion_models import LocalizationModel, RobotModel, ScanModel
 from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
 from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody, advance
-from vb_sim.checkpoint_file import CheckpointFile
 from vb_sim.room.world import load_world, world_from_mapping
 
 WORLDS = Path(__file__).resolve().parents[1] / "worlds"
@@ -173,32 +172,6 @@ def test_initial_pose_moves_the_estimate_only():
     assert robot.estimate() == pytest.approx((1.5, 2.0, 0.1))
 
 
-def test_checkpoint_round_trip():
-    lab, other = Lab(small_world(), seed=1), Lab(small_world(), seed=2)
-    lab.robots[0].command(0.5, 0.4, 0.0)
-    for step in range(20):
-        lab.step(DT, step * DT)
-    assert other.restore(lab.checkpoint())
-    assert other.robots[0].pose == lab.robots[0].pose
-    assert other.robots[0].estimate() == pytest.approx(lab.robots[0].estimate())
-
-
-@pytest.mark.parametrize(
-    "saved",
-    [
-        None,
-        {},
-        {"world": "other", "robots": []},
-        {"world": "world", "robots": [{}]},
-        {"world": "world", "robots": [{"pose": [1, 2], "odometry": [0, 0, 0], "error": [0, 0, 0], "collisions": [0]}]},
-    ],
-)
-def test_a_checkpoint_that_is_none_changes_nothing(saved):
-    lab = Lab(small_world())
-    assert not lab.restore(saved)
-    assert lab.robots[0].pose == (1.0, 1.5, 0.0)
-
-
 def test_same_seed_same_world():
     poses = []
     for seed in (5, 5, 6):
@@ -304,16 +277,6 @@ def test_real_time_factor():
 
 
 # ------------------------------------------------------------ files
-def test_state_file_is_read_by_its_own_run_only(tmp_path):
-    state = CheckpointFile(str(tmp_path / "new"), "lab", "run-1")
-    assert state.read() is None
-    state.write({"a": 1})
-    assert CheckpointFile(str(tmp_path / "new"), "lab", "run-1").read() == {"a": 1}
-    assert CheckpointFile(str(tmp_path / "new"), "lab", "run-2").read() is None
-    next((tmp_path / "new").iterdir()).write_text("{broken")
-    assert state.read() is None
-
-
 def test_models_file_names_what_is_wrong(tmp_path):
     path = tmp_path / "models.yaml"
     path.write_text("robot: {max_speed: -1.0}\nscan: {beems: 3}\n")
@@ -364,9 +327,22 @@ def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
 
 
 def test_lockstep_gives_up_on_one_that_is_silent():
-    lockstep = Lockstep(("navigation", "driver"), timeout=0.01)
+    lockstep, waited = Lockstep(("navigation", "driver"), timeout=0.01), []
+    wait_for = lockstep._condition.wait_for
+    lockstep._condition.wait_for = lambda until, timeout: waited.append(timeout) or wait_for(until, timeout)
     for who in ("navigation", "driver"):
         lockstep.arrive(who)
     lockstep.wait()
-    lockstep.wait()  # over after its timeout, or this test would never end
+    assert waited == []  # nobody was expected before
     lockstep.wait()
+    assert waited == [0.01]  # one that is silent holds a step up for its timeout
+    lockstep.wait()
+    lockstep.arrive("driver")
+    lockstep.wait()
+    assert waited == [0.01]  # and no other one, until both are there again
+    for who in ("navigation", "driver"):
+        lockstep.arrive(who)
+    lockstep.wait()
+    lockstep.arrive("navigation")
+    lockstep.wait()
+    assert waited == [0.01, 0.01]

@@ -37,7 +37,7 @@ def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, **more):
     scenario = WORLD.scenario(key)
     near = scenario.stand if method == "nrs" else np.array(WORLD.robots[0].start[:2])
     model = more.pop("model", ParticipantModel())
-    person = Person(WORLD, scenario, model, seed, near)
+    person = Person(WORLD, scenario, model, seed, near, method)
     script = NetworkRobotSystemScript(person) if method == "nrs" else RobotOnlyScript(person)
     return System(script, WORLD.robots[0].start_pose(), covered, follows=more.pop("follows", method != "nrs"), **more)
 
@@ -136,6 +136,18 @@ def test_a_slip_is_noticed_and_begun_again(method):
     commands = [command for command, _, _ in sim.commands]
     assert commands.count("cancel") == 1 and commands.count("define_border") == 2 and commands[-1] == "save"
     check_drawing("room", sim)
+
+
+def test_mistakes_are_drawn_for_each_run():
+    """A person may err with one method and not with the other; the same run always goes the same."""
+
+    def errs(seed, method):
+        scenario, model = WORLD.scenario("carpet"), ParticipantModel(wrong_side=0.5)
+        return bool(np.any(Person(WORLD, scenario, model, seed, scenario.stand, method).seed != scenario.seed))
+
+    both = [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(40)]
+    assert both[:5] == [(errs(seed, "nrs"), errs(seed, "robot_only")) for seed in range(5)]
+    assert len(set(both)) == 4
 
 
 @pytest.mark.parametrize("key", ["room", "carpet", "corner"])

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vb_core.image_format import PixelReader
 from vb_core.robot_profile import RobotProfile
 from vb_laser_detect.detection.robot_cylinders import RobotCylinder
-from vb_laser_detect.detection.image_geometry import ImageGeometry, locate_confirmed, search
+from vb_laser_detect.detection.image_geometry import ImageGeometry
 from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_sim.cameras.ceiling_view import CeilingView
@@ -33,7 +34,7 @@ WORLD = world_from_mapping(
     }
 )
 # so long that the button, which is of a medium green, is saturated, and the floor is not
-LONG_EXPOSURE = CameraModels(optics=Optics(exposure_ms=26.0))
+LONG_EXPOSURE = CameraModels(optics=Optics(exposure_ms=26.0, exposure_gain=2.6))
 RATE, EMPTY, ALONE, DRAWN = 25.0, 25, 50, 75  # images per second; images of the empty room, of the robot, of both
 BESIDE = 0.4  # [m] from the robot's middle to the spot
 
@@ -49,7 +50,7 @@ def found(camera, hides):
     """(number of true spots that the camera saw, of these found, false ones)."""
     floor = render_floor(WORLD, 3, resolution=0.005)
     view = CeilingView(WORLD.camera(camera), {"robot": 0.18}, floor, world_mesh(WORLD), LONG_EXPOSURE, 5)
-    detector, projector = SpotDetector(DetectorParams.stationary()), FloorProjection()
+    detector, projector, reader = SpotDetector(DetectorParams.stationary()), FloorProjection(), PixelReader()
     seen, spots = {}, []
     for step in range(EMPTY + ALONE + DRAWN):
         x, y, yaw = pose = pose_at(step)
@@ -59,17 +60,13 @@ def found(camera, hides):
             seen[step] = laser
         # localisation is a little off, as it always is
         body = RobotCylinder(x + 0.02, y - 0.02, 0.23, 0.45)
-        frame = ImageGeometry(
-            view.model, lambda: view.pose, projector, stamp=step, cylinders=lambda: [body] if hides else []
-        )
-        spots += locate_confirmed(
-            detector, search(detector, view.frame(snapshot), step / RATE, frame, view.encoding), frame
-        )
+        frame = ImageGeometry(view.model, lambda: view.pose, projector, cylinders=lambda: [body] if hides else [])
+        spots += detector.detect(reader.read(view.frame(snapshot), view.encoding), step / RATE, frame)
     off = {}
-    for frame, spot in spots:
-        place = frame.point(spot.u, spot.v).position[:2]
-        off.setdefault(frame.stamp, []).append(
-            math.hypot(*(place - seen[frame.stamp])) if frame.stamp in seen else math.inf
+    for spot in spots:
+        step = round(spot.stamp * RATE)
+        off.setdefault(step, []).append(
+            math.hypot(*(spot.place.position[:2] - seen[step])) if step in seen else math.inf
         )
     true = sum(min(distances) < 0.03 for distances in off.values())
     return len(seen), true, sum(distance > 0.1 for distances in off.values() for distance in distances)

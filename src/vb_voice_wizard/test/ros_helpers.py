@@ -34,7 +34,7 @@ def wait_until(condition, what: str, timeout: float = 120.0):
 
 
 class Newest:
-    """Keeps a topic's messages."""
+    """Keeps a topic's messages. The first may come after the node's services: `message` waits for it."""
 
     def __init__(self, name: str, message_type) -> None:
         self.all = []
@@ -42,7 +42,7 @@ class Newest:
 
     @property
     def message(self):
-        return self.all[-1] if self.all else None
+        return wait_until(lambda: self.all and self.all[-1], f"a first message on {self.subscriber.name}")
 
     def wait(self, condition, what: str, timeout: float = 120.0):
         """Waits until the newest message fulfils a condition."""

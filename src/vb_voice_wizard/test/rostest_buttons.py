@@ -15,7 +15,7 @@ from sensor_msgs.msg import Joy
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import wait_until  # noqa: E402
 
-from vb_msgs.msg import InteractionState  # noqa: E402
+from vb_msgs.msg import InteractionState, Stop  # noqa: E402
 from vb_msgs.srv import Command, CommandResponse  # noqa: E402
 
 
@@ -43,7 +43,7 @@ class ButtonsTest(unittest.TestCase):
 
     def test_presses_become_commands_once(self):
         del self.commands[:]
-        for button in (0, 9, 3):
+        for button in (0, 11, 3):  # number 11 means nothing
             self.press(button)
         wait_until(lambda: len(self.commands) >= 2, f"two commands, got {self.commands}")
         self.assertEqual(self.commands, [("define_border", "buttons"), ("save", "buttons")])
@@ -58,6 +58,24 @@ class ButtonsTest(unittest.TestCase):
         self.assertEqual(len({request.id for request in self.requests}), 2)
         for request in self.requests:
             self.assertTrue(request.id and request.expires > rospy.Time.now())
+
+    def test_each_press_names_the_newest_stop_and_robots_hear_a_stop_directly(self):
+        heard = []
+        robot = rospy.Subscriber("/virtual_borders/stop", Stop, heard.append)
+        wait_until(robot.get_num_connections, "the node's stops")
+        self.state.publish(InteractionState(name="default", stop_number="seventh"))
+
+        def press_and_look():
+            del self.requests[:]
+            self.press(6)
+            wait_until(lambda: self.requests, "a command")
+            return self.requests[0].seen_stop == "seventh"
+
+        wait_until(press_and_look, "a resume that names the stop")
+        del self.requests[:]
+        self.press(5)
+        wait_until(lambda: heard and self.requests, "the stop")
+        self.assertEqual((heard[0].id, heard[0].source), (self.requests[0].id, "buttons"))
 
     def test_the_state_gives_a_button_its_meaning(self):
         self.state.publish(InteractionState(name="border"))

@@ -14,7 +14,7 @@ import unittest
 
 import rospy
 import rostest
-from std_msgs.msg import Bool
+from std_msgs.msg import Header
 from vb_core import names, sentences
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import message_from_notice
@@ -26,8 +26,11 @@ from vb_msgs.msg import (  # noqa: E402
     BorderPreview,
     BorderProgress,
     BorderIssue,
+    DriverState,
     InteractionState,
+    LaserSpot,
     NoticeArray,
+    Stop,
     VirtualBorderArray,
 )
 from vb_msgs.srv import AddBorderResponse, Command, GetDrawnBorderResponse, PreviewBorderResponse  # noqa: E402
@@ -71,6 +74,7 @@ class InteractionManagerTest(unittest.TestCase):
         wait_until(lambda: self.command("cancel").success, "the default state")
 
     def command(self, name, source="test", **more):
+        more.setdefault("seen_stop", self.state.message.stop_number if name == "resume" else "")
         return rospy.ServiceProxy("/virtual_borders/command", Command)(command=name, source=source, **more)
 
     def save(self):
@@ -124,10 +128,27 @@ class InteractionManagerTest(unittest.TestCase):
         self.progress.publish(
             interaction_id=identity,
             code="ok",
+            border_spots=5,
+            seed_spots=5,
             has_seed=True,
             seed=rospy_point(0.5 + dx, 0.5),
             chain=[rospy_point(0, 0), rospy_point(1, 0), rospy_point(1, 1)],
         )
+
+    def test_save_saves_the_border_that_was_previewed(self):
+        self.command("define_border")
+        identity = self.in_state("border").interaction_id
+        self.progress.publish(interaction_id=identity, border_spots=5)
+        self.command("define_seed")
+        self.draw(identity)
+        shown = self.preview.wait(
+            lambda message: message.available and message.interaction_id == identity, "the preview"
+        )
+        asked = len(self.stub.candidates)
+        self.save()
+        self.assertEqual(self.stub.added[-1].border.points, shown.border.points)
+        self.assertEqual(self.stub.added[-1].border.seed, shown.border.seed)
+        self.assertEqual(len(self.stub.candidates), asked)  # it is not extracted again
 
     def test_the_preview_follows_what_is_drawn(self):
         self.command("define_border")
@@ -307,11 +328,22 @@ class InteractionManagerTest(unittest.TestCase):
         self.state.wait(lambda message: message.confirm_save, "the question")
         self.command("define_seed")
         self.state.wait(lambda message: not message.confirm_save, "the end of the question")
+        spots = rospy.Publisher("/virtual_borders/spots", LaserSpot, queue_size=1)
+        wait_until(spots.get_num_connections, "the manager's eye")
+
+        def pointing():
+            spots.publish(LaserSpot(header=Header(stamp=rospy.Time.now(), frame_id="map")))
+            return self.command("guide_robot", uncertain=True).code == "confirm_command"
+
+        wait_until(pointing, "the question whether a robot should follow the laser that is on")
+        asked = self.command("save", source="voice", uncertain=True)
+        self.assertIn("yes save", [value.value for value in asked.values])
         self.stub.preview.issues = [BorderIssue(severity=BorderIssue.WARNING, code="robot_inside", message="Mind.")]
         self.draw(identity, dx=0.7)
         self.preview.wait(lambda message: message.interaction_id == identity and message.issues, "the issue")
         self.assertEqual(self.command("save").code, "confirm_save")
-        self.assertEqual(self.command("save").code, "saved")
+        self.assertEqual(self.command("save", uncertain=True).code, "confirm_save")
+        self.assertEqual(self.command("yes save", uncertain=True).code, "saved")
         self.stub.preview.issues = []
 
     def test_a_border_is_not_saved_unasked_while_cameras_disagree(self):
@@ -363,14 +395,13 @@ class InteractionManagerTest(unittest.TestCase):
             notices.unregister()
 
     def test_a_killed_node_goes_on_where_it_was(self):
-        stop = Newest("/virtual_borders/stop", Bool)
-        topic = rospy.Publisher("/virtual_borders/stop", Bool, queue_size=1)
-        wait_until(lambda: topic.get_num_connections() > 1, "the manager's ear")
+        topic = rospy.Publisher("/virtual_borders/stop", Stop, queue_size=1)
+        wait_until(topic.get_num_connections, "the manager's ear")
         refused = self.command("undo", id="before")
         self.assertEqual((refused.success, refused.code), (False, "no_service"))
         self.command("define_border", "voice")
         self.command("define_seed", "voice")
-        topic.publish(True)
+        topic.publish(source="a red button")
         before = self.state.wait(lambda message: message.stopped, "the stop by topic")
         self.assertEqual((before.name, before.available_commands[0]), ("seed", "resume"))
         self.node.kill()
@@ -380,37 +411,66 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual(again.interaction_id, before.interaction_id)
         self.assertGreaterEqual(again.border_s, before.border_s)
         self.assertEqual((again.stopped, again.stopped_by), (True, before.stopped_by))
-        self.assertTrue(again.stopped_by)
+        self.assertEqual(again.stopped_by, "a red button")
         wait_until(lambda: self._answers("save"), "the restarted node's service")
         self.assertEqual(self.records()[-1]["interaction_id"], before.interaction_id)
         self.assertEqual(self.records()[-1]["outcome"], "saved")
         # what was answered before is answered again, and still nobody may drive
         self.assertEqual(self.command("undo", id="before").code, "no_service")
         self.assertEqual(self.command("guide_robot").code, "guide_stopped")
-        wait_until(lambda: stop.subscriber.get_num_connections() > 1, "the restarted node's topic")
         self.assertTrue(self.command("resume").success)
-        stop.wait(lambda message: not message.data, "the end of the stop")
         self.state.wait(lambda message: not message.stopped, "robots that may drive")
 
-    def test_a_stop_that_came_while_the_node_was_away_holds_until_resume(self):
-        stop = Newest("/virtual_borders/stop", Bool)
-        topic = rospy.Publisher("/virtual_borders/stop", Bool, queue_size=1)
-        wait_until(lambda: topic.get_num_connections() > 1, "the manager's ear and this test's")
+    def test_a_stop_that_only_a_robot_has_heard_stops_all_until_a_resume_that_knows_of_it(self):
+        robot = rospy.Publisher("/virtual_borders/drivers", DriverState, queue_size=1)
+        wait_until(robot.get_num_connections, "the manager's ear")
+        number = self.state.message.stop_number
+        robot.publish(robot="ada", stops=["heard while the manager was away"])
+        stopped = self.state.wait(lambda message: message.stopped, "the robot's stop")
+        self.assertEqual(stopped.stopped_by, "ada")
+        self.assertEqual(self.command("resume", seen_stop=number).code, "stopped_since")
+        self.assertEqual(self.command("resume", seen_stop="").code, "resume_which_stop")
+        self.assertTrue(self.state.message.stopped)
+        self.assertEqual(self.command("resume").code, "resumed")
+        released = self.state.wait(lambda message: not message.stopped, "robots that may drive")
+        self.assertIn("heard while the manager was away", released.stops)
+        self.assertEqual(self.command("resume").code, "not_stopped")
+
+    def test_a_resume_that_waits_behind_a_save_does_not_release_a_newer_stop(self):
+        self.command("stop")
+        seen = self.state.wait(lambda message: message.stopped, "the first stop").stop_number
+        saving, _answers, released = self.hang_while_saving()
+        self.command("stop", id="newer")
+        self.assertEqual(self.command("resume", seen_stop=seen).code, "stopped_since")
+        released.set()
+        saving.join()
+        self.assertTrue(self.state.wait(lambda message: message.last_outcome == "saved", "the save").stopped)
+
+    def test_a_stop_that_cannot_be_stored_is_told_and_holds_after_a_crash(self):
+        notices = Newest("/virtual_borders/notices", NoticeArray)
+        folder = os.path.join(FOLDER, "full")
+        os.makedirs(folder, exist_ok=True)
         self.node.kill()
-        wait_until(lambda: stop.subscriber.get_num_connections() == 1, "the manager to be gone")
-        topic.publish(True)
-        stop.wait(lambda message: message.data, "the stop")
-        del stop.all[:]
-        self.node.start()
-        wait_until(lambda: stop.subscriber.get_num_connections() == 2, "the restarted manager")
-        rospy.wait_for_service("/virtual_borders/command", 60)
-        self.command("stop")  # so that there is a first word of the restarted manager: it must not be "drive"
-        self.assertTrue(stop.wait(lambda message: True, "the manager's first word") and stop.all[0].data)
-        for code in ("resumed", "not_stopped"):
-            del stop.all[:]
-            self.assertEqual(self.command("resume").code, code)
-            # also when the manager knows of no stop: a robot may hold one
-            stop.wait(lambda message: not message.data, "the end of the stop")
+        other = Process(
+            "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, f"_state_file:={folder}/s.json"
+        )
+        try:
+            wait_until(lambda: os.path.exists(f"{folder}/s.stop") and self._answers("cancel"), "the other manager")
+            # as a full disk: nothing new can be made, also not by root, and what is there can be emptied
+            os.rename(f"{folder}/s.stop", f"{folder}/kept")
+            os.mkdir(f"{folder}/s.stop")
+            self.assertEqual(self.command("stop").code, "stop_not_stored")
+            wait_until(
+                lambda: any(n.code == "stop_not_stored" for said in notices.all for n in said.notices), "the notice"
+            )
+            other.kill()
+            del self.state.all[:]
+            other.start()
+            self.state.wait(lambda message: message.stopped, "a stop in doubt")
+        finally:
+            other.kill()
+            self.node.start()
+            rospy.wait_for_service("/virtual_borders/command", 60)
 
     def _answers(self, name):
         try:
@@ -445,8 +505,9 @@ class InteractionManagerTest(unittest.TestCase):
     def test_a_lost_memory_counts_as_stopped_and_an_abandoned_interaction_ends_with_a_warning(self):
         # a manager of its own in a namespace would still use the fixed names: this one takes the other's place
         self.node.kill()
-        with open(f"{FOLDER}/state.json", "w") as file:
-            file.write("{")
+        for name in ("json", "stop"):
+            with open(f"{FOLDER}/state.{name}", "w") as file:
+                file.write("{")
         del self.state.all[:]
         notices = Newest("/virtual_borders/notices", NoticeArray)
         impatient = Process(

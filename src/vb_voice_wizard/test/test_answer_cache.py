@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from vb_voice_wizard.interaction import Answer
+from vb_voice_wizard.session import Answer
 from vb_voice_wizard.dialogue.answer_cache import AnswerCache
 
 

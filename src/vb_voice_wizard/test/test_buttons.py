@@ -52,7 +52,6 @@ def test_three_buttons_mean_what_the_state_says():
         ({"save": "x"}, {}, "mapping/save"),
         ({"save": True}, {}, "mapping/save"),
         ({"save": 1, "cancel": [0, 1]}, {}, "mapping/cancel"),
-        ({}, {}, "mapping"),
         (FIVE, {"flying": {"save": 1}}, "by_state/flying"),
         (FIVE, {"seed": 3}, "by_state/seed"),
         (FIVE, {"seed": {"save": [1.5]}}, "by_state/seed/save"),

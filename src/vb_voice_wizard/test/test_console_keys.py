@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vb_core.vocabulary import COMMANDS
 from vb_voice_wizard.console.keys import COMMAND_KEYS, QUIT_KEY, KeyReader
-from vb_voice_wizard.interaction import COMMANDS
 
 
 @pytest.mark.parametrize(

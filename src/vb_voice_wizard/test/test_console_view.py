@@ -10,6 +10,7 @@ from rich.console import Console
 
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
+from vb_core.vocabulary import COMMANDS
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState, VirtualBorder
 from vb_voice_wizard.console.view import BAD, GOOD, ConsoleContent, render
 
@@ -137,6 +138,20 @@ def test_markup_in_names_is_only_text():
     assert "[red]x[/red] [/" in text and "[bold]y" in text
 
 
+@pytest.mark.parametrize("escape", ["\x1b[2J", "\x1b]0;title\x07", "\x9b31m", "\x08\x08", "\r"])
+def test_no_control_character_from_elsewhere_reaches_the_terminal(escape):
+    view = drawing()
+    view.borders = [border(f"rug{escape}")]
+    view.robot = view.state.stopped_by = f"ada{escape}"
+    view.state.stopped = True
+    view.preview = refused(f"no{escape}", f"why{escape}")
+    view.notices = (Notice("microphone_missing", Severity.WARNING, values={"why": f"look{escape}"}),)
+    view.add_message("12:00:00", f"said{escape}", GOOD)
+    found = screen(view)
+    assert [word for word in ("rug", "ada", "why", "look", "said") if word not in found] == []
+    assert not any(ord(letter) < 0x20 or 0x7F <= ord(letter) < 0xA0 for letter in found.replace("\n", ""))
+
+
 def test_messages_do_not_grow_for_ever_nor_repeat():
     view = ConsoleContent()
     for number in range(500):
@@ -176,6 +191,17 @@ def test_stop_cameras_notices_and_the_microphone_are_shown():
     ):
         assert word in text, word
     assert "STOPPED" in screen(view, 30)
+
+
+@pytest.mark.parametrize("language", sentences.languages())
+def test_each_command_has_its_key_on_a_small_screen_in_every_language(language):
+    view = drawing()
+    view.language = language
+    text = screen(view, 80, 24)
+    for command in COMMANDS.values():
+        key = view.words("console_space") if command.key == " " else command.key
+        assert f" {key}  {view.words('command_' + command.name)} " in text
+    assert view.words("console_quit") in text
 
 
 def test_everything_is_said_in_the_operators_language():

@@ -6,7 +6,6 @@ from vb_core.notices import Notice, Severity
 from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
 
 SILENT = Notice("camera_silent", Severity.ERROR, camera="south", values={"camera": "south"})
-LEFT_OUT = Notice("strokes_left_out", Severity.WARNING, values={"spots": "20"})
 
 
 def codes(warnings):
@@ -35,11 +34,12 @@ def test_an_error_that_was_there_before_the_drawing_concerns_it_too():
     assert codes(warnings) == [("camera_failed_meanwhile", "south")]
 
 
-def test_what_is_left_out_is_a_doubt_for_as_long_as_it_is_said():
+@pytest.mark.parametrize("code", ["strokes_left_out", "piece_unseen", "seed_held_elsewhere"])
+def test_what_is_left_out_is_a_doubt_for_as_long_as_it_is_said(code):
     warnings = DrawingWarnings()
     warnings.start()
-    warnings.update([LEFT_OUT])
-    assert warnings.all == (LEFT_OUT,)
+    warnings.update([Notice(code, Severity.WARNING)])
+    assert codes(warnings) == [(code, "")]
     warnings.update([])
     assert not warnings.all
 

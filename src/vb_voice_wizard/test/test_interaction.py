@@ -11,30 +11,23 @@ from hypothesis import strategies as st
 
 from vb_core import sentences
 from vb_core.errors import CodedError, ParameterError
-from vb_voice_wizard.interaction import (
-    ALWAYS,
+from vb_core.vocabulary import (
+    BORDER,
     CANCEL,
     COMMANDS,
-    CONFIRM_WITHIN,
+    CONTINUE,
+    DEFAULT,
     DEFINE_BORDER,
     DEFINE_SEED,
+    GUIDE,
     GUIDE_ROBOT,
-    NEVER,
-    REDO,
-    RESUME,
-    SAVE,
-    STOP,
-    UNDO,
-    UNSEEN_AFTER,
-    Answer,
-    Interaction,
-    InteractionParams,
-    State,
-    normalize,
-    spoken_form,
 )
+from vb_core.vocabulary import PAUSE, PAUSED, REDO, RESUME, SAVE, SEED, STOP, UNDO, normalize, spoken_form
+from vb_voice_wizard.confirmation import ANSWERS, CONFIRM_WITHIN
+from vb_voice_wizard.interaction import Interaction
+from vb_voice_wizard.session import ALWAYS, Answer, InteractionParams, NEVER, UNSEEN_AFTER
 
-ENTERING = {DEFINE_BORDER: State.BORDER, DEFINE_SEED: State.SEED, GUIDE_ROBOT: State.GUIDE}
+ENTERING = {DEFINE_BORDER: BORDER, DEFINE_SEED: SEED, GUIDE_ROBOT: GUIDE}
 
 
 def machine(**params) -> Interaction:
@@ -42,10 +35,15 @@ def machine(**params) -> Interaction:
     return Interaction(InteractionParams(**params), lambda: next(ids))
 
 
+def say(interaction, command, source, now, *more):
+    """A person who knows of every stop."""
+    return interaction.command(command, source, now, *more, seen_stop=interaction.latch.number)
+
+
 def after(*commands: str) -> Interaction:
     interaction = machine()
     for second, command in enumerate(commands):
-        assert interaction.command(command, "test", float(second)).success
+        assert say(interaction, command, "test", float(second)).success
     # these tests are about what was said; others are about whether spots were seen
     interaction.count_spots(3, 2, 1, float(len(commands)))
     return interaction
@@ -62,7 +60,7 @@ def situations():
 @pytest.mark.parametrize("way", list(situations()))
 def test_every_state_and_command_pair_is_answered(way, command):
     interaction = after(*way)
-    state = ENTERING[way[-1]] if way else State.DEFAULT
+    state = ENTERING[way[-1]] if way else DEFAULT
     assert interaction.state == state
     kept = interaction.interaction_id, list(interaction.missing())
 
@@ -77,7 +75,7 @@ def test_every_state_and_command_pair_is_answered(way, command):
         if way:
             assert interaction.interaction_id == kept[0]
     elif command == CANCEL:
-        assert answer.success and interaction.state == State.DEFAULT and interaction.interaction_id == ""
+        assert answer.success and interaction.state == DEFAULT and interaction.interaction_id == ""
         record = interaction.take_record()
         assert (record is not None) == bool(way)
         if record:
@@ -85,6 +83,10 @@ def test_every_state_and_command_pair_is_answered(way, command):
     elif command in (STOP, RESUME):
         assert answer.success and interaction.stopped == (command == STOP)
         assert interaction.state == state and (interaction.interaction_id, interaction.missing()) == kept
+    elif command in (PAUSE, CONTINUE):
+        assert answer.success == (command == PAUSE and bool(way))
+        assert interaction.state == (PAUSED if answer.success else state)
+        assert (interaction.interaction_id, interaction.missing()) == kept
     elif command in (UNDO, REDO):
         assert answer.success == (not way) and interaction.pending == ("" if way else command)
         assert interaction.state == state and (interaction.interaction_id, interaction.missing()) == kept
@@ -132,7 +134,7 @@ def test_unknown_commands_are_answered(way, command):
     answer = interaction.command(command, "voice", 5.0)
     assert answer.code == "unknown_command" and not answer.success
     assert all(spoken_form(known) in answer.message for known in COMMANDS)
-    assert interaction.state == (State.BORDER if way else State.DEFAULT)
+    assert interaction.state == (BORDER if way else DEFAULT)
 
 
 def test_commands_as_people_write_them():
@@ -151,12 +153,12 @@ def test_while_saving_everything_else_waits_and_a_refusal_keeps_everything():
     answer = interaction.finish(Answer(False, "no_service", {"who": "$map_integrator"}), 7.0)
     assert answer.message == "The map integrator is not running."
     assert interaction.last_answer == answer and interaction.last_source == "voice"
-    assert (interaction.state, interaction.interaction_id) == (State.SEED, identity)
+    assert (interaction.state, interaction.interaction_id) == (SEED, identity)
     assert interaction.take_record() is None
     assert interaction.command(SAVE, "wizard", 8.0).success
     assert interaction.command(STOP, "page", 8.5).success
-    assert interaction.finish_save("b1", 9.0).success
-    assert (interaction.state, interaction.stopped, interaction.last_source) == (State.DEFAULT, True, "wizard")
+    assert interaction.finish(Answer(True, "saved"), 9.0, "b1").success
+    assert (interaction.state, interaction.stopped, interaction.last_source) == (DEFAULT, True, "wizard")
     assert (interaction.last_outcome, interaction.last_border_id) == ("saved", "b1")
     record = interaction.take_record()
     assert (record.border_id, record.outcome, record.interaction_id) == ("b1", "saved", identity)
@@ -171,14 +173,14 @@ def test_timing_runs_from_leaving_default_to_the_integration():
     interaction.command(DEFINE_SEED, "a", 130.0)
     interaction.command(DEFINE_BORDER, "a", 133.0)
     interaction.command(SAVE, "a", 140.0)
-    interaction.finish_save("b", 141.5)
+    interaction.finish(Answer(True, "saved"), 141.5, "b")
     record = interaction.take_record()
     assert (record.guide_s, record.border_s, record.seed_s) == (10.0, 28.5, 3.0)
     assert (record.started, record.ended, record.total_s) == (100.0, 141.5, 41.5)
     # in Default the figures of the interaction that ended stay
-    assert interaction.durations(500.0)[State.BORDER] == 28.5
+    assert interaction.durations(500.0)[BORDER] == 28.5
     interaction.command(DEFINE_BORDER, "a", 600.0)
-    assert interaction.durations(601.0) == {State.GUIDE: 0.0, State.BORDER: 1.0, State.SEED: 0.0}
+    assert interaction.durations(601.0) == {GUIDE: 0.0, BORDER: 1.0, SEED: 0.0}
 
 
 def test_time_that_jumps_back_takes_nothing_off():
@@ -187,46 +189,48 @@ def test_time_that_jumps_back_takes_nothing_off():
     interaction.advance(1010.0)
     interaction.advance(5.0)
     interaction.command(DEFINE_SEED, "a", 8.0)
-    assert interaction.durations(9.0) == {State.GUIDE: 0.0, State.BORDER: 13.0, State.SEED: 1.0}
+    assert interaction.durations(9.0) == {GUIDE: 0.0, BORDER: 13.0, SEED: 1.0}
     assert interaction.started <= 5.0 and interaction.entered == 8.0
 
 
 steps = st.lists(
-    st.tuples(st.sampled_from(COMMANDS), st.floats(0, 100), st.sampled_from(["accept", "refuse"])), max_size=30
+    st.tuples(st.sampled_from(list(COMMANDS)), st.floats(0, 100), st.sampled_from(["accept", "refuse"])), max_size=30
 )
 
 
 @settings(max_examples=200, deadline=None)
 @given(steps)
 def test_any_sequence_keeps_its_invariants_and_survives_a_restart(sequence):
-    interaction, other, now, began = machine(), None, 50.0, None
+    interaction, other, now, began = machine(), None, 50.0, None  # began: later by the pauses
     for command, pause, outcome in sequence:
         now += pause
         before = interaction.state
+        if before == PAUSED:
+            began += pause
         if other is None:
             # the second machine is rebuilt from the first one's memory before each command
             other = Interaction.from_mapping(interaction.to_mapping(), InteractionParams(), lambda: "next")
-            other.stopped, other.stopped_by = interaction.stopped, interaction.stopped_by
-        interaction.command(command, "s", now)
-        other.command(command, "s", now)
-        if before == State.DEFAULT and interaction.state != State.DEFAULT:
+            other.latch.stopped, other.latch.by = interaction.stopped, interaction.latch.by
+        say(interaction, command, "s", now)
+        say(other, command, "s", now)
+        if before == DEFAULT and interaction.state != DEFAULT:
             began = now
         if interaction.pending:
             saving = interaction.saving
             for one in (interaction, other):
                 if outcome == "accept" and saving:
-                    one.finish_save("b", now)
+                    one.finish(Answer(True, "saved"), now, "b")
                 else:
                     one.finish(Answer(False, "busy"), now)
         for one in (interaction, other):
             one.interaction_id = one.interaction_id and "same"
         assert interaction.to_mapping() == other.to_mapping()
         record = interaction.take_record()
-        assert (record is None) == (not (before != State.DEFAULT and interaction.state == State.DEFAULT))
+        assert (record is None) == (not (before != DEFAULT and interaction.state == DEFAULT))
         if record:
             assert math.isclose(record.total_s, now - began, abs_tol=1e-6)
-            assert record.ended == now and record.started == began
-        if interaction.state != State.DEFAULT:
+            assert record.ended == now and record.started <= began
+        if interaction.state != DEFAULT:
             assert math.isclose(sum(interaction.durations(now).values()), now - began, abs_tol=1e-6)
             assert interaction.started <= interaction.entered <= now
         other = None
@@ -236,7 +240,7 @@ def test_a_save_under_way_is_not_remembered_as_such():
     interaction = after(DEFINE_BORDER, DEFINE_SEED)
     interaction.command(SAVE, "a", 3.0)
     again = Interaction.from_mapping(interaction.to_mapping())
-    assert not again.saving and again.state == State.SEED
+    assert not again.saving and again.state == SEED
     assert again.command(SAVE, "a", 4.0).success
 
 
@@ -248,8 +252,9 @@ def test_a_save_under_way_is_not_remembered_as_such():
         lambda memory: memory.update(state=3),
         lambda memory: memory.update(started=float("nan")),
         lambda memory: memory.update(durations={"BORDER": 1.0}),
-        lambda memory: memory.update(durations={"BORDER": -1.0, "SEED": 0, "GUIDE": 0}),
+        lambda memory: memory.update(durations={"border": -1.0, "seed": 0, "guide": 0}),
         lambda memory: memory.update(visited=["nowhere"]),
+        lambda memory: memory.update(visited=[]),
         lambda memory: memory.update(interaction_id=""),
         lambda memory: memory.update(last_answer=7),
         lambda memory: memory.pop("active"),
@@ -269,6 +274,49 @@ def test_no_memory_is_refused():
         Interaction.from_mapping(None)
 
 
+# ------------------------------------------------------------------ pause
+@pytest.mark.parametrize("way", [way for way in situations() if way])
+def test_a_pause_keeps_everything_until_the_person_goes_on(way):
+    interaction = after(*way)
+    state, kept, spent = (
+        interaction.state,
+        (interaction.interaction_id, interaction.missing()),
+        interaction.durations(10.0),
+    )
+    assert interaction.command(PAUSE, "test", 10.0).code == "paused" and interaction.state == PAUSED
+    assert not interaction.state.robots_act and not interaction.unseen
+    # a night later it is still there, and the night was no work
+    assert not interaction.end_if_idle(40000.0) and interaction.ends_at == 0.0
+    interaction = Interaction.from_mapping(interaction.to_mapping())
+    assert interaction.suggested_commands()[0] == CONTINUE and PAUSE not in interaction.suggested_commands()
+    for command in interaction.suggested_commands():
+        again = Interaction.from_mapping(interaction.to_mapping())
+        assert again.command(command, "test", 40001.0).success
+    assert interaction.command(PAUSE, "test", 40001.0).code == "paused"
+    assert interaction.command(CONTINUE, "test", 40002.0).success
+    assert interaction.state == state and (interaction.interaction_id, interaction.missing()) == kept
+    assert interaction.durations(40002.0) == spent
+    # what would have ended an interaction ends it again
+    assert not interaction.end_if_idle(40002.0 + 299.0) and interaction.end_if_idle(40002.0 + 301.0)
+
+
+def test_a_paused_border_is_saved_as_any_other_and_one_goes_on_where_one_was_last():
+    interaction = drawn()
+    interaction.command(DEFINE_BORDER, "a", 3.0)
+    interaction.command(PAUSE, "a", 4.0)
+    assert interaction.command(CONTINUE, "a", 5.0).code == "draw_border_again"
+    interaction.command(PAUSE, "a", 6.0)
+    assert interaction.command(SAVE, "a", 7.0).success and interaction.saving
+
+
+def test_going_on_is_asked_about_while_somebody_points():
+    interaction = drawn()
+    interaction.command(PAUSE, "a", 3.0)
+    interaction.see_laser(4.0)
+    assert interaction.command(CONTINUE, "voice", 4.1, uncertain=True).code == "confirm_command"
+    assert interaction.command("yes continue", "voice", 4.2, uncertain=True).code == "point_seed_again"
+
+
 # ------------------------------------------------------------------ stop
 @pytest.mark.parametrize("way", list(situations()))
 def test_stop_holds_until_resume_whatever_else_is_said(way):
@@ -278,17 +326,32 @@ def test_stop_holds_until_resume_whatever_else_is_said(way):
         interaction.command(command, "wizard", 11.0)
         if interaction.pending:
             interaction.finish(Answer(True, "borders_changed"), 11.0)
-        assert interaction.stopped and interaction.stopped_by == "voice"
+        assert interaction.stopped and interaction.latch.by == "voice"
         assert interaction.suggested_commands()[0] == RESUME
-    assert interaction.command(RESUME, "wizard", 12.0).success
+    assert interaction.command(RESUME, "wizard", 12.0).code == "resume_which_stop" and interaction.stopped
+    assert say(interaction, RESUME, "wizard", 12.0).success
     assert not interaction.stopped and STOP in interaction.suggested_commands()
 
 
 def test_one_press_that_comes_by_topic_and_as_a_command_is_one_stop():
-    interaction = after(STOP)
-    told = (interaction.stopped_by, interaction.last_source, interaction.last_answered)
-    assert interaction.command(STOP, "page 1a2b", 20.0).code == "stopped"
-    assert (interaction.stopped_by, interaction.last_source, interaction.last_answered) == told
+    interaction = machine()
+    interaction.command(STOP, "page 1a2b", 1.0, identity="press")
+    told = (interaction.latch.by, interaction.last_source, interaction.last_answered)
+    assert interaction.command(STOP, "page", 20.0, identity="press").code == "stopped"
+    assert (interaction.latch.by, interaction.last_source, interaction.last_answered) == told
+    assert say(interaction, RESUME, "wizard", 21.0).success
+    assert interaction.command(STOP, "page", 22.0, identity="press").code == "stop_released" and not interaction.stopped
+
+
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name != STOP])
+def test_a_stop_voids_every_command_that_was_given_before_it(command):
+    interaction = after(DEFINE_BORDER, DEFINE_SEED, STOP)
+    seen = interaction.latch.number
+    interaction.command(STOP, "page", 10.0)
+    before = interaction.to_mapping()
+    answer = interaction.command(command, "wizard", 11.0, seen_stop=seen)
+    assert (answer.success, answer.code) == (False, "stopped_since") and interaction.stopped and not interaction.pending
+    assert all(interaction.to_mapping()[key] == before[key] for key in ("state", "interaction_id", "visited"))
 
 
 def test_guide_while_stopped_says_so():
@@ -319,7 +382,9 @@ def test_save_is_asked_about_as_the_rule_says(rule, uncertain, doubtful, asked):
     answer = interaction.command(SAVE, "voice", 3.0, uncertain, doubtful)
     assert (answer.code == "confirm_save") == asked == interaction.confirm_save == (not interaction.saving)
     if asked:
-        assert interaction.command(SAVE, "voice", 4.0, uncertain, doubtful).success and interaction.saving
+        said = answer.values["answer"]
+        assert said == ("yes save" if uncertain else "save") and said in answer.message
+        assert interaction.command(said, "voice", 4.0, uncertain, doubtful).success and interaction.saving
 
 
 @pytest.mark.parametrize("between", [DEFINE_BORDER, GUIDE_ROBOT, STOP, "nonsense", ""])
@@ -336,21 +401,56 @@ def test_a_question_is_forgotten_by_another_command_or_after_a_while(between):
 def test_what_an_unclear_command_would_undo_is_asked_about(command, way):
     interaction = after(*way)
     before = interaction.state, interaction.stopped
-    asked = interaction.command(command, "voice", 10.0, uncertain=True)
-    assert asked.code == "confirm_command" and command in asked.message and not asked.success
-    assert (interaction.state, interaction.stopped) == before and not interaction.pending
-    assert interaction.command(command, "voice", 11.0, uncertain=True).success
-    assert after(*way).command(command, "voice", 10.0).success
+    for now in (10.0, 11.0):
+        # what was misheard once is misheard again: the same word is no answer
+        asked = say(interaction, command, "voice", now, True)
+        assert asked.code == "confirm_command" and f'"yes {command}"' in asked.message and not asked.success
+        assert (interaction.state, interaction.stopped) == before and not interaction.pending
+    answer = "yes_" + command
+    assert say(interaction, answer, "page 1a2b", 12.0, True).code == "nothing_asked"
+    assert (interaction.state, interaction.stopped) == before
+    say(interaction, command, "voice", 13.0, True)
+    assert say(interaction, answer, "voice", 14.0, True).success
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("laser_on", [False, True])
+@pytest.mark.parametrize("command", [*COMMANDS, *ANSWERS])
 @pytest.mark.parametrize("way", [(*way, *stop) for way in situations() for stop in ((), (STOP,))])
-def test_one_misunderstood_word_changes_no_map_and_loses_no_drawing_and_lets_no_robot_drive(way, command):
+def test_one_misheard_word_changes_no_map_and_loses_no_drawing_and_moves_no_robot(way, command, laser_on):
     interaction = after(*way)
-    drawing, missing = interaction.interaction_id, interaction.missing()
-    interaction.command(command, "voice", 10.0, uncertain=True)
+    drawing, missing, state = interaction.interaction_id, interaction.missing(), interaction.state
+    if laser_on:
+        interaction.see_laser(9.9)
+    interaction.command(command, "voice", 10.0, uncertain=True, seen_stop=interaction.latch.number)
     assert not interaction.pending and (interaction.stopped or STOP not in way)
-    assert drawing in ("", interaction.interaction_id) and set(interaction.missing()) <= set(missing)
+    assert set(interaction.missing()) <= set(missing)
+    assert drawing in ("", interaction.interaction_id) or len(missing) == 2, "only where nothing is drawn"
+    if laser_on:
+        # a robot would follow the laser, or the line go on as the seed; without a drawing, cancelling ends the guiding
+        assert interaction.state == state or (command == CANCEL and len(missing) == 2)
+
+
+def test_another_state_is_asked_about_while_somebody_points():
+    interaction = after(DEFINE_BORDER)
+    interaction.see_laser(10.0)
+    assert interaction.command(GUIDE_ROBOT, "voice", 10.5, uncertain=True).values["answer"] == "yes guide robot"
+    assert interaction.command(DEFINE_BORDER, "voice", 10.6, uncertain=True).code == "draw_border_again"
+    interaction.see_laser(11.0)
+    assert interaction.command(GUIDE_ROBOT, "voice", 11.1, uncertain=True).code == "confirm_command"
+    assert interaction.command("Yes, guide robot", "voice", 20.0, uncertain=True).code == "guide"
+    assert interaction.command(DEFINE_SEED, "voice", 20.0, uncertain=True).code == "point_seed", "nobody points"
+    interaction.see_laser(21.0)
+    assert interaction.command(DEFINE_BORDER, "voice", 21.0).code == "draw_border_again", "beyond doubt"
+
+
+def test_an_answer_to_nothing_and_to_something_else_does_nothing():
+    interaction = drawn()
+    assert interaction.command("yes_save", "voice", 3.0).code == "nothing_asked" and not interaction.saving
+    interaction.command(SAVE, "voice", 4.0, uncertain=True)
+    assert interaction.command("yes_cancel", "voice", 5.0).code == "nothing_asked"
+    assert interaction.command("yes_save", "voice", 6.0).code == "nothing_asked", "another word has closed the question"
+    interaction.command(SAVE, "voice", 7.0, uncertain=True)
+    assert interaction.command("yes_save", "voice", 7.1 + CONFIRM_WITHIN).code == "nothing_asked"
 
 
 @pytest.mark.parametrize(
@@ -373,6 +473,31 @@ def test_what_has_no_effect_is_not_asked_about(command, way):
 
 
 # ------------------------------------------------------------------ a save without an answer, and nobody there
+@pytest.mark.parametrize(
+    "sent, before, code, after, told",
+    [
+        (True, False, "no_response", True, "save_unanswered"),
+        (True, False, "no_service", False, "no_service"),
+        (True, True, "no_service", True, "save_unanswered"),
+        (True, True, "too_few_points", False, "too_few_points"),
+        (True, False, "internal_error", True, "internal_error"),
+        (False, True, "too_few_spots", True, "too_few_spots"),
+        (False, True, "no_response", True, "save_unanswered"),
+        (False, False, "no_response", False, "no_response"),
+    ],
+)
+def test_whether_an_unanswered_border_may_be_in_the_map_is_known(sent, before, code, after, told):
+    interaction = drawn()
+    interaction.unanswered_save = before
+    interaction.command(SAVE, "a", 3.0)
+    if sent:
+        interaction.send_save()
+        assert interaction.unanswered_save, "while it is under way"
+    answer = interaction.finish(Answer(False, code, {"who": "$map_integrator"}), 4.0)
+    assert (interaction.unanswered_save, answer.code, answer.success) == (after, told, False)
+    assert interaction.state == SEED and not interaction.pending
+
+
 def test_cancel_after_an_unanswered_save_does_not_promise_an_unchanged_map():
     interaction = drawn()
     interaction.command(SAVE, "a", 3.0)
@@ -400,7 +525,7 @@ def test_an_abandoned_interaction_ends_after_a_warning():
     )
     assert interaction.end_if_idle(90000.0)
     assert (interaction.state, interaction.last_outcome, interaction.last_answer.code) == (
-        State.DEFAULT,
+        DEFAULT,
         "abandoned",
         "abandoned",
     )
@@ -420,9 +545,11 @@ def test_a_warning_must_come_before_the_end():
 
 def test_a_late_command_is_refused_in_a_sentence():
     interaction = after(DEFINE_BORDER)
-    answer = interaction.expired("cancel", "voice", 5.0)
-    assert (answer.success, answer.code, interaction.state) == (False, "expired", State.BORDER)
-    assert "cancel" in answer.message and interaction.last_answer == answer
+    before = interaction.last_answer
+    answer = interaction.expired("cancel")
+    assert (answer.success, answer.code, interaction.state) == (False, "expired", BORDER)
+    assert "cancel" in answer.message
+    assert interaction.last_answer == before, "only the person who gave it is told"
 
 
 def test_without_a_robot_nobody_is_offered_to_guide_one():

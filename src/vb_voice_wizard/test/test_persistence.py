@@ -9,7 +9,7 @@ import pytest
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.files import append_line
-from vb_voice_wizard.interaction import Record
+from vb_voice_wizard.session import Record
 from vb_voice_wizard.dialogue.persistence import StateFile, file_path, record_line
 
 RECORD = Record("i1", "saved", "b7", 10.0, 31.23456, 1.0, 15.0, 5.23456, 21.23456, ("voice", "wizard"))

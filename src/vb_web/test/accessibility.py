@@ -1,6 +1,6 @@
 """The main checks of accessibility, in the page itself: names, contrast, size of what is touched, order of headings.
 
-`bench/lab/page.py axe FILE` runs axe-core beside them.
+`bench/lab/page.py --axe FILE` runs axe-core beside them.
 """
 
 from __future__ import annotations

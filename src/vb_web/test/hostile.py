@@ -1,4 +1,4 @@
-"""Malformed and hostile messages, drawn from good ones; for the tests and for bench/lab/page.py."""
+"""Malformed and hostile messages, drawn from good ones; for the tests and for bench/lab/page_hostile.py."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ GOOD_DRAFT = {
     "max_speed": 0.0,
     "schedule": "",
     "enabled": True,
+    "robots": [],
 }
 TEMPLATES = [
-    {"do": "command", "id": "1", "command": "save"},
+    {"do": "command", "id": "1", "command": "save", "seen_stop": "", "age": 0},
     {"do": "add", "id": "1", "draft": GOOD_DRAFT},
     {"do": "update", "id": "1", "draft": GOOD_DRAFT, "border": "b1", "revision": 1},
     {"do": "rename", "id": "1", "name": "x", "border": "b1", "revision": 1},
     {"do": "remove", "id": "1", "border": "b1", "revision": 1},
+    {"do": "send", "id": "1", "robot": "ada", "goal": [1.0, 2.0]},
     {"do": "mark", "id": "1", "text": "note"},
 ]
 NASTY = [

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
 from vb_web import access
-from vb_web.access import AccessCodes, Limiter, LoginLimiter, Role
+from vb_web.access import AccessCodes, Limiter, Places, Role, Sessions
 
-KEYS = AccessCodes("view-er22", "oper-at33", "k" * 64)
+CODES = AccessCodes("view-er22", "oper-at33")
 
 
 def test_keys_are_made_once_and_only_their_owner_can_read_them(tmp_path):
@@ -20,7 +20,7 @@ def test_keys_are_made_once_and_only_their_owner_can_read_them(tmp_path):
     first = access.load_codes(path)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert access.load_codes(path) == first
-    assert len({first.viewer, first.operator, first.cookie_key}) == 3
+    assert first.viewer != first.operator
     assert first.role_of(first.operator) == Role.OPERATOR and first.role_of(first.viewer) == Role.VIEWER
 
 
@@ -29,7 +29,6 @@ def test_keys_are_made_once_and_only_their_owner_can_read_them(tmp_path):
     [
         {"viewer": "short"},
         {"operator": ""},
-        {"cookie_key": "k"},
         {"operator": "samesame", "viewer": "same-same"},
         {"more": "x"},
         {"viewer": 12345678},
@@ -37,49 +36,113 @@ def test_keys_are_made_once_and_only_their_owner_can_read_them(tmp_path):
 )
 def test_a_file_of_codes_that_protects_nothing_is_refused(tmp_path, change):
     path = tmp_path / "codes.yaml"
-    path.write_text(yaml.safe_dump({**vars(KEYS), **change}))
+    path.write_text(yaml.safe_dump({**vars(CODES), **change}))
     path.chmod(0o600)
     with pytest.raises(CodedError) as found:
         access.load_codes(path)
     assert found.value.code == "page_codes_bad"
 
 
-def test_a_file_of_codes_that_others_can_read_is_refused(tmp_path):
-    path = tmp_path / "codes.yaml"
-    access.load_codes(path)
-    path.chmod(0o644)
-    with pytest.raises(CodedError) as found:
-        access.load_codes(path)
-    assert found.value.code == "page_codes_open"
-
-
 def test_codes_are_taken_as_people_type_them():
-    assert KEYS.role_of(" OPER at 33") == Role.OPERATOR
-    assert KEYS.role_of("oper-at3") == Role.NOBODY
-    assert KEYS.role_of("") == Role.NOBODY
+    assert CODES.role_of(" OPER at 33") == Role.OPERATOR
+    assert CODES.role_of("oper-at3") == Role.NOBODY
+    assert CODES.role_of("") == Role.NOBODY
 
 
 @pytest.mark.parametrize("role", [Role.VIEWER, Role.OPERATOR])
-def test_a_cookie_gives_its_role_and_only_with_the_same_key(role):
-    cookie = KEYS.make_cookie(role)
-    found, browser = KEYS.read_cookie(cookie)
-    assert found == role and browser
-    other = AccessCodes(KEYS.viewer, KEYS.operator, "x" * 64)
-    assert other.read_cookie(cookie) == (Role.NOBODY, "")
+def test_a_session_has_the_role_of_its_code_until_it_ends(tmp_path, role):
+    path = tmp_path / "sessions.json"
+    cookie = Sessions(CODES, path).open(role)
+    sessions = Sessions(CODES, path)  # as after a restart
+    found, name = sessions.find(cookie)
+    assert found == role and name and cookie not in path.read_text()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    sessions.end(name)
+    assert sessions.find(cookie) == Sessions(CODES, path).find(cookie) == (Role.NOBODY, "")
 
 
-@given(place=st.integers(min_value=0, max_value=200), letter=st.characters(min_codepoint=33, max_codepoint=126))
-def test_a_changed_cookie_is_nobodys(place, letter):
-    cookie = KEYS.make_cookie(Role.VIEWER)
-    place %= len(cookie)
-    forged = cookie[:place] + letter + cookie[place + 1 :]
-    if forged != cookie:
-        assert KEYS.read_cookie(forged)[0] == Role.NOBODY
+def test_a_new_code_ends_the_sessions_of_the_old_one(tmp_path):
+    path = tmp_path / "sessions.json"
+    cookies = [Sessions(CODES, path).open(role) for role in (Role.VIEWER, Role.OPERATOR)]
+    changed = Sessions(AccessCodes(CODES.viewer, "new-code55"), path)
+    assert [changed.find(cookie)[0] for cookie in cookies] == [Role.VIEWER, Role.NOBODY]
+
+
+def test_a_session_ends_by_itself_and_a_damaged_file_ends_all(tmp_path, monkeypatch):
+    path = tmp_path / "sessions.json"
+    cookie = Sessions(CODES, path).open(Role.VIEWER)
+    monkeypatch.setattr(access.time, "time", lambda: path.stat().st_mtime + access.COOKIE_DAYS * 86400 + 60)
+    assert Sessions(CODES, path).find(cookie)[0] == Role.NOBODY
+    monkeypatch.undo()
+    path.write_text(path.read_text()[:-5])
+    assert Sessions(CODES, path).find(cookie)[0] == Role.NOBODY
+
+
+def test_many_viewers_log_no_operator_out():
+    sessions = Sessions(CODES)
+    operator, *viewers = [sessions.open(role) for role in (Role.OPERATOR, *[Role.VIEWER] * 300)]
+    assert sessions.find(operator)[0] == Role.OPERATOR
+    assert [bool(sessions.find(cookie)[0]) for cookie in viewers] == [False] * 200 + [True] * 100
 
 
 @given(st.text(max_size=200))
 def test_any_other_text_is_no_cookie(text):
-    assert KEYS.read_cookie(text) == (Role.NOBODY, "")
+    sessions = Sessions(CODES)
+    sessions.open(Role.OPERATOR)
+    assert sessions.find(text) == sessions.find(None) == (Role.NOBODY, "")
+
+
+class Connection:
+    """One that is open until it is closed."""
+
+    def __init__(self):
+        self.gone = False
+
+    def closed(self):
+        return self.gone
+
+
+def filled(places, *holders):
+    """Takes a place for each holder; gives the connections."""
+    connections = [Connection() for _ in holders]
+    for connection, whose in zip(connections, holders):
+        gone = places.take(connection, *whose.split())
+        if gone is not None:
+            gone.gone = True
+    return connections
+
+
+def test_who_holds_the_most_gives_up_a_place_for_others():
+    connections = filled(Places(10, yields=False), *["attacker"] * 60, "phone", "wall", "attacker")
+    assert [number for number, connection in enumerate(connections) if not connection.gone] == [
+        *range(53, 60),
+        60,
+        61,
+        62,
+    ]
+
+
+def test_an_address_with_many_sessions_and_a_session_of_many_addresses_count_as_one():
+    for whose in ([f"address s{n}" for n in range(30)], [f"a{n} session" for n in range(30)]):
+        connections = filled(Places(10, yields=False), "phone one", *whose, "wall two")
+        assert not connections[0].gone and not connections[-1].gone
+
+
+def test_where_all_hold_one_place_strangers_follow_each_other_and_known_people_stay():
+    names = [f"a{number}" for number in range(12)]
+    assert [one.gone for one in filled(Places(10, yields=True), *names)] == [True] * 2 + [False] * 10
+    assert [one.gone for one in filled(Places(10, yields=False), *names)] == [False] * 10 + [True] * 2
+
+
+def test_a_place_that_was_left_or_whose_connection_closed_is_free():
+    places = Places(2, yields=False)
+    first, second = filled(places, "a", "b")
+    first.gone = True
+    third = Connection()
+    assert places.take(third, "c") is None
+    places.leave(second)
+    assert places.take(Connection(), "d") is None
+    assert places.take(third, "c") is None  # again: it keeps its place
 
 
 @pytest.mark.parametrize(
@@ -139,12 +202,6 @@ def test_a_limiter_forgets_the_oldest_of_many_keys():
     assert len(limiter._buckets) == 1000
 
 
-def test_codes_cannot_be_tried_fast_from_one_address_nor_from_many():
-    logins = LoginLimiter()
-    assert sum(logins.allows("a", 0.0) for _ in range(50)) == 5
-    assert sum(logins.allows(str(number), 0.0) for number in range(500)) < 100
-
-
 def test_headers_let_nothing_in_from_elsewhere():
     headers = access.security_headers(secure=False)
     assert (
@@ -157,6 +214,5 @@ def test_headers_let_nothing_in_from_elsewhere():
 def test_files_of_others_cannot_be_overwritten_through_a_link(tmp_path):
     target = tmp_path / "target"
     os.symlink(str(target), str(tmp_path / "codes.yaml"))
-    with pytest.raises(CodedError):
-        access.load_codes(tmp_path / "codes.yaml")
+    access.load_codes(tmp_path / "codes.yaml")
     assert not target.exists()

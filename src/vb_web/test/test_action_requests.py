@@ -20,14 +20,16 @@ from vb_web.action_requests import ACTIONS, Bounds, Draft
 BOUNDS = Bounds((0.0, 0.0), (8.0, 5.0))
 TARGET = {"border": "b1", "revision": 3}
 GOOD = {
-    "command": {"command": "save"},
+    "command": {"command": "save", "seen_stop": "5a", "age": 0.1},
     "preview": {"draft": GOOD_DRAFT, "border": ""},
     "add": {"draft": GOOD_DRAFT},
     "update": {"draft": GOOD_DRAFT, **TARGET},
     "rename": {"name": "Küche 厨房", **TARGET},
     "enable": {"enabled": False, **TARGET},
     "remove": dict(TARGET),
-    "confirm_map": {"same": True},
+    "send": {"robot": "ada", "goal": [1.0, 2.0]},
+    "halt": {"robot": ""},
+    "confirm_map": {"same": True, "map_id": "0af3"},
     "study": {"participant": "P07", "condition": "laser"},
     "mark": {"text": "looked away"},
     "invite": {},
@@ -83,9 +85,9 @@ def test_each_missing_or_additional_field_is_refused(action):
         {"name": "a\u202eb"},
         {"name": "a\x00b"},
         {"name": None},
-        {"schedule": "always"},
-        {"schedule": "mon 25:00-26:00"},
-        {"schedule": "mon 08:00-12:00; rm"},
+        {"schedule": 7},
+        {"schedule": "mon 08:00-12:00; " * 20},
+        {"schedule": "mon\u202e 08:00-12:00"},
         {"topic": "/x"},
     ],
 )
@@ -122,7 +124,9 @@ def test_without_a_map_nothing_can_be_drawn():
         action_requests.parse(json.dumps({"do": "add", "id": "a", "draft": GOOD_DRAFT}), None)
     assert found.value.code == "page_no_map"
     assert (
-        action_requests.parse(json.dumps({"do": "command", "id": "a", "command": "stop"}), None).values["command"]
+        action_requests.parse(
+            json.dumps({"do": "command", "id": "a", "command": "stop", "seen_stop": "", "age": 0}), None
+        ).values["command"]
         == "stop"
     )
 

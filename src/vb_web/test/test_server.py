@@ -1,6 +1,7 @@
 """The server over real sockets: who gets in, what is answered, what hostile messages do."""
 
 import asyncio
+import contextlib
 import json
 import socket
 import subprocess
@@ -15,13 +16,13 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
 from vb_core.errors import CodedError, ParameterError  # noqa: E402
-from vb_web import access, action_requests, server  # noqa: E402
-from vb_web.access import AccessCodes, Role  # noqa: E402
+from vb_web import access, action_requests  # noqa: E402
+from vb_web.access import AccessCodes, Places, Role, Sessions  # noqa: E402
 from vb_web.images import ImageCache, EncodedImage  # noqa: E402
 from vb_web.server import PageServer, ServerParams  # noqa: E402
 from vb_web.view import View  # noqa: E402
 
-KEYS = AccessCodes("view-er22", "oper-at33", "k" * 64)
+CODES = AccessCodes("view-er22", "oper-at33")
 BOUNDS = action_requests.Bounds((0.0, 0.0), (8.0, 5.0))
 
 
@@ -29,17 +30,26 @@ class FakeBackend:
     """Notes what is asked of it."""
 
     def __init__(self):
-        self.done, self.slow = [], "preview"
+        self.done, self.wrong, self.previews = [], [], []
+        self.arrived = threading.Semaphore(0)
         self.gate = threading.Event()
         self.gate.set()
 
     def act(self, request, source):
-        if request.action == "preview" or self.slow in request.values.values():
-            self.gate.wait(10.0)
+        if request.action == "preview":
+            self.previews.append(source)
+            self.arrived.release()
+            self.gate.wait(60.0)
         if request.action == "remove":
             raise CodedError("page_no_border")
         self.done.append((request.action, dict(request.values)))
         return {"ok": True, "code": "ok", "values": {}, "message": ""}
+
+    async def command(self, request, source):
+        return self.act(request, source)
+
+    def on_wrong_code(self, address):
+        self.wrong.append(address)
 
     def bounds(self):
         return BOUNDS
@@ -54,13 +64,13 @@ class FakeBackend:
 class Running:
     """A server that listens on loopback."""
 
-    def __init__(self, keys, params=ServerParams(port=0)):
+    def __init__(self, sessions, params=ServerParams(port=0)):
         self.backend, self.view, self.images, self.faults = FakeBackend(), View(), ImageCache(), []
         self.images.put("map", EncodedImage(b"png", "a" * 16, 1))
         self.view.put("state", {"name": "default"})
-        self.server = PageServer(params, keys, self.view, self.images, self.backend, self.faults.append)
+        self.server = PageServer(params, sessions, self.view, self.images, self.backend, self.faults.append)
         # one address asks for all: what limits it is tested on its own
-        self.server.requests = access.Limiter(rate=1e9, burst=1e9)
+        self.server.requests = self.server.connections = access.Limiter(rate=1e9, burst=1e9)
         self.server.start()
         self.host = f"127.0.0.1:{self.server.port}"
 
@@ -103,7 +113,7 @@ def local():
 
 @pytest.fixture
 def network():
-    running = Running(KEYS)
+    running = Running(Sessions(CODES))
     yield running
     running.server.close()
     assert not running.faults
@@ -140,13 +150,13 @@ def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path)
     )
     assert params.scheme == "https"
     assert ServerParams(codes_file=params.codes_file).scheme == "http"  # this computer's own browser
-    running = Running(KEYS, params)
+    running = Running(Sessions(CODES), params)
     try:
         trusted = {"ca_certs": str(tmp_path / "page.crt")}
         answer = running.ask(
-            "/login",
+            "/session",
             "POST",
-            json.dumps({"code": KEYS.viewer}),
+            json.dumps({"code": CODES.viewer}),
             scheme="https",
             options=trusted,
             Origin=f"https://{running.host}",
@@ -164,8 +174,8 @@ def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path)
     assert not running.faults
 
 
-def cookie(role):
-    return f"{access.COOKIE}={KEYS.make_cookie(role)}"
+def cookie(running, role):
+    return f"{access.COOKIE}={running.server.sessions.open(role)}"
 
 
 async def answer_to(connection, **request):
@@ -210,27 +220,27 @@ def test_a_foreign_name_or_a_proxy_is_not_this_computer(local, headers):
 def test_in_a_network_nothing_is_shown_without_a_code(network):
     assert [network.ask(path).code for path in PRIVATE] == [401, 401, 401]
     with pytest.raises(Exception, match="401"):
-        network.link(lambda connection: answer_to(connection, do="command", command="stop"))
+        network.link(lambda connection: answer_to(connection, do="command", command="stop", seen_stop="", age=0.0))
     # the page itself and its words are no secret: the code is asked for there
     assert network.ask("/").code == 200 and network.ask("/words/de.json").code == 200
 
 
 def test_viewers_look_and_operators_command(network):
-    assert [network.ask(path, Cookie=cookie(Role.VIEWER)).code for path in PRIVATE] == [200, 403, 403]
-    assert [network.ask(path, Cookie=cookie(Role.OPERATOR)).code for path in PRIVATE] == [200, 200, 200]
+    assert [network.ask(path, Cookie=cookie(network, Role.VIEWER)).code for path in PRIVATE] == [200, 403, 403]
+    assert [network.ask(path, Cookie=cookie(network, Role.OPERATOR)).code for path in PRIVATE] == [200, 200, 200]
 
     async def stop(connection):
-        return await answer_to(connection, do="command", command="stop")
+        return await answer_to(connection, do="command", command="stop", seen_stop="", age=0.0)
 
-    assert network.link(stop, Cookie=cookie(Role.VIEWER))["code"] == "page_viewer_only"
+    assert network.link(stop, Cookie=cookie(network, Role.VIEWER))["code"] == "page_viewer_only"
     assert network.backend.done == []
-    assert network.link(stop, Cookie=cookie(Role.OPERATOR))["ok"]
-    assert network.backend.done == [("command", {"command": "stop"})]
+    assert network.link(stop, Cookie=cookie(network, Role.OPERATOR))["ok"]
+    assert network.backend.done == [("command", {"command": "stop", "seen_stop": "", "age": 0.0})]
 
 
 def log_in(running, code, **headers):
     given = {"Origin": f"http://{running.host}", **headers}
-    return running.ask("/login", "POST", json.dumps({"code": code}), **given)
+    return running.ask("/session", "POST", json.dumps({"code": code}), **given)
 
 
 def test_a_code_gives_a_cookie_that_scripts_and_other_sites_do_not_get(network):
@@ -245,13 +255,15 @@ def test_a_code_gives_a_cookie_that_scripts_and_other_sites_do_not_get(network):
 def test_codes_cannot_be_tried_fast(network):
     codes = [log_in(network, f"guess{number}").code for number in range(8)]
     assert codes[0] == 401 and codes[-1] == 429
-    assert log_in(network, KEYS.operator).code == 429  # also the right one
+    assert log_in(network, CODES.operator).code == 429  # also the right one
 
 
 @pytest.mark.parametrize("headers", [{"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": ""}])
 def test_a_page_from_elsewhere_gets_no_link(local, headers):
     with pytest.raises(Exception, match="403"):
-        local.link(lambda connection: answer_to(connection, do="command", command="stop"), **headers)
+        local.link(
+            lambda connection: answer_to(connection, do="command", command="stop", seen_stop="", age=0.0), **headers
+        )
     assert local.backend.done == []
 
 
@@ -268,7 +280,7 @@ def test_a_page_from_elsewhere_gets_no_link(local, headers):
         ("/words/xx.json", "GET", None, 404),
         ("/", "DELETE", None, 403),
         ("/", "PUT", "x", 403),
-        ("/login", "POST", "{", 404),
+        ("/session", "POST", "{", 404),
         ("/" + "a" * 60, "GET", None, 404),
     ],
 )
@@ -277,10 +289,10 @@ def test_only_what_is_listed_can_be_fetched(local, path, method, body, expected)
 
 
 def test_a_body_that_is_large_or_a_form_is_never_parsed(network):
-    big = network.ask("/login", "POST", "x" * 100000, Origin=f"http://{network.host}")
+    big = network.ask("/session", "POST", "x" * 100000, Origin=f"http://{network.host}")
     assert big.code in (400, 413, 599)
     form = network.ask(
-        "/login",
+        "/session",
         "POST",
         "--b\r\n\r\nx\r\n--b--",
         Origin=f"http://{network.host}",
@@ -334,35 +346,120 @@ def test_stop_does_not_wait_for_what_takes_long(local):
             await connection.write_message(
                 json.dumps({"do": "preview", "id": f"p{number}", "draft": GOOD_DRAFT, "border": ""})
             )
-        answer = await answer_to(connection, do="command", id="stop", command="stop")
+        answer = await answer_to(connection, do="command", id="stop", command="stop", seen_stop="", age=0.0)
         local.backend.gate.set()
         return answer
 
     assert local.link(work)["ok"]
 
 
-def test_a_resume_does_not_overtake_the_stop_before_it(local, monkeypatch):
-    monkeypatch.setattr(server, "_TIMEOUT", None)
-    local.backend.gate.clear()
-    local.backend.slow = "stop"
+def test_previews_of_one_person_wait_for_each_other_and_not_for_those_of_others(network):
+    network.backend.gate.clear()
+
+    async def work(first):
+        loop = asyncio.get_event_loop()
+        given = {"Origin": f"http://{network.host}", "Cookie": cookie(network, Role.OPERATOR)}
+        other = await websocket_connect(HTTPRequest(f"ws://{network.host}/link", headers=given))
+        preview = {"do": "preview", "draft": GOOD_DRAFT, "border": ""}
+        for number in range(4):
+            await first.write_message(json.dumps({**preview, "id": f"p{number}"}))
+        await answer_to(other, do="mark", text="x")  # all four have arrived
+        await other.write_message(json.dumps({**preview, "id": "q"}))
+        for _ in range(2):
+            assert await loop.run_in_executor(None, network.backend.arrived.acquire, True, 60.0)
+        sources = list(network.backend.previews)
+        network.backend.gate.set()
+        return sources
+
+    first, second = network.link(work, Cookie=cookie(network, Role.OPERATOR))
+    assert first != second
+
+
+def test_who_logs_out_is_out_at_once_and_the_cookie_is_worth_nothing(network):
+    given = cookie(network, Role.OPERATOR)
 
     async def work(connection):
-        for command in ("stop", "resume"):
-            await connection.write_message(json.dumps({"do": "command", "id": command, "command": command}))
-        # what others ask for is done meanwhile
-        await answer_to(connection, do="rename", id="n", border="b1", revision=1, name="Rug")
-        local.backend.gate.set()
-        while len(local.backend.done) < 3:
-            await connection.read_message()
-        return [values.get("command") for _, values in local.backend.done]
+        await answer_to(connection, do="mark", text="x")
+        loop = asyncio.get_event_loop()
+        left = await loop.run_in_executor(
+            None, lambda: network.ask("/session", "DELETE", Cookie=given, Origin=f"http://{network.host}")
+        )
+        while await asyncio.wait_for(connection.read_message(), 60.0) is not None:
+            pass
+        return left.code
 
-    assert local.link(work) == [None, "stop", "resume"]
+    assert network.link(work, Cookie=given) == 200
+    assert json.loads(network.ask("/session", Cookie=given).body)["role"] == "nobody"
+
+
+def closed_by_the_server(connection):
+    connection.settimeout(60.0)
+    with contextlib.suppress(ConnectionResetError):
+        while connection.recv(4096):
+            pass
+    return True
+
+
+def test_strangers_who_hold_connections_keep_nobody_out(network):
+    """Slow headers, or hanging handshakes: the same place."""
+    host = ("127.0.0.1", network.server.port)
+    with contextlib.ExitStack() as stack:
+        held = [
+            stack.enter_context(socket.create_connection(host, source_address=("127.0.5.5", 0))) for _ in range(150)
+        ]
+        for connection in held:
+            connection.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n")
+        assert network.ask("/session").code == 200
+        assert log_in(network, CODES.operator).code == 200
+        assert all(map(closed_by_the_server, held[:50]))
+
+
+def test_a_browser_that_takes_nothing_is_ended_by_the_system(network):
+    with socket.create_connection(("127.0.0.1", network.server.port)) as connection:
+        connection.sendall(b"GET /session HTTP/1.1\r\nHost: x\r\n\r\n")
+        assert connection.recv(4096)
+        held = [stream for places in network.server.places.values() for stream in places._held]
+        limits = [stream.socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) for stream in held]
+    assert limits == [20000]
+
+
+def test_viewers_take_no_operators_place(network):
+    for role in network.server.places:
+        network.server.places[role] = Places(3, yields=role == Role.NOBODY)
+    viewer = cookie(network, Role.VIEWER)
+
+    async def work(operator):
+        given = {"Origin": f"http://{network.host}", "Cookie": viewer}
+        links = [await websocket_connect(HTTPRequest(f"ws://{network.host}/link", headers=given)) for _ in range(6)]
+        for link in links[:3]:  # its own older ones give way
+            while await asyncio.wait_for(link.read_message(), 60.0) is not None:
+                pass
+        return await answer_to(operator, do="command", command="stop", seen_stop="", age=0.0)
+
+    assert network.link(work, Cookie=cookie(network, Role.OPERATOR))["ok"]
+
+
+def test_who_finds_no_place_is_told_so(network):
+    network.server.places[Role.VIEWER] = Places(0, yields=False)
+    assert network.ask("/session", Cookie=cookie(network, Role.VIEWER)).code == 503
+    assert network.ask("/session", Cookie=cookie(network, Role.OPERATOR)).code == 200
+
+
+def test_wrong_codes_of_many_addresses_keep_no_phone_out(network):
+    network.server.logins = access.Limiter(rate=0.0, burst=5.0)
+    for number in range(80):
+        assert network.server.logins.allows(f"10.0.0.{number}", 0.0)
+    assert [log_in(network, f"guess{number}").code for number in range(4)] == [401] * 4
+    assert network.backend.wrong == ["127.0.0.1"] * 4
+    assert log_in(network, CODES.operator).code == 200
 
 
 def test_one_browser_cannot_ask_without_end(local):
     async def work(connection):
         for number in range(200):
-            await connection.write_message(json.dumps({"do": "command", "id": f"c{number}", "command": "undo"}))
+            await connection.write_message(
+                json.dumps({"do": "command", "id": f"c{number}", "command": "undo", "seen_stop": "", "age": 0})
+            )
         while await asyncio.wait_for(connection.read_message(), 10.0) is not None:
             pass
         return connection.close_code
@@ -411,9 +508,9 @@ def test_garbage_on_the_socket_ends_only_itself(local):
         b"\x00" * 2000,
         b"GET / HTTP/9.9\r\n\r\n",
         b"GET " + b"a" * 40000 + b" HTTP/1.1\r\n\r\n",
-        b"POST /login HTTP/1.1\r\nContent-Length: -5\r\n\r\n",
+        b"POST /session HTTP/1.1\r\nContent-Length: -5\r\n\r\n",
         b"GET /link HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\r\n",
-        b"POST /login HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nZZZ\r\n",
+        b"POST /session HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nZZZ\r\n",
     ]
     for data in garbage:
         with socket.create_connection(("127.0.0.1", local.server.port), timeout=10.0) as connection:
@@ -427,6 +524,17 @@ def test_garbage_on_the_socket_ends_only_itself(local):
 def test_an_address_that_asks_too_often_is_told_so(local):
     local.server.requests = access.Limiter(rate=0.0, burst=3.0)
     assert [local.ask("/session").code for _ in range(4)] == [200, 200, 200, 429]
+
+
+def test_an_address_that_connects_too_often_is_hung_up_on_and_others_are_not(local):
+    local.server.connections = access.Limiter(rate=0.0, burst=3.0)
+    host = ("127.0.0.1", local.server.port)
+    for number in range(8):
+        with socket.create_connection(host, source_address=("127.0.5.5", 0)) as connection:
+            connection.sendall(b"GET /session HTTP/1.0\r\nHost: localhost\r\n\r\n")
+            with contextlib.suppress(ConnectionResetError):
+                assert bool(connection.recv(4096)) == (number < 3)
+    assert local.ask("/session").code == 200
 
 
 def test_a_port_that_is_taken_is_told(local):

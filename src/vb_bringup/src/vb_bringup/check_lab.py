@@ -35,6 +35,17 @@ def print_table(lines: List[CheckLine], language: str, console: Console) -> None
     console.print(table)
 
 
+def print_camera(camera: str) -> None:
+    """Prints what people should send if a camera that its detector reads itself does not work; takes some seconds."""
+    from vb_laser_detect.camera.report import describe
+    from vb_laser_detect.camera.source import CaptureParams
+
+    found = rospy.get_param(f"/spot_detector_{camera}", {}) if camera else {}
+    if found.get("source"):
+        print(f"\nIf the camera {camera} does not work at all, report this with the lines above:")
+        print("\n".join(describe(str(found["source"]), CaptureParams.from_mapping(found.get("capture"), "capture"))))
+
+
 def to_json(lines: List[CheckLine], language: str) -> str:
     """Formats the lines for programs.
 
@@ -86,6 +97,8 @@ def run(arguments: Optional[List[str]] = None) -> int:
         print(to_json(lines, chosen.language))
     else:
         print_table(lines, chosen.language, Console())
+        for camera in sorted({str(line.values.get("camera", "")) for line in lines if line.state is CheckState.ERROR}):
+            print_camera(camera)
     return FAULTS if worst_state(lines) is CheckState.ERROR else READY
 
 

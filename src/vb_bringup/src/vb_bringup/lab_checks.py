@@ -13,8 +13,9 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import Any, Collection, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
-from vb_core import names, sentences
+from vb_core import sentences
 from vb_core.notices import Notice, Severity
+from vb_core.offer import Offer
 from vb_laser_detect.detection.exposure import TOO_BRIGHT
 
 # [Hz] a stroke at 0.5 m/s leaves one spot per 10 cm then; slower cameras work, but lines get coarse
@@ -27,6 +28,8 @@ MAX_FOCAL_CHANGE = 0.01
 MIN_DISK_MB = 500
 # a robot that drives by its scan should see at least what is ahead
 MIN_SCAN_DEG = 60.0
+# [s] localisation speaks several times a second; AMCL dates its poses 0.3 s ahead
+MAX_POSE_AGE = 1.0
 # subject of all lines about borders, which people change at any time
 BORDERS = "borders"
 
@@ -71,7 +74,9 @@ class CameraObservation:
 
     Attributes:
         topic: of its images; publishers: nodes that publish it; others: topics of images that its driver does publish.
-        rate: [1/s]; age: [s] from stamp to arrival, of the quickest image; both 0 without images.
+        rate: [1/s]; age: [s] from stamp to arrival, of the quickest image, beyond its camera's known delay; both 0 without
+            images.
+        no_delay: it is a network camera whose delay nobody has measured.
         frame: that the images name; bright: share of the image at its white level.
         detector: the detector's node; "" if none runs.
         has_pose: whether tf knows the frame in the map.
@@ -87,6 +92,7 @@ class CameraObservation:
     others: Sequence[str] = ()
     rate: float = 0.0
     age: float = 0.0
+    no_delay: bool = False
     width: int = 0
     height: int = 0
     encoding: str = ""
@@ -152,6 +158,8 @@ def _camera_faults(camera: CameraObservation, by_frame: Mapping[str, Sequence[st
         yield fault(CheckState.WARNING, "lab_camera_slow", rate=f"{camera.rate:.1f}")
     if abs(camera.age) > MAX_CLOCK_OFFSET + 2.0 / camera.rate:
         yield fault(CheckState.ERROR, "lab_camera_clock", age=f"{camera.age:.2f}")
+    if camera.no_delay:
+        yield fault(CheckState.WARNING, "lab_camera_no_delay")
     if camera.bright > TOO_BRIGHT:
         yield fault(CheckState.WARNING, "lab_camera_too_bright", percent=f"{100 * camera.bright:.0f}")
     yield from _lens_faults(camera, fault)
@@ -216,44 +224,58 @@ def _pose_faults(camera: CameraObservation, by_frame: Mapping[str, Sequence[str]
         yield fault(CheckState.ERROR, "lab_camera_no_pose", frame=camera.frame)
 
 
+def check_robots(found: Offer) -> List[CheckLine]:
+    """Makes lines of what is connected to each robot and follows from that."""
+    states = {Severity.INFO: CheckState.OK, Severity.WARNING: CheckState.WARNING, Severity.ERROR: CheckState.ERROR}
+    return [
+        CheckLine(f"robot {line.robot}".strip(), states[line.severity], line.code, line.values, from_notice=True)
+        for line in found.lines
+    ]
+
+
 @dataclass(frozen=True)
 class RobotObservation:
     """What was observed of one robot; `name` is "" for the only one.
 
     Attributes:
-        pose_age: [s] of the newest map -> base_link; None: there is none.
+        driven: whether it has a driver, which needs its scan.
+        pose_age: [s] of its newest pose; None: there is none. keeps_margin: whether it plans on the driver's keep_out.
         scan_topic, scan_deg: [deg] what the scan covers; 0: no scan arrived.
         depth_frame, color_frame: frames of its depth and colour images; "": no image arrived.
+        clears_plans: whether make_plan clears the costmap around the robot first, and borders with it.
     """
 
     name: str
+    driven: bool = False
     pose_age: Optional[float] = None
+    keeps_margin: bool = True
     scan_topic: str = "scan"
     scan_deg: float = 0.0
     color_frame: str = ""
     depth_frame: str = ""
+    clears_plans: bool = False
 
 
 def check_robot(robot: RobotObservation) -> List[CheckLine]:
-    """Checks whether a robot can be sent to the spot and follow it."""
+    """Checks what no node knows of a robot: its scanner, its camera, and a parameter of its navigation."""
     subject = f"robot {robot.name}".strip()
     lines: List[CheckLine] = []
 
     def found(state: CheckState, code: str, **values: Any) -> None:
         lines.append(CheckLine(subject, state, code, {"robot": sentences.robot_value(robot.name), **values}))
 
-    if robot.pose_age is None:
-        found(CheckState.ERROR, "lab_robot_no_pose")
-    elif robot.pose_age > 1.0:
+    if robot.pose_age is not None and abs(robot.pose_age) > MAX_POSE_AGE:
         found(CheckState.ERROR, "lab_robot_old_pose", age=f"{robot.pose_age:.1f}")
-    if robot.scan_deg == 0.0:
+    if robot.driven and not robot.keeps_margin:
+        found(CheckState.WARNING, "lab_robot_without_margin")
+    if robot.driven and robot.scan_deg == 0.0:
         found(CheckState.WARNING, "lab_robot_no_scan", topic=robot.scan_topic)
-    elif robot.scan_deg < MIN_SCAN_DEG:
+    elif robot.driven and robot.scan_deg < MIN_SCAN_DEG:
         found(CheckState.WARNING, "lab_robot_narrow_scan", degrees=f"{robot.scan_deg:.0f}")
     if robot.depth_frame and robot.color_frame and robot.depth_frame != robot.color_frame:
         found(CheckState.ERROR, "lab_robot_depth_not_registered", depth=robot.depth_frame, color=robot.color_frame)
-    if not lines:
-        found(CheckState.OK, "lab_robot_ok", degrees=f"{robot.scan_deg:.0f}")
+    if robot.clears_plans:
+        found(CheckState.ERROR, "lab_robot_clears_plans")
     return lines
 
 
@@ -337,41 +359,19 @@ def check_nodes(missing: Sequence[str]) -> List[CheckLine]:
     return [CheckLine("nodes", CheckState.ERROR, "lab_node_missing", {"node": node}) for node in missing]
 
 
-def drop_recovered(lines: Sequence[CheckLine], running: Collection[str]) -> List[CheckLine]:
-    """Drops the lines of an earlier check about missing nodes that run by now: the next check is seconds away."""
-    return [line for line in lines if line.code != "lab_node_missing" or line.values["node"] not in running]
+_NO_IMAGES = ("lab_camera_silent", "lab_camera_no_publisher", "lab_camera_other_topic")
 
 
-@dataclass(frozen=True)
-class NavigationObservation:
-    """What was observed of one move_base.
+def drop_recovered(lines: Sequence[CheckLine], running: Collection[str], sending: Collection[str]) -> List[CheckLine]:
+    """Drops the lines of an earlier check that are over: the next check is seconds away.
 
-    Attributes:
-        maps: the maps that it subscribes to.
-        clears_plans: whether make_plan clears the costmap around the robot first, and borders with it.
+    Args:
+        running: nodes; sending: cameras that have sent images: if they do not any more, their detectors say so.
     """
-
-    name: str
-    running: bool = False
-    maps: Sequence[str] = ()
-    clears_plans: bool = False
-
-
-def check_navigation(seen: NavigationObservation) -> List[CheckLine]:
-    """Checks whether move_base plans on the map with borders, and on no other."""
-    values = {"node": seen.name, "maps": ", ".join(seen.maps) or "none"}
-    if not seen.running:
-        return [CheckLine(seen.name, CheckState.WARNING, "lab_navigation_missing", values)]
-    lines = []
-    if not any(topic.endswith(names.MAP_WITH_BORDERS) for topic in seen.maps):
-        lines.append(CheckLine(seen.name, CheckState.ERROR, "lab_navigation_without_borders", values))
-    elif names.PHYSICAL_MAP in seen.maps:
-        lines.append(CheckLine(seen.name, CheckState.ERROR, "lab_navigation_physical_map", values))
-    elif not any(topic.endswith(f"/{names.KEEP_OUT}") for topic in seen.maps):
-        lines.append(CheckLine(seen.name, CheckState.WARNING, "lab_navigation_without_keep_out", values))
-    if seen.clears_plans:
-        lines.append(CheckLine(seen.name, CheckState.ERROR, "lab_navigation_clears_plans", values))
-    return lines or [CheckLine(seen.name, CheckState.OK, "lab_navigation_ok", values)]
+    cured = {"lab_node_missing": ("node", running), **dict.fromkeys(_NO_IMAGES, ("camera", sending))}
+    return [
+        line for line in lines if line.code not in cured or line.values[cured[line.code][0]] not in cured[line.code][1]
+    ]
 
 
 def check_disk(folder: str, free_mb: float, writable: bool = True) -> CheckLine:
@@ -386,16 +386,7 @@ def check_disk(folder: str, free_mb: float, writable: bool = True) -> CheckLine:
 
 
 # people are told of these at once, by the node that the fault is in: a check that comes later adds nothing
-_REPORTED_BY_OTHERS = frozenset(
-    {
-        "lab_camera_no_detector",
-        "lab_camera_no_publisher",
-        "lab_camera_silent",
-        "lab_robot_no_pose",
-        "lab_robot_old_pose",
-        "lab_borders_need_confirmation",
-    }
-)
+_REPORTED_BY_OTHERS = frozenset({"lab_camera_no_detector", "lab_borders_need_confirmation"})
 
 
 def notices_from_lines(lines: Iterable[CheckLine]) -> List[Notice]:

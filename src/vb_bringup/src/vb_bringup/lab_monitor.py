@@ -1,4 +1,4 @@
-"""Watches the cameras while people work, and reports a faulty one in a notice. No ROS.
+"""Watches the cameras while people work: which detector is gone, what each says of itself, which two disagree. No ROS.
 
 Without it, an unplugged camera looks to a person as if the laser were off.
 """
@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
-from typing import Deque, Dict, List, Mapping, Sequence
+from typing import Deque, Dict, List, Sequence
 
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
@@ -16,83 +15,41 @@ from vb_laser_detect.calibration.consistency import Sighting, compare_cameras
 
 # [s] a detector reports each second; two reports may be late on a busy computer
 SILENCE_TIMEOUT = 3.0
-# [s] on a slow computer detectors start one after the other
-START_TIMEOUT = 15.0
+START_TIMEOUT = (
+    60.0  # [s] a lab's nodes start one after the other, on a small computer for a minute; nothing is missed before
+)
 # [m] the extraction takes cameras to agree within a hand's tremble; calibrated ones differ by one or two centimetres
 MAX_DISAGREEMENT = 0.05
 # sightings of one camera that are compared, and [s] for how long: enough for a mean, soon replaced after a calibration
 _SIGHTINGS, _SIGHTING_LIFETIME = 200, 300.0
 # [s] a detector looks a fixed camera's pose up every two seconds: what it sees until then may still have the former one
 _POSE_LATENCY = 5.0
-# a detector's count of dropped spots, to the code of the notice; the first that holds hides those behind it. Of a
-# shared frame `check_lab` tells, which knows the cameras that have it.
-_REASONS = {"shared_frame": "", "no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}
 
 
-@dataclass
-class _WatchedCamera:
-    heard: float
-    images: int = 0
-    image_at: float = 0.0
-    dropped: Dict[str, int] = field(default_factory=dict)
-    dropped_at: Dict[str, float] = field(default_factory=dict)
-
-
-class LabMonitor:
-    """Finds the cameras' present faults from their detectors' reports. Not thread safe.
+class DetectorWatch:
+    """Finds the cameras whose detectors do not report, or report a fault of their own. Not thread safe.
 
     Args:
         cameras: names of those that should be there; others are watched once they report.
+        now: [s] when they may start.
     """
 
-    def __init__(self, cameras: Sequence[str]) -> None:
-        self._expected = list(cameras)
-        self._cameras: Dict[str, _WatchedCamera] = {}
+    def __init__(self, cameras: Sequence[str], now: float) -> None:
+        self._heard = {name: (now + START_TIMEOUT - SILENCE_TIMEOUT, "") for name in cameras}  # when [s], and what
 
-    def begin(self, now: float) -> None:
-        """Starts the clock [s]: until something is overdue nothing is said."""
-        started = now + START_TIMEOUT - SILENCE_TIMEOUT
-        self._cameras = {name: _WatchedCamera(started, image_at=started) for name in self._expected}
-
-    def update(self, camera: str, images: int, dropped: Mapping[str, int], now: float) -> None:
-        """Adopts a detector's report at a time [s].
-
-        Args:
-            images: received since it was started; dropped: how often a spot or image was, by reason.
-        """
-        known = self._cameras.setdefault(camera, _WatchedCamera(now, image_at=now))
-        known.heard = now
-        if images != known.images:
-            known.images, known.image_at = images, now
-        for reason in _REASONS:
-            count = dropped.get(reason, 0)
-            if count > known.dropped.get(reason, 0):
-                known.dropped_at[reason] = now
-            known.dropped[reason] = count
+    def update(self, camera: str, fault: str, now: float) -> None:
+        """Adopts a detector's report at a time [s]: the code of its fault, or ""."""
+        self._heard[camera] = now, fault
 
     def notices(self, now: float) -> List[Notice]:
         """Returns what people should know at a time [s], one notice per camera at most."""
-        found = []
-        for name, camera in sorted(self._cameras.items()):
-            code = self._fault(camera, now)
-            if code:
-                found.append(Notice(code, Severity.ERROR, camera=name, values={"camera": name}))
-        return found
-
-    @staticmethod
-    def _fault(camera: _WatchedCamera, now: float) -> str:
-        if now - camera.heard > SILENCE_TIMEOUT:
-            return "detector_missing"
-        if now - camera.image_at > SILENCE_TIMEOUT:
-            return "camera_silent"
-        return next(
-            (
-                code
-                for reason, code in _REASONS.items()
-                if now - camera.dropped_at.get(reason, -math.inf) <= SILENCE_TIMEOUT
-            ),
-            "",
-        )
+        codes = {
+            name: "detector_missing" if now - heard > SILENCE_TIMEOUT else fault
+            for name, (heard, fault) in sorted(self._heard.items())
+        }
+        return [
+            Notice(code, Severity.ERROR, camera=name, values={"camera": name}) for name, code in codes.items() if code
+        ]
 
 
 class CameraComparison:

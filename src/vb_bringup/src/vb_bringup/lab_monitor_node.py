@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
-from typing import Any, Dict, FrozenSet, List, Optional, Tuple
+from typing import Any, Dict, FrozenSet, List, Optional, Set, Tuple
 
 import rosgraph
 import rospy
@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from tf2_msgs.msg import TFMessage
 
 from vb_bringup.lab_checks import BORDERS, CheckLine, CheckState, drop_recovered, lines_from_notices, notices_from_lines
-from vb_bringup.lab_monitor import CameraComparison, LabMonitor
+from vb_bringup.lab_monitor import START_TIMEOUT, CameraComparison, DetectorWatch
 from vb_core import names
 from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
@@ -74,9 +74,9 @@ class LabMonitorNode:
 
     def __init__(self, params: LabMonitorParams) -> None:
         self._lock = threading.Lock()
-        self._monitor = LabMonitor(params.cameras.split())
         self._comparison, self._disagreeing, self._compared = CameraComparison(), [], 0.0
         self._frames: Dict[str, str] = {}  # of each camera
+        self._sending: Set[str] = set()  # cameras that have sent images
         self._poses: Dict[str, Any] = {}  # by frame
         self._own_notices: List[Notice] = []
         self._lines: List[CheckLine] = []
@@ -84,7 +84,7 @@ class LabMonitorNode:
         self._logged: Dict[Tuple[str, str], float] = {}  # subject and code of a notice, and when it held last
         self._closed = threading.Event()
         node.wait_for_clock()
-        self._monitor.begin(rospy.get_time())
+        self._detectors = DetectorWatch(params.cameras.split(), rospy.get_time())
         self._notices = NoticePublisher()
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=5)
         self._subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
@@ -101,10 +101,11 @@ class LabMonitorNode:
         self._notices.close()
 
     def _on_status(self, message: DetectorStatus) -> None:
-        dropped = dict(zip(message.rejections, message.rejection_counts))
         with self._lock:
             self._frames[message.camera] = message.frame_id
-            self._monitor.update(message.camera, message.received, dropped, rospy.get_time())
+            if message.received:
+                self._sending.add(message.camera)
+            self._detectors.update(message.camera, message.fault, rospy.get_time())
 
     def _on_spot(self, message: LaserSpot) -> None:
         if not message.mobile:
@@ -126,8 +127,8 @@ class LabMonitorNode:
         with self._lock:
             if time.monotonic() - self._compared > COMPARISON_PERIOD:
                 self._disagreeing, self._compared = self._comparison.notices(rospy.get_time()), time.monotonic()
-            self._own_notices = self._monitor.notices(rospy.get_time())
-            lines = drop_recovered(self._lines, self._running)
+            self._own_notices = self._detectors.notices(rospy.get_time())
+            lines = drop_recovered(self._lines, self._running, self._sending)
             notices = [*self._own_notices, *self._disagreeing, *notices_from_lines(lines)]
             others = lines_from_notices(self._all_notices.current(), lines)
             new = self._new_lines(others)
@@ -153,7 +154,8 @@ class LabMonitorNode:
     def _check_repeatedly(self) -> None:
         """Checks once all nodes have started, whenever one came or went or a camera's notices changed, and now and then."""
         situation: Tuple[FrozenSet[str], List[Notice]] = (frozenset(), [])
-        checked, due = time.monotonic(), float("inf")
+        began = checked = time.monotonic()
+        due = float("inf")
         while not self._closed.wait(POLL_PERIOD):
             before, situation = situation, self._situation()
             with self._lock:
@@ -161,6 +163,7 @@ class LabMonitorNode:
             if situation != before:
                 # a node that dies again and again must not keep it from the others
                 due = min(time.monotonic() + SETTLING_TIME, checked + CHECK_PERIOD[CheckState.ERROR])
+                due = max(due, began + START_TIMEOUT)
             if situation[0] and time.monotonic() > due:
                 lines = self._check()
                 if self._situation() != situation and time.monotonic() < checked + CHECK_PERIOD[CheckState.ERROR]:

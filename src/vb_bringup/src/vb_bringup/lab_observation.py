@@ -7,9 +7,8 @@ import shutil
 import struct
 import threading
 import time
-from collections import defaultdict
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import rosgraph
@@ -24,49 +23,33 @@ from vb_bringup.lab_checks import (
     CheckLine,
     CheckState,
     MapObservation,
-    NavigationObservation,
     RobotObservation,
     check_borders,
     check_cameras,
     check_disk,
     check_map,
-    check_navigation,
     check_nodes,
     check_robot,
+    check_robots,
     lines_from_notices,
 )
+from vb_core.node_graph import NodeGraph
 from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.offer import offer
+from vb_core.ros.graph import read_graph
 from vb_core.ros.images import array_from_compressed_image, array_from_image
 from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
+from vb_core.ros.robots import connections_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.detection.exposure import saturated_share
-from vb_msgs.msg import VirtualBorderArray
+from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorderArray
 
-NEEDED_NODES = ("/interaction_manager", "/border_fusion", "/map_integrator")
 _DETECTOR = "spot_detector"
+_MONITOR, _ROBOT_MONITOR = "/lab_monitor", "/robot_monitor"
 _CONNECTION_TIMEOUT = 5.0  # [s] a publisher that cannot be reached by then is one of the faults to report
 _IMAGE_TYPES = {"sensor_msgs/Image": Image, "sensor_msgs/CompressedImage": CompressedImage}
-
-
-class NodeGraph:
-    """Which nodes run, and their publications and subscriptions, at one moment."""
-
-    def __init__(self) -> None:
-        master = rosgraph.Master(rospy.get_name())
-        published, subscribed, services = master.getSystemState()
-        self.publishers: Dict[str, List[str]] = dict(published)
-        self.types: Dict[str, str] = dict(master.getTopicTypes())
-        self._subscriptions: Dict[str, List[str]] = defaultdict(list)
-        for topic, nodes in subscribed:
-            for node in nodes:
-                self._subscriptions[node].append(topic)
-        self.nodes: Set[str] = {node for _, nodes in published + subscribed + services for node in nodes}
-
-    def subscriptions(self, node: str, kinds: Sequence[str]) -> List[str]:
-        """Returns the topics of these types that a node subscribes to."""
-        return [topic for topic in self._subscriptions[node] if self.types.get(topic) in kinds]
 
 
 class ObservedTopic:
@@ -125,10 +108,10 @@ class ObservedTopic:
 
 def observe_lab(seconds: float) -> List[CheckLine]:
     """Listens to cameras, scans and notices for some seconds, looks at everything else, and judges it."""
-    graph = NodeGraph()
+    graph = read_graph()
     listener = NoticeListener()
     transforms = TransformLookup()
-    robots = _robots()
+    robots = _robot_names()
     running = sorted(node for node in graph.nodes if node.split("/")[-1].startswith(_DETECTOR))
     detectors = {
         node: {"camera": node.split("/")[-1][len(_DETECTOR) :].strip("_"), **_parameters(node)}
@@ -142,22 +125,20 @@ def observe_lab(seconds: float) -> List[CheckLine]:
     poses = _CalibrationFiles(graph)
     cameras = [_camera(graph, node, detectors[node], images[node][0], streams, transforms, poses) for node in detectors]
     # one that was just being started again has no name for a moment
-    running_now = graph.nodes | NodeGraph().nodes
-    lines = check_nodes([node for node in NEEDED_NODES if node not in running_now])
-    lines += check_cameras(cameras)
+    running_now = graph.nodes | read_graph().nodes
+    lines = check_nodes([node for node in _needed_nodes() if node not in running_now])
+    if cameras or rospy.has_param(_MONITOR):
+        lines += check_cameras(cameras)
     lines += check_map(_map(graph, streams))
     stored = streams[names.BORDERS].message()
     if stored is not None:
         borders = [BorderObservation(border.name, border.in_force, border.reason) for border in stored.borders]
         lines += check_borders(borders, stored.needs_confirmation)
-    driven = rospy.get_param("/interaction_manager/robot", True)
-    for robot in robots:
-        # robot:=false: one that merely navigates is asked about its navigation only
-        if driven:
+    connected = streams[names.ROBOTS].message()
+    if connected is not None:
+        lines += check_robots(offer(connections_from_message(connected)))
+        for robot in connected.robots:
             lines += check_robot(_robot(robot, streams, transforms))
-        move_base = _within(robot, "move_base")
-        if driven or move_base in graph.nodes:
-            lines += check_navigation(_navigation(graph, move_base))
     lines += _check_output(graph)
     for stream in streams.values():
         stream.close()
@@ -179,6 +160,7 @@ def _wanted_topics(images: Iterable[Tuple[str, type]], robots: Sequence[str]) ->
         names.PHYSICAL_MAP: OccupancyGrid,
         names.MAP_WITH_BORDERS: OccupancyGrid,
         names.BORDERS: VirtualBorderArray,
+        names.ROBOTS: RobotStatusArray,
     }
 
 
@@ -188,8 +170,9 @@ def _check_output(graph: NodeGraph) -> List[CheckLine]:
     lines = [CheckLine("voice", CheckState.OK, "lab_voice_ok" if voice else "lab_voice_off")]
     display = next((node for node in sorted(graph.nodes) if node.split("/")[-1] in ("smart_display", "rviz")), "")
     state, code = CheckState.OK, "lab_display_ok" if display else "lab_display_off"
-    if display and rospy.get_param(f"{display}/waits_for_screen", False):
-        state, code = CheckState.WARNING, "lab_display_waits"
+    lacking = rospy.get_param(f"{display}/lacking", "") if display else ""
+    if lacking:
+        state, code = CheckState.WARNING, lacking
     lines.append(CheckLine("display", state, code, {"node": display}))
     place = Path(str(rospy.get_param("/map_integrator/database_dir", "~"))).expanduser()
     while not place.exists():
@@ -198,9 +181,18 @@ def _check_output(graph: NodeGraph) -> List[CheckLine]:
     return lines
 
 
-def _robots() -> List[str]:
-    found = rospy.get_param("/map_integrator/robots", [])
-    return [str(name) for name in found] if isinstance(found, list) and found else [""]
+def _needed_nodes() -> List[str]:
+    """Lists the nodes that the running launch is meant to have, by the parameters that it has set."""
+    found = ["/map_integrator", *(["/border_fusion"] if rospy.has_param(_MONITOR) else [])]
+    if rospy.has_param(_ROBOT_MONITOR):
+        found.append(_ROBOT_MONITOR)
+    if rospy.has_param(_MONITOR) or rospy.get_param(f"{_ROBOT_MONITOR}/interaction", False):
+        found.append("/interaction_manager")
+    return found
+
+
+def _robot_names() -> List[str]:
+    return list(rospy.get_param(f"{_ROBOT_MONITOR}/robots", [])) or [""]
 
 
 def _within(robot: str, name: str) -> str:
@@ -271,6 +263,7 @@ def _other_images(graph: NodeGraph, topic: str) -> List[str]:
         other
         for other, nodes in graph.publishers.items()
         if nodes and other != topic and other.startswith(f"/{name}/") and graph.types.get(other) == "sensor_msgs/Image"
+        if not other.endswith("/debug_image")
     )
 
 
@@ -283,7 +276,7 @@ def _camera(
     transforms: TransformLookup,
     poses: _CalibrationFiles,
 ) -> CameraObservation:
-    name = str(parameters.get("camera", node))
+    name, delay = str(parameters.get("camera", node)), 1e-3 * parameters.get("capture", {}).get("delay_ms", 0.0)
     image, info = streams[topic].message(), streams[_info_topic(topic)].message()
     pixels = _pixels(image)
     frame = str(parameters.get("frame", "")) or (image.header.frame_id if image is not None else "")
@@ -293,7 +286,8 @@ def _camera(
         publishers=graph.publishers.get(topic, []),
         others=_other_images(graph, topic),
         rate=streams[topic].rate(),
-        age=streams[topic].age(),
+        age=streams[topic].age() - delay,
+        no_delay="://" in str(parameters.get("source", "")) and not delay,  # a camera in the network
         width=pixels.shape[1],
         height=pixels.shape[0],
         encoding=getattr(image, "encoding", "") or getattr(image, "format", ""),
@@ -327,25 +321,23 @@ def _transform_age(transforms: TransformLookup, frame: str) -> Optional[float]:
     return 0.0 if newest.is_zero() else (rospy.Time.now() - newest).to_sec()
 
 
-def _robot(robot: str, streams: Mapping[str, ObservedTopic], transforms: TransformLookup) -> RobotObservation:
-    scan = streams[_within(robot, "scan")].message()
-    color = streams[_within(robot, "camera/rgb/image_raw")].message()
-    depth = streams[_within(robot, "camera/depth_registered/image_raw")].message()
+def _robot(status: RobotStatus, streams: Mapping[str, ObservedTopic], transforms: TransformLookup) -> RobotObservation:
+    scan = streams[_within(status.robot, "scan")].message()
+    color = streams[_within(status.robot, "camera/rgb/image_raw")].message()
+    depth = streams[_within(status.robot, "camera/depth_registered/image_raw")].message()
+    found = _parameters(status.move_base) if status.move_base else {}
     return RobotObservation(
-        name=robot,
-        pose_age=_transform_age(transforms, f"{robot}/base_link" if robot else "base_link"),
-        scan_topic=_within(robot, "scan"),
+        name=status.robot,
+        driven=status.driver,
+        pose_age=_transform_age(transforms, status.frame),
+        keeps_margin=not status.plans_round_borders
+        or any(name.endswith(names.MAP_WITH_MARGIN) for name in status.maps),
+        scan_topic=_within(status.robot, "scan"),
         scan_deg=0.0 if scan is None else float(np.degrees(scan.angle_max - scan.angle_min)),
         color_frame="" if color is None else color.header.frame_id,
         depth_frame="" if depth is None else depth.header.frame_id,
+        clears_plans=bool(found.get("make_plan_clear_costmap", True)) and "global_costmap" in found,
     )
-
-
-def _navigation(graph: NodeGraph, node: str) -> NavigationObservation:
-    maps = graph.subscriptions(node, ["nav_msgs/OccupancyGrid"])
-    found = _parameters(node)
-    clears = bool(found.get("make_plan_clear_costmap", True)) and "global_costmap" in found
-    return NavigationObservation(node.strip("/"), node in graph.nodes, maps, clears)
 
 
 def _map(graph: NodeGraph, streams: Mapping[str, ObservedTopic]) -> MapObservation:

@@ -29,12 +29,14 @@ import rosgraph.network
 
 from vb_core import sentences
 from vb_core.errors import CodedError
+from vb_core.robot_profile import RobotProfile
 
 STARTED, REFUSED = 0, 1
 ANSWER_TIMEOUT = 3.0  # [s] a node that runs tells its process within it
 UNIQUE_NODE = "/map_integrator"  # every lab has one, and two of them would publish each other's map
 _CALLER = "/launch_check"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_ADDRESS = re.compile(r"([A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\])?(:[0-9]{1,5})?")
 _SPAWNED = re.compile(r"-\d+$")  # what roslaunch appends to a node's name
 
 
@@ -74,6 +76,12 @@ def check_number(argument: str, value: str, low: float, high: float) -> None:
         good = False
     if not good:
         raise CodedError("launch_bad_number", argument=argument, value=value, low=f"{low:g}", high=f"{high:g}")
+
+
+def check_address(argument: str, value: str) -> None:
+    """Raises CodedError "launch_bad_address" unless it is empty, a HOST or HOST:PORT."""
+    if not _ADDRESS.fullmatch(value):
+        raise CodedError("launch_bad_address", argument=argument, value=value)
 
 
 def parse_pairs(argument: str, value: str) -> Dict[str, str]:
@@ -147,23 +155,24 @@ def check_detectors(argument: str, value: str) -> None:
         check_detector(argument, path)
 
 
-def check_robot_types(argument: str, value: str) -> None:
-    """Checks robot types or paths of profiles, separated by spaces.
+def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
+    """Reads robot types or paths of profiles, separated by spaces.
 
     Raises:
         CodedError: "unknown_robot_type", "launch_no_file", "bad_parameter"
     """
     import rospkg
-    from vb_core.robot_profile import RobotProfile
 
     folder = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
     known = sorted(path.stem for path in folder.glob("*.yaml"))
+    found = []
     for name in value.split():
         if "/" not in name and name not in known:
             raise CodedError("unknown_robot_type", robot=name, known=", ".join(known))
         path = name if "/" in name else str(folder / f"{name}.yaml")
         check_file(argument, path)
-        RobotProfile.load(Path(path))
+        found.append(RobotProfile.load(Path(path)))
+    return found
 
 
 Kind = Callable[[str, str], Any]
@@ -175,6 +184,7 @@ KINDS: Dict[str, Kind] = {
         for name in (
             "robot",
             "exit_borders",
+            "obey",
             "record_maps",
             "rviz",
             "sound",
@@ -201,9 +211,9 @@ KINDS: Dict[str, Kind] = {
     "method": partial(check_choice, choices=("nrs", "robot_only")),
     "language": partial(check_choice, choices=sentences.languages()),
     "navigation": partial(check_choice, choices=("none", "move_base")),
+    "mqtt": check_address,
     "page_port": partial(check_number, low=0, high=65535),
     "projector_x": partial(check_number, low=0, high=100000),
-    "occupancy": partial(check_number, low=0, high=1),
 }
 # the simulated lab's, which differ
 SIMULATION: Dict[str, Kind] = {"navigation": partial(check_choice, choices=("standin", "move_base", "none"))}
@@ -278,6 +288,29 @@ def check_alone(master_uri: str) -> None:
     raise CodedError("lab_node_already_running", node=UNIQUE_NODE, process=process)
 
 
+def check_wheels(master_uri: str, robots: str, robot_types: str) -> None:
+    """Refuses to start beside nodes that command a robot's base themselves, past the driver that is about to start.
+
+    Args:
+        robots, robot_types: as the launch files take them.
+
+    Raises:
+        CodedError: "launch_other_way_to_wheels"
+    """
+    from vb_core.ros.graph import find_commanders
+
+    profiles = check_robot_types("robot_types", robot_types) or [RobotProfile()]
+    for number, name in enumerate(robots.split() or [""]):
+        base = profiles[min(number, len(profiles) - 1)].base
+        try:
+            driver = f"/{name}/robot_driver".replace("//", "/")
+            found = find_commanders(driver, base, rosgraph.Master(_CALLER, master_uri))
+        except (rosgraph.MasterException, OSError):
+            return  # no master, so nobody
+        if found.others:
+            raise CodedError("launch_other_way_to_wheels", nodes=", ".join(sorted(found.others)), topic=base.topic)
+
+
 def _roslaunches(master: rosgraph.Master) -> List[str]:
     """Lists the addresses of those that started something on this master, and of some that have ended."""
     try:
@@ -340,6 +373,9 @@ def run(arguments: Optional[List[str]] = None, process: Optional[int] = None) ->
             check_values(values, {**KINDS, **(SIMULATION if chosen.what == "simulation" else {})})
             if master_uri:
                 check_alone(master_uri)
+                # without a type no driver starts, and a node that commands the base may go on doing so
+                if values.get("robot_types") and values.get("robot") not in ("false", "0"):
+                    check_wheels(master_uri, values.get("robots", ""), values["robot_types"])
     except CodedError as error:
         print(f"\n[FATAL] Nothing was started. {error.message} [{error.code}]\n", file=sys.stderr, flush=True)
         if files:

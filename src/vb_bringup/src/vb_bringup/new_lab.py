@@ -10,7 +10,7 @@ import re
 import shutil
 import sys
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, List, Mapping, Optional
 
 import yaml
 
@@ -25,6 +25,7 @@ _LAUNCH = """\
   <!-- This lab. Start it with:  roslaunch {folder}/lab.launch   and check it with:  rosrun vb_bringup check_lab
        Every argument of the stack's lab.launch can be set here; $(find vb_bringup)/launch/lab.launch lists and explains them. -->
   <arg name="rviz" default="true" doc="whether the smart display is on this computer"/>
+  <arg name="page_port" default="8420" doc="port of the page"/>
   <include file="$(dirname)/cameras.launch"/>
   <include file="$(find vb_bringup)/launch/lab.launch">
     <arg name="cameras" value="{cameras}"/>
@@ -37,47 +38,31 @@ _LAUNCH = """\
     <arg name="navigation" value="none"/>
     <arg name="voice" value="false"/>
     <arg name="rviz" value="$(arg rviz)"/>
+    <arg name="page_port" value="$(arg page_port)"/>
   </include>
 </launch>
 """
 
 _CAMERAS = """\
 <launch>
-  <!-- The drivers of the ceiling cameras. Each camera needs a topic /NAME/image_raw, a camera_info beside it, and a frame of
-       its own, NAME_optical_frame: the driver's default frame is the same for all cameras and leads to wrong places. -->
-{drivers}
-  <!-- Is the driver not usb_cam? What matters is the same for every one:
-       - raw images, not rectified ones: give lab.launch the topic as the driver names it, for instance
-         /NAME/image_raw. If you have only image_rect_color, set `image` in detectors/NAME.yaml to it.
+  <!-- Drivers, only for cameras without `source` in detectors/NAME.yaml. What matters is the same for every one:
+       - each camera has a topic /NAME/image_raw, a camera_info beside it, and a frame of its own, NAME_optical_frame: a
+         driver's default frame is the same for all cameras and leads to wrong places.
+       - raw images, not rectified ones. If you have only image_rect_color, set `image` in detectors/NAME.yaml to it.
        - a RealSense: roslaunch realsense2_camera rs_camera.launch camera:=NAME enable_depth:=false, and in
          detectors/NAME.yaml  image: NAME/color/image_raw
        - a camera that sends a Bayer mosaic: leave it undecoded (image_raw, bayer_rggb8): that is a third of the data. -->
 </launch>
 """
 
-_DRIVER = """\
-  <node pkg="usb_cam" type="usb_cam_node" name="usb_cam" ns="{name}" respawn="true" output="screen">
-    <param name="video_device" value="/dev/video{number}"/>
-    <param name="camera_name" value="{name}"/>
-    <param name="camera_frame_id" value="{name}_optical_frame"/>
-    <param name="camera_info_url" value="file://$(dirname)/lenses/{name}.yaml"/>
-    <param name="image_width" value="1280"/>
-    <param name="image_height" value="720"/>
-    <param name="framerate" value="15"/>
-    <param name="pixel_format" value="mjpeg"/>
-    <param name="autoexposure" value="false"/>
-    <remap from="usb_cam/image_raw" to="image_raw"/>
-    <remap from="usb_cam/camera_info" to="camera_info"/>
-  </node>
-"""
-
 _DETECTOR = """\
 # What is different for camera '{name}'. It is read after the common file of the stack (vb_laser_detect/config/stationary.yaml,
 # which explains every value): write only what you change, for instance
 #
-# image: {name}/image_rect_color      # another topic
+# source: /dev/video0                 # the camera itself: a device, rtsp://..., http://... or a file; or, from a driver:
+# image: {name}/image_rect_color      # another topic than {name}/image_raw
 # ignore_regions: [[[1.0, 1.0], [1.5, 1.0], [1.5, 1.4]]]   # [m] in the map: a television, a shiny table
-{{}}
+{content}
 """
 
 _NETWORK = """\
@@ -93,10 +78,10 @@ _README = """\
 | file | what it says |
 |---|---|
 | `lab.launch` | which cameras, map and robot; everything that the stack is told |
-| `cameras.launch` | the cameras' drivers |
-| `lenses/` | one file per camera, from camera_calibration |
+| `cameras.launch` | drivers of cameras that have no `source` |
+| `lenses/` | one file per camera: its lens, from calibrate_camera |
 | `calibration/` | one file per camera: where it hangs, from calibrate_camera |
-| `detectors/` | one file per camera: what its spot detector does differently |
+| `detectors/` | one file per camera: its source, exposure and delay, and what its spot detector does differently |
 | `map.yaml` | the map, with its image beside it |
 | `robot.yaml` | the robot: its size, speeds, scanner |
 | `network.sh` | addresses, if there are several computers |
@@ -104,12 +89,11 @@ _README = """\
 
 The way to the first border:
 
-1. Start the cameras alone, `roslaunch {folder}/cameras.launch`, and look at each (with a screen): `rosrun image_view image_view
-   image:=/{first}/image_raw`.
-2. Calibrate each lens once: `rosrun camera_calibration cameracalibrator.py --size 8x6 --square 0.03 image:=/{first}/image_raw
-   camera:=/{first}`, then put the YAML file into `lenses/`. End the cameras with Ctrl-C: from now on `lab.launch` starts them.
-3. Start the lab: `roslaunch {folder}/lab.launch`, on a computer without a screen with `rviz:=false`. It says what
+1. Start the lab: `roslaunch {folder}/lab.launch`, on a computer without a screen with `rviz:=false`. It says what
    is still wrong, and how to fix it, whenever something has changed.
+2. Fix the exposure, so that the floor is grey and the spot white: `rosrun vb_laser_detect calibrate_camera exposure {first}`.
+3. Calibrate each lens once: `rosrun vb_laser_detect calibrate_camera lens {first}`, with the board that
+   `calibrate_camera print_board board.pdf` writes.
 4. Find where each camera hangs: `rosrun vb_laser_detect calibrate_camera spots {first}`; with places measured by tape add
    `--point_sigma 0.005`. It writes into `calibration/`, and the running lab takes it.
 5. `rosrun vb_bringup check_lab` says once more what is wrong, one line each.
@@ -117,12 +101,14 @@ The way to the first border:
 """
 
 
-def write_lab(folder: Path, cameras: Sequence[str], robot: str, map_file: Optional[Path], profiles: Path) -> List[Path]:
+def write_lab(
+    folder: Path, cameras: Mapping[str, str], robot: str, map_file: Optional[Path], profiles: Path
+) -> List[Path]:
     """Writes the folder; returns the files.
 
     Args:
         folder: may exist, but must be empty.
-        cameras: names of the ceiling cameras; none for a lab with the robot only.
+        cameras: name of each ceiling camera to its source, "" if a driver publishes it; none for a lab with the robot only.
         robot: a type of which the stack has a profile; "" without a robot.
         map_file: of map_server's format, is copied; None if /map is published by others.
         profiles: folder of the robot types.
@@ -135,8 +121,8 @@ def write_lab(folder: Path, cameras: Sequence[str], robot: str, map_file: Option
     if folder.exists() and any(folder.iterdir()):
         raise CodedError("folder_not_empty", folder=folder)
     wrong = [name for name in cameras if not _NAME.fullmatch(name)]
-    if wrong or len(set(cameras)) != len(cameras):
-        raise CodedError("bad_camera_name", name=", ".join(wrong or cameras))
+    if wrong:
+        raise CodedError("bad_camera_name", name=", ".join(wrong))
     if robot and robot not in known:
         raise CodedError("unknown_robot_type", robot=robot, known=", ".join(known))
     if map_file is not None:
@@ -149,14 +135,14 @@ def write_lab(folder: Path, cameras: Sequence[str], robot: str, map_file: Option
             map="$(dirname)/map.yaml" if map_file else "",
             configs=" ".join(f"{name}=$(dirname)/detectors/{name}.yaml" for name in cameras),
         ),
-        "cameras.launch": _CAMERAS.format(
-            drivers="".join(_DRIVER.format(name=name, number=2 * number) for number, name in enumerate(cameras))
-        ),
+        "cameras.launch": _CAMERAS,
         "network.sh": _NETWORK,
         "README.md": _README.format(title=folder.name, folder=folder, first=(list(cameras) or ["NAME"])[0]),
         ".gitignore": "/state/\n",
     }
-    files.update({f"detectors/{name}.yaml": _DETECTOR.format(name=name) for name in cameras})
+    for name, source in cameras.items():
+        content = yaml.safe_dump({"source": source} if source else {}).strip()
+        files[f"detectors/{name}.yaml"] = _DETECTOR.format(name=name, content=content)
     written = []
     try:
         for name in ("calibration", "detectors", "lenses", "state"):
@@ -173,6 +159,22 @@ def write_lab(folder: Path, cameras: Sequence[str], robot: str, map_file: Option
     return written
 
 
+def parse_cameras(text: str) -> Dict[str, str]:
+    """Reads NAME or NAME=SOURCE separated by spaces; a file's place is made absolute.
+
+    Raises:
+        CodedError: "bad_camera_name" if two have the same name.
+    """
+    words = [word.partition("=")[::2] for word in text.split()]
+    found = dict(words)
+    if len(found) != len(words):
+        raise CodedError("bad_camera_name", name=", ".join(name for name, _ in words))
+    return {
+        name: source if not source or "://" in source else str(Path(source).expanduser().absolute())
+        for name, source in found.items()
+    }
+
+
 def _copy_map(map_file: Path, folder: Path) -> List[Path]:
     """Copies a map that can be read, as map.yaml and its image."""
     description = yaml.safe_load(map_file.read_text(encoding="utf-8"))
@@ -187,7 +189,11 @@ def run(arguments: Optional[List[str]] = None) -> int:
     """Writes the folder and says what comes next; exit status 0, or 1 if nothing was written."""
     parser = argparse.ArgumentParser(prog="new_lab", description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=Path, help="a new one, for instance ~/my_lab")
-    parser.add_argument("--cameras", default="", help='names of the ceiling cameras, for instance "north south"')
+    parser.add_argument(
+        "--cameras",
+        default="",
+        help='ceiling cameras: "north south" from drivers, "north=/dev/video0 south=rtsp://192.168.1.7/stream" without',
+    )
     parser.add_argument("--robot", default="", help="its type, for instance turtlebot2; left out: no robot")
     parser.add_argument(
         "--map", default="", help="YAML file of the map, which is copied; left out: /map is published by others"
@@ -199,7 +205,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
     try:
         folder = chosen.folder.expanduser().resolve()
         map_file = Path(chosen.map).expanduser().resolve() if chosen.map else None
-        for path in write_lab(folder, chosen.cameras.split(), chosen.robot, map_file, profiles):
+        for path in write_lab(folder, parse_cameras(chosen.cameras), chosen.robot, map_file, profiles):
             print(path)
     except CodedError as error:
         print(error, file=sys.stderr)

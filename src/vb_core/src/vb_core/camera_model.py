@@ -1,7 +1,12 @@
-"""Cameras with lens distortion, fisheyes among them, as sensor_msgs/CameraInfo describes them."""
+"""Cameras with lens distortion, fisheyes among them, as sensor_msgs/CameraInfo describes them.
+
+A lens bends the image radially, up to the angle where its polynomial turns back: there its description ends. What lies
+beyond has neither a pixel nor a ray, and is NaN both ways; within, each is the other's exact inverse.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Tuple
@@ -11,9 +16,12 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
+_EXACT_PX = 1e-6  # [px] a ray's pixel is so near to the one that was asked for
+_STEPS = 12  # of Newton's method, which doubles the digits with each
 # from this many points on numpy is faster than OpenCV, whose calls cost less and whose points cost more
 _MANY = 64
 _ORIGIN = np.zeros(3)
+_FLAT = 1e9  # tangent of 90 degrees
 
 
 @dataclass(frozen=True)
@@ -75,7 +83,7 @@ class CameraModel:
             pixels: (N, 2) columns and rows [px], the centre of the first pixel is (0, 0).
 
         Returns:
-            (N, 3) in the optical frame, z = 1; only these pixels are undistorted.
+            (N, 3) in the optical frame, z = 1; only these pixels are undistorted. NaN where the lens's model ends.
         """
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         result = np.ones((len(pixels), 3))
@@ -83,29 +91,34 @@ class CameraModel:
             focal, middle = self._pinhole
             np.multiply(pixels - middle, 1.0 / focal, out=result[:, :2])
             return result
+        if len(pixels) == 0:
+            return result
+        # OpenCV is fast, and right near the axis; how far, each of its results tells by its own pixel
         if self.fisheye:
-            return self._fisheye_rays(pixels)
-        # more steps than OpenCV's default of 5, which leaves 0.1 px at the corners of wide lenses
-        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-        normalized = cv2.undistortPointsIter(pixels[:, None], self.matrix, self.distortion, None, None, criteria)
-        result[:, :2] = normalized[:, 0]
+            found = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
+        else:
+            criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+            found = cv2.undistortPointsIter(pixels[:, None], self.matrix, self.distortion, None, None, criteria)[:, 0]
+        wrong = self._wrong(found, pixels)
+        if wrong.any():
+            found[wrong] = self._invert(pixels[wrong])
+            found[self._wrong(found, pixels)] = np.nan
+        result[:, :2] = found
         return result
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Projects points (N, 3) [m] in the optical frame to pixels (N, 2) [px]; inverse of `rays`.
 
-        Points that are not in front of the camera give rows of NaN.
+        Points that are not in front of the camera, or at an angle that the lens's model does not reach, give rows of NaN.
         """
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         if len(points) == 0:
             return np.zeros((0, 2))
-        if self.fisheye:
-            pixels = cv2.fisheye.projectPoints(points[:, None], _ORIGIN, _ORIGIN, self.matrix, self.distortion)[0][:, 0]
-            pixels[points[:, 2] <= 0] = np.nan
-            return pixels
-        if self.distorted and (len(points) < _MANY or self.distortion.size > 8):
-            pixels = cv2.projectPoints(points, _ORIGIN, _ORIGIN, self.matrix, self.distortion)[0][:, 0]
-            pixels[points[:, 2] <= 0] = np.nan
+        if self.fisheye or self.distorted and (len(points) < _MANY or self.distortion.size > 8):
+            project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
+            pixels = project(points[:, None], _ORIGIN, _ORIGIN, self.matrix, self.distortion)[0][:, 0]
+            seen = (points[:, 2] > 0) & (np.hypot(points[:, 0], points[:, 1]) <= self._within * points[:, 2])
+            pixels[~seen] = np.nan
             return pixels
         depths = points[:, 2:]
         if not depths.min() > 0:
@@ -113,7 +126,12 @@ class CameraModel:
         # the same operations as in OpenCV, bit for bit
         normalized = points[:, :2] * (1.0 / depths)
         focal, middle = self._pinhole
-        return (self._distort(normalized) if self.distorted else normalized) * focal + middle
+        if not self.distorted:
+            return normalized * focal + middle
+        pixels = self._distort(normalized) * focal + middle
+        if self._within < _FLAT:
+            pixels[np.hypot(*normalized.T) > self._within] = np.nan
+        return pixels
 
     @cached_property
     def distorted(self) -> bool:
@@ -125,17 +143,60 @@ class CameraModel:
         """Returns focal lengths and principal point [px]."""
         return np.array([self.matrix[0, 0], self.matrix[1, 1]]), self.matrix[:2, 2].copy()
 
-    def _fisheye_rays(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns the rays (N, 3), z = 1, of pixels (N, 2); NaN at 90 degrees from the axis or more."""
-        if len(pixels) == 0:
-            return np.ones((0, 3))
-        normalized = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
-        result = np.column_stack([normalized, np.ones(len(pixels))])
-        # OpenCV marks what it cannot undo with a huge number, and folds what is beyond 90 degrees back to the front
-        with np.errstate(invalid="ignore"):
-            again = cv2.fisheye.distortPoints(normalized[:, None], self.matrix, self.distortion)[:, 0]
-            result[~(np.abs(again - pixels).max(axis=1) < 0.5)] = np.nan
-        return result
+    @cached_property
+    def limit(self) -> float:
+        """Tangent of the angle from the axis at which the model ends: farther out the image would fold back."""
+        if not self.distorted:
+            return math.inf
+        k = np.concatenate([self.distortion, np.zeros(8)])
+        odd, one = np.polynomial.Polynomial([0.0, 1.0]), np.polynomial.Polynomial([1.0])
+        square = odd * odd
+        if self.fisheye:
+            above, below = odd * (one + sum(k[i] * square ** (i + 1) for i in range(4))), one
+        else:
+            above = odd * (one + k[0] * square + k[1] * square**2 + k[4] * square**3)
+            below = one + k[5] * square + k[6] * square**2 + k[7] * square**3
+        # where the image's radius stops to rise, or has no value at all
+        ends = [(above.deriv() * below - above * below.deriv()).roots(), below.roots()]
+        ends = [float(root.real) for roots in ends for root in roots if abs(root.imag) < 1e-9 and root.real > 0]
+        if not self.fisheye:
+            return min(ends, default=math.inf)
+        angle = min(ends, default=math.pi)
+        return math.tan(angle) if angle < math.pi / 2 else math.inf
+
+    @cached_property
+    def _within(self) -> float:
+        return min(self.limit, _FLAT)
+
+    def _wrong(self, normalized: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+        """Returns which of normalised coordinates (N, 2) are not those of the pixels (N, 2), (N,) bool."""
+        points = np.ones((len(normalized), 3))
+        points[:, :2] = normalized
+        return ~(np.abs(self.project(points) - pixels).max(axis=1) < _EXACT_PX)
+
+    def _invert(self, pixels: np.ndarray) -> np.ndarray:
+        """Undoes the distortion by Newton's method, from within the model's limit; returns (N, 2)."""
+        focal, middle = self._pinhole
+        wanted = (pixels - middle) / focal
+        # the start: along the radius, by a table
+        radii = np.tan(np.linspace(0.0, min(math.atan(self.limit), math.radians(89.9)), 2000))
+        shown = self.project(np.column_stack([radii, np.zeros(len(radii)), np.ones(len(radii))]))
+        known = np.isfinite(shown[:, 0])
+        radius = np.hypot(*wanted.T)
+        start = np.interp(radius, np.maximum.accumulate((shown[known, 0] - middle[0]) / focal[0]), radii[known])
+        found = wanted * (start / np.maximum(radius, 1e-12))[:, None]
+        for _ in range(_STEPS):
+            ends = found[:, None] + 1e-6 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+            here = self.project(np.dstack([ends, np.ones(ends.shape[:2])]).reshape(-1, 3)).reshape(-1, 5, 2)
+            here = (here - middle) / focal
+            (a, c), (b, d) = ((here[:, 1] - here[:, 2]) / 2e-6).T, ((here[:, 3] - here[:, 4]) / 2e-6).T
+            off, area = wanted - here[:, 0], a * d - b * c
+            with np.errstate(all="ignore"):
+                step = np.column_stack([d * off[:, 0] - b * off[:, 1], a * off[:, 1] - c * off[:, 0]]) / area[:, None]
+                # next to the limit a whole step may lead beyond it
+                length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * np.maximum(1e-6, self.limit - np.hypot(*found.T))))
+                found = found + step / length[:, None]
+        return found
 
     def _distort(self, normalized: np.ndarray) -> np.ndarray:
         """Distorts normalised image coordinates (N, 2)."""

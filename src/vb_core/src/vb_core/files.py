@@ -3,15 +3,36 @@
 from __future__ import annotations
 
 import os
+import stat
 import tempfile
 from pathlib import Path
 from typing import Union
 
 from vb_core.errors import CodedError
 
+PRIVATE = 0o600  # mode of a file that only its owner may read and write
 
-def write_atomically(path: Path, content: bytes) -> None:
+
+def keep_private(path: Path) -> bool:
+    """Takes from others the right to read a file that has secrets or says what people did; returns whether they had it.
+
+    Raises:
+        CodedError: "file_not_private" if that is not possible.
+    """
+    try:
+        if not path.exists() or not stat.S_IMODE(path.stat().st_mode) & 0o077:
+            return False
+        path.chmod(PRIVATE)
+        return True
+    except OSError as error:
+        raise CodedError("file_not_private", file=path, reason=error.strerror or error) from None
+
+
+def write_atomically(path: Path, content: bytes, private: bool = False) -> None:
     """Writes a file so that it always has either the old or the new content, complete.
+
+    Args:
+        private: whether only its owner may read it.
 
     Raises:
         CodedError: "cannot_write".
@@ -24,7 +45,7 @@ def write_atomically(path: Path, content: bytes) -> None:
                 stream.write(content)
                 stream.flush()
                 os.fsync(stream.fileno())
-            os.chmod(temporary, 0o644)
+            os.chmod(temporary, PRIVATE if private else 0o644)
             os.replace(temporary, str(path))
         except BaseException:
             if os.path.exists(temporary):
@@ -39,14 +60,17 @@ def write_atomically(path: Path, content: bytes) -> None:
         raise CodedError("cannot_write", what=str(path), reason=error.strerror or str(error)) from None
 
 
-def append_line(path: Union[str, Path], line: str) -> None:
+def append_line(path: Union[str, Path], line: str, private: bool = False) -> None:
     """Adds a line to a file in one write, so that two writers never mix theirs; makes its folder.
+
+    Args:
+        private: whether only its owner may read it, if this makes it.
 
     Raises:
         OSError: if it cannot be written.
     """
     os.makedirs(os.path.dirname(str(path)), exist_ok=True)
-    descriptor = os.open(str(path), os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+    descriptor = os.open(str(path), os.O_WRONLY | os.O_APPEND | os.O_CREAT, PRIVATE if private else 0o644)
     try:
         os.write(descriptor, (line + "\n").encode("utf-8"))
     finally:

@@ -42,10 +42,32 @@ class Scanner(Parameters):
 
     topic: str = param("scan")
     present: bool = param(True, doc="false: the robot is driven by its map alone, and slowly")
-    zero_means_no_return: bool = param(
-        False, doc="a range of 0 means that nothing came back, not that something is very near"
+    no_return: str = param(
+        "inf", choices=("inf", "zero", "nan"), doc="the range where nothing came back; inf always counts as that"
     )
     obstacle_range: float = param(2.5, "m", above=0.0, doc="up to here navigation marks obstacles")
+
+
+KINDS = {
+    "differential": "",
+    "car": "cannot turn on the spot, which the driver makes it do",
+    "omnidirectional": "moves sideways, where the driver checks nothing",
+}
+
+
+@dataclass(frozen=True)
+class Base(Parameters):
+    """What moves the robot, and the only way to its wheels: the driver proves that nobody else uses it."""
+
+    kind: str = param("differential", choices=tuple(KINDS), doc="how it moves; only differential is supported")
+    topic: str = param("cmd_vel", doc="of the driver's commands: what the base listens to, or an input of its mux")
+    output: str = param("", doc="behind a mux: the topic on which the mux commands the base; empty: no mux")
+    trusted: tuple = param((), doc="nodes that may command the base too, for instance a bumper's reflex")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if KINDS[self.kind]:
+            raise ParameterError("base/kind", f"this robot is not supported: it {KINDS[self.kind]}")
 
 
 @dataclass(frozen=True)
@@ -58,12 +80,14 @@ class OnboardCamera(Parameters):
 
 @dataclass(frozen=True)
 class Contact(Parameters):
-    """A bumper, a cliff sensor or a wheel drop sensor: a field of a message, and when it means danger."""
+    """Bumpers, cliff sensors or wheel drop sensors: a field of a message, and when it means danger."""
 
     topic: str = param("")
     type: str = param("", doc="for instance kobuki_msgs/BumperEvent")
     field: str = param("state")
-    alarm: int = param(1, doc="the value that means contact")
+    clear: int = param(0, doc="the value that means no contact; every other one counts as contact")
+    sensor: str = param("", doc="field that tells which of several sensors a message is from; empty: it tells of all")
+    blocks: str = param("forward", choices=("forward", "all"), doc="what contact forbids: to drive forward, or to move")
 
 
 @dataclass(frozen=True)
@@ -81,6 +105,7 @@ class RobotProfile:
     model: str = ""
     shape: RobotShape = field(default_factory=RobotShape)
     limits: Limits = field(default_factory=Limits)
+    base: Base = field(default_factory=Base)
     scanner: Scanner = field(default_factory=Scanner)
     camera: OnboardCamera = field(default_factory=OnboardCamera)
     frames: Frames = field(default_factory=Frames)
@@ -100,7 +125,8 @@ class RobotProfile:
         """
         if not isinstance(mapping, Mapping):
             raise ParameterError(where, f"expected keys and values, got {mapping!r}")
-        groups = {"shape": RobotShape, "limits": Limits, "scanner": Scanner, "camera": OnboardCamera, "frames": Frames}
+        groups = {"shape": RobotShape, "limits": Limits, "base": Base, "scanner": Scanner}
+        groups.update(camera=OnboardCamera, frames=Frames)
         known = {entry.name for entry in fields(cls)}
         for key in mapping:
             if key not in known:

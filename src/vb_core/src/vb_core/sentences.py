@@ -48,6 +48,11 @@ def catalog(language: str = ENGLISH) -> Dict[str, str]:
     return found
 
 
+def spelled_out(name: str) -> str:
+    """Returns the words of a code or a name: "define_border" is "define border"."""
+    return name.replace("_", " ")
+
+
 def placeholders(sentence: str) -> List[str]:
     """Lists the names of the values in a sentence, each once, sorted."""
     return sorted({field for _, field, _, _ in string.Formatter().parse(sentence) if field})
@@ -82,7 +87,7 @@ def translate(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH
     """
     sentence = catalog(language).get(code) or catalog(ENGLISH).get(code)
     if sentence is None:
-        return default or code.replace("_", " ")
+        return default or spelled_out(code)
     words = {}
     for name, value in values.items():
         words[name] = border_name(str(value), language) if name in ("border", "borders") else str(value)

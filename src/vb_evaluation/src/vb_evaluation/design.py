@@ -11,18 +11,25 @@ import numpy as np
 def order_runs(number: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Tuple[str, str]]:
     """Returns (scenario, method) of one participant's runs, in order: a within-subjects design (paper, Sect. 5.4).
 
-    All scenarios are done with one method, then with the next. Each order of methods comes once in every block of
-    participants, so that orders are balanced however many take part; within a block they are random, as is the order of
-    scenarios for each method.
+    All scenarios are done with one method, then with the next. Methods, and the scenarios of each half, are
+    counterbalanced by `counterbalance`.
 
     Args:
         number: of the participant, from 1; others change nothing.
     """
-    block, place = divmod(number - 1, len(methods))
-    first = int(np.random.default_rng([seed, block, zlib.crc32(b"methods")]).permutation(len(methods))[place])
-    random = np.random.default_rng([seed, number, zlib.crc32(b"scenarios")])
     return [
-        (str(scenario), str(method))
-        for method in [*methods[first:], *methods[:first]]
-        for scenario in random.permutation(list(scenarios))
+        (scenario, method)
+        for half, method in enumerate(counterbalance(number, methods, seed, "methods"))
+        for scenario in counterbalance(number, scenarios, seed, f"scenarios {half}")
     ]
+
+
+def counterbalance(number: int, things: Sequence[str], seed: int, label: str) -> List[str]:
+    """Orders things for one participant: a Latin square at random for each block of as many participants as things.
+
+    In every block each thing comes once at each place, so that places are balanced however many take part.
+    """
+    block, row = divmod(number - 1, len(things))
+    random = np.random.default_rng([seed, block, zlib.crc32(label.encode())])
+    first, shifts = random.permutation(list(things)), random.permutation(len(things))
+    return [str(thing) for thing in np.roll(first, shifts[row])]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Callable, Tuple
+from typing import Callable, Dict, Sequence, Tuple
 
 import numpy as np
 from scipy import stats
@@ -20,6 +20,7 @@ CONFIDENCE = 0.95
 # the exact distribution costs n^3; beyond this the normal one is as good
 EXACT_UP_TO = 200
 RESAMPLES = 4999
+ALPHA, POWER = 0.05, 0.8
 
 
 @dataclass(frozen=True)
@@ -160,9 +161,9 @@ def median(values: np.ndarray) -> Interval:
     return bootstrap(np.median, values, method="percentile")
 
 
-def mean(values: np.ndarray) -> Interval:
+def mean(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     """Computes the mean of values (N,) with a bootstrap interval."""
-    return bootstrap(np.mean, values)
+    return bootstrap(np.mean, values, confidence=confidence)
 
 
 def compare_unpaired(first: np.ndarray, second: np.ndarray) -> Tuple[float, Interval]:
@@ -182,7 +183,9 @@ def compare_unpaired(first: np.ndarray, second: np.ndarray) -> Tuple[float, Inte
     return p, Interval(float(np.median(differences)), float(low), float(high), CONFIDENCE)
 
 
-def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method: str = "BCa") -> Interval:
+def bootstrap(
+    statistic: Callable[..., np.ndarray], *samples: np.ndarray, method: str = "BCa", confidence: float = CONFIDENCE
+) -> Interval:
     """Computes a statistic of one sample, or of paired ones, with a bootstrap interval that is the same every time.
 
     Args:
@@ -206,14 +209,75 @@ def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method
                     n_resamples=RESAMPLES,
                     vectorized=True,
                     paired=True,
-                    confidence_level=CONFIDENCE,
+                    confidence_level=confidence,
                     method=name,
                     random_state=0,
                 ).confidence_interval,
             )
         if math.isfinite(low) and math.isfinite(high):
-            return Interval(estimate, low, high, CONFIDENCE)
-    return Interval(estimate, low, high, CONFIDENCE if len(values[0]) > 1 else math.nan)
+            return Interval(estimate, low, high, confidence)
+    return Interval(estimate, low, high, confidence if len(values[0]) > 1 else math.nan)
+
+
+def not_worse_p(gains: np.ndarray, margin: float) -> float:
+    """Computes the one-sided exact Wilcoxon p of "the first method is worse by the margin or more".
+
+    The two one-sided tests of an equivalence (Schuirmann 1987) are this one of the gains and of their negatives.
+
+    Args:
+        gains: (N,) paired differences, larger is better.
+        margin: > 0, in the same unit.
+    """
+    shifted = np.round(_sample(gains) + margin, 9)
+    shifted = shifted[shifted != 0.0]
+    if not len(shifted):
+        return math.nan
+    ranks = stats.rankdata(np.abs(shifted))
+    if len(shifted) > EXACT_UP_TO:
+        return float(stats.wilcoxon(shifted, alternative="greater", mode="approx").pvalue)
+    return float(_distribution(ranks)[int(round(2 * ranks[shifted > 0].sum())) :].sum())
+
+
+def holm(ps: Sequence[float]) -> np.ndarray:
+    """Corrects the p of one family of tests by Holm's method, (N,); unknown ones stay unknown and do not count."""
+    # imported here and below: what only simulates needs no statsmodels, which takes a second
+    from statsmodels.stats.multitest import multipletests
+
+    corrected = np.array(ps, dtype=float)
+    there = np.isfinite(corrected)
+    if there.any():
+        corrected[there] = multipletests(corrected[there], ALPHA, "holm")[1]
+    return corrected
+
+
+def compare_completed(first: np.ndarray, second: np.ndarray) -> Dict[str, float]:
+    """Counts pairs (N,) of 0 and 1 by who completed what; `p` is McNemar's, exact."""
+    from statsmodels.stats.contingency_tables import mcnemar
+
+    first, second = _sample(first).astype(bool), _sample(second).astype(bool)
+    counts = {
+        "both": int((first & second).sum()),
+        "first": int((first & ~second).sum()),
+        "second": int((~first & second).sum()),
+        "neither": int((~first & ~second).sum()),
+    }
+    table = [[counts["both"], counts["first"]], [counts["second"], counts["neither"]]]
+    return {**counts, "p": float(mcnemar(table, exact=True).pvalue)}
+
+
+def people_needed(effect: float, tests: int = 1) -> int:
+    """Computes how many pairs a two-sided Wilcoxon test needs for a power of 80 %.
+
+    The t test's number over 3 / pi, the signed-rank test's efficiency for normal differences.
+
+    Args:
+        effect: mean difference over the differences' standard deviation (Cohen's d_z), > 0.
+        tests: in the family; the strictest level of Holm's method is used.
+    """
+    from statsmodels.stats.power import TTestPower
+
+    pairs = TTestPower().solve_power(effect_size=effect, alpha=ALPHA / tests, power=POWER)
+    return int(math.ceil(float(pairs) * math.pi / 3.0))
 
 
 def proportion(successes: int, n: int) -> Interval:

@@ -15,11 +15,14 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice
+from vb_core.offer import Offer, effective, offer
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, grid_from_message, message_from_grid
 from vb_core.ros.notices import NoticeListener
-from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
+from vb_core.ros.robots import connections_from_message
+from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, RobotStatusArray, VirtualBorder
+from vb_msgs.msg import VirtualBorderArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_feedback.display import display_messages, notices, restriction_overlay, scene
@@ -61,6 +64,7 @@ class _Inputs:
     borders: Tuple[VirtualBorder, ...] = ()
     spots: Tuple[scene.TrailPoint, ...] = ()
     held: Tuple[Notice, ...] = ()
+    offered: Optional[Offer] = None  # None: nobody has said what is connected
 
 
 class DisplayMarkersNode:
@@ -74,6 +78,7 @@ class DisplayMarkersNode:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/spots (vb_msgs/LaserSpot)
         /virtual_borders/notices (vb_msgs/NoticeArray): notices of all nodes.
+        /virtual_borders/robots (vb_msgs/RobotStatusArray): commands that would have no effect are not shown
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): 0 where no stationary camera sees the floor.
 
     Published topics:
@@ -120,6 +125,7 @@ class DisplayMarkersNode:
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
         rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "preview", queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
+        rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
 
     # ------------------------------------------------------------------ inputs
@@ -166,6 +172,11 @@ class DisplayMarkersNode:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._store(tuple(message.borders), "borders")
+
+    def _on_robots(self, message: RobotStatusArray) -> None:
+        found = offer(connections_from_message(message))
+        if found != self._known.offered:
+            self._store(found, "offered")
 
     def _on_spot(self, message: LaserSpot) -> None:
         x, y = message.position.x, message.position.y
@@ -278,6 +289,8 @@ class DisplayMarkersNode:
         cameras_seeing_spot = list(progress.cameras_seeing_spot) if progress is not None else []
         shown = self._notices(known, cameras_seeing_spot, now)
         content = display_messages.panel_from_state(state, cameras_seeing_spot, shown, has_map, params.language)
+        if known.offered is not None:
+            content = replace(content, commands=effective(known.offered, content.commands))
         shapes = list(self._part("words", (layout, content), lambda: words(layout, content)))
         off = sentences.translate("display_off", {}, params.language)
         shapes += self._part(

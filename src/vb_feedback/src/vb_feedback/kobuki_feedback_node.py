@@ -8,31 +8,21 @@ from types import ModuleType
 import rospy
 from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.sounds import SOUNDS
+from vb_core.vocabulary import state_of
 from vb_msgs.msg import InteractionState, Sound
-
-# by state a constant of kobuki_msgs/Led, as near to the display's colours as the LED can
-LEDS = {"default": "BLACK", "border": "ORANGE", "seed": "GREEN", "guide": "RED"}
-# by sound a constant of kobuki_msgs/Sound; none for ticks: they are too loud
-BEEPS = {
-    "border": "BUTTON",
-    "seed": "BUTTON",
-    "guide": "BUTTON",
-    "default": "OFF",
-    "success": "CLEANINGEND",
-    "error": "ERROR",
-    "question": "RECHARGE",
-    "stopped": "OFF",
-}
 
 
 class KobukiFeedbackNode:
-    """Shows the state with an LED of a Kobuki base, and plays sounds on its beeper.
+    """Shows the state, and whether robots are stopped, with the LEDs of a Kobuki base, and plays sounds on its beeper.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/sound (vb_msgs/Sound)
 
     Published topics:
-        mobile_base/commands/led1 (kobuki_msgs/Led, latched), mobile_base/commands/sound (kobuki_msgs/Sound)
+        mobile_base/commands/led1 (kobuki_msgs/Led, latched): the state
+        mobile_base/commands/led2 (kobuki_msgs/Led, latched): red while robots are stopped
+        mobile_base/commands/sound (kobuki_msgs/Sound)
 
     Args:
         messages: the module kobuki_msgs.msg.
@@ -40,21 +30,26 @@ class KobukiFeedbackNode:
 
     def __init__(self, messages: ModuleType) -> None:
         self._messages = messages
-        self._lit = ""
-        self._led = rospy.Publisher("mobile_base/commands/led1", messages.Led, queue_size=1, latch=True)
+        self._lit = ("", "")
+        self._leds = [
+            rospy.Publisher(f"mobile_base/commands/{led}", messages.Led, queue_size=1, latch=True)
+            for led in ("led1", "led2")
+        ]
         self._sound = rospy.Publisher("mobile_base/commands/sound", messages.Sound, queue_size=5)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=5)
 
     def _on_state(self, message: InteractionState) -> None:
-        light = LEDS.get(message.name, "BLACK")
-        if light != self._lit:
-            self._lit = light
-            self._led.publish(self._messages.Led(value=getattr(self._messages.Led, light)))
+        lit = (state_of(message.state).led, "RED" if message.stopped else "BLACK")
+        if lit != self._lit:
+            self._lit = lit
+            for led, color in zip(self._leds, lit):
+                led.publish(self._messages.Led(value=getattr(self._messages.Led, color)))
 
     def _on_sound(self, message: Sound) -> None:
-        if message.name in BEEPS:
-            self._sound.publish(self._messages.Sound(value=getattr(self._messages.Sound, BEEPS[message.name])))
+        beep = SOUNDS[message.name].beep if message.name in SOUNDS else ""
+        if beep:
+            self._sound.publish(self._messages.Sound(value=getattr(self._messages.Sound, beep)))
 
 
 def build() -> KobukiFeedbackNode:

@@ -7,6 +7,7 @@ Subscribed topics:
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -36,6 +37,7 @@ class SmartDisplayParams(Parameters):
 
     config: str = param("")
     screen: str = param("auto")
+    full_screen: bool = param(True)
 
     def size(self) -> Tuple[int, int]:
         """Returns (width, height) [px]: what the parameter says, or else the screen's size.
@@ -53,6 +55,8 @@ class SmartDisplayParams(Parameters):
 
 def _query_screen() -> Optional[str]:
     """Asks the X server for the screen; "" if it cannot be asked, None if there is no screen."""
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return None
     try:
         asked = subprocess.run(["xdpyinfo"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, universal_newlines=True)
     except OSError:
@@ -60,15 +64,19 @@ def _query_screen() -> Optional[str]:
     return asked.stdout if asked.returncode == 0 else None
 
 
+def _lack(code: str) -> None:
+    """Says once what RViz lacks, and keeps its code for check_lab; an empty one: nothing."""
+    rospy.set_param("~lacking", code)
+    if code:
+        rospy.logwarn("smart_display: %s", sentences.translate(code))
+
+
 def _wait_for_screen() -> None:
-    """Reports once that there is no screen, and waits for one: RViz would exit at once, again and again."""
-    waits = _query_screen() is None
-    rospy.set_param("~waits_for_screen", waits)
-    if waits:
-        rospy.logwarn("smart_display: %s", sentences.translate("no_screen"))
+    """Waits for a screen: without one RViz would exit at once, again and again."""
+    _lack("no_screen" if _query_screen() is None else "")
     while _query_screen() is None and not rospy.is_shutdown():
         rospy.rostime.wallsleep(_LOOK_FOR_SCREEN)
-    rospy.set_param("~waits_for_screen", False)
+    rospy.set_param("~lacking", "")
 
 
 def _fitted(params: SmartDisplayParams) -> str:
@@ -98,6 +106,9 @@ def main() -> None:
     arguments: List[str] = sys.argv[1:]
     try:
         params = parameters.read(SmartDisplayParams)
+        if shutil.which("rviz") is None:
+            _lack("no_rviz")
+            return rospy.spin()
         _wait_for_screen()
         path = _fitted(params)
     except CodedError as error:
@@ -108,4 +119,4 @@ def main() -> None:
     name = rospy.get_name().strip("/").replace("/", "_")
     rospy.signal_shutdown("RViz takes over")
     _install_fonts(name)
-    os.execvp("rviz", ["rviz", "--fullscreen", "-d", path, *arguments])
+    os.execvp("rviz", ["rviz", *(["--fullscreen"] if params.full_screen else []), "-d", path, *arguments])

@@ -11,10 +11,11 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
+from vb_core.sounds import SOUNDS, TICK
 from vb_msgs.msg import Sound
 
 from vb_feedback.sound.audio_sink import AudioSink
-from vb_feedback.sound.tone_synthesis import SOUNDS, TICK, synthesize
+from vb_feedback.sound.tone_synthesis import synthesize
 
 
 _RETRY_DELAY = 5.0  # [s] after a failure: a device may be plugged in later
@@ -38,7 +39,7 @@ class SoundPlayerNode:
     sound that has waited longer than ~max_age is dropped, because what it reports is over.
 
     Subscribed topics:
-        /virtual_borders/sound (vb_msgs/Sound): names of sounds; see tone_synthesis.SOUNDS for what they sound like.
+        /virtual_borders/sound (vb_msgs/Sound): names of vb_core.sounds, which says what they sound like.
 
     Args:
         params: see config/sound_player.yaml.

@@ -6,7 +6,7 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Optional
+from typing import List, Optional
 
 import numpy as np
 import rospy
@@ -19,19 +19,14 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
+from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_of
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, extract_chain, extract_seed_of, subsample_evenly
-from vb_fusion.spots.collector import BORDER, SEED, Collector, CollectorParams, FloorSpot
+from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, extract_chain, subsample_evenly
+from vb_fusion.spots.collector import Collector, CollectorParams, FloorSpot
 from vb_fusion.spots.spot_log import SpotLog
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
-_STATES = {
-    InteractionState.DEFAULT: "default",
-    InteractionState.BORDER: BORDER,
-    InteractionState.SEED: SEED,
-    InteractionState.GUIDE: "guide",
-}
 _NESTED = ("extraction", "collector")
 
 
@@ -55,8 +50,9 @@ class BorderFusionNode:
     Published topics:
         /virtual_borders/progress (vb_msgs/BorderProgress, latched): at ~rate while spots come in Border and Seed, at
             ~idle_rate while none come, and on each change of state. After the interaction the last one stays.
-        /virtual_borders/notices (vb_msgs/NoticeArray, latched): what was left out, what cannot be stored on disk, and
-            any other failure; the node continues after all of them.
+        /virtual_borders/notices (vb_msgs/NoticeArray, latched): what cannot be stored on disk and any other failure;
+            the node continues after all of them. What makes the drawing doubtful is told when a stroke has ended, until
+            the interaction ends.
     Services:
         /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): the border of everything drawn in an interaction; an
             empty interaction_id means the current one. The last interaction is available until the next begins.
@@ -80,6 +76,7 @@ class BorderFusionNode:
         self._wrong_camera = ""
         self._failure: Optional[CodedError] = None  # of the last attempt to extract a border
         self._bad_message: Optional[CodedError] = None
+        self._doubts: List[Notice] = []  # about the drawing, told last
         self._published = -np.inf
 
         self._notices = NoticePublisher()
@@ -101,8 +98,8 @@ class BorderFusionNode:
             self._complain("state", error)
 
     def _take_state(self, message: InteractionState) -> None:
-        state = _STATES.get(message.state)
-        if state is None:
+        state = state_of(message.state)
+        if state.name not in STATES:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring the unknown state {message.state}")
             return
         with self._lock:
@@ -112,19 +109,20 @@ class BorderFusionNode:
                 self._live.reset()
                 self._wrong_frame, self._wrong_camera = 0, ""
                 self._failure = self._bad_message = None
+                self._doubts = []
                 self._restore(message.interaction_id)
-            if state == "default":
+            if state == DEFAULT:
                 self._spot_log.discard()
             if before == (self._collector.state, self._collector.interaction_id):
                 return
-            self._forget = state == "default" and message.last_outcome not in ("", "saved")
+            self._forget = state == DEFAULT and message.last_outcome not in ("", "saved")
         self._changed.set()
 
     def _restore(self, interaction_id: str) -> None:
         """Restores what was collected if the node restarts in the middle of an interaction."""
         entries = self._spot_log.start(interaction_id)
-        for state, spot in entries:
-            self._collector.restore(state, spot)
+        for part, spot in entries:
+            self._collector.restore(part, spot)
         if entries:
             rospy.loginfo("%s: %d spots of interaction %s restored", rospy.get_name(), len(entries), interaction_id)
 
@@ -160,8 +158,8 @@ class BorderFusionNode:
             bool(message.mobile),
         )
         with self._lock:
-            if not self._collector.add(spot):
-                self._spot_log.append(self._collector.state, spot)
+            if not self._collector.add(spot, rospy.get_time() or np.inf):
+                self._spot_log.append(self._collector.state.collects, spot)
                 self._dirty = True
 
     # ------------------------------------------------------------ output
@@ -191,19 +189,36 @@ class BorderFusionNode:
             problems = [self._failure, self._bad_message, self._spot_log.problem]
             if self._wrong_frame:
                 problems.append(CodedError("spots_wrong_frame", camera=self._wrong_camera))
-            chain = self._live.candidate.chain
+            problems += [CodedError("camera_clock_off", camera=name) for name in sorted(self._collector.wrong_clocks)]
+            state, now = self._collector.state, rospy.get_time()
+            if state == DEFAULT:
+                self._doubts = []
+            # what a stroke leaves out or open is known when it has ended; until then what was told stays readable
+            elif state != BORDER or not self._collector.cameras_seeing(now):
+                self._doubts = self._find_doubts(self._live.candidate)
+            doubts = self._doubts
         notices = [
             Notice.from_values(problem.code, Severity.WARNING, problem.values)
             for problem in problems
             if problem is not None
         ]
-        if chain is not None and chain.left_out_spots:
-            notices.append(Notice("strokes_left_out", Severity.WARNING, values={"spots": str(chain.left_out_spots)}))
-        self._notices.set(notices)
+        self._notices.set(notices + doubts)
+
+    def _find_doubts(self, drawn: DrawnBorder) -> List[Notice]:
+        """Returns what makes a drawing doubtful."""
+        found = {}
+        if drawn.chain is not None and drawn.chain.left_out_spots:
+            found["strokes_left_out"] = {"spots": str(drawn.chain.left_out_spots)}
+        # a right corner behind an unseen piece lies at most half as far from it
+        if drawn.chain is not None and drawn.chain.unseen > 0.5 * self._extraction.eps:
+            found["piece_unseen"] = {"length": f"{drawn.chain.unseen:.1f}"}
+        if drawn.other_dwell is not None:
+            found["seed_held_elsewhere"] = {"seconds": f"{drawn.other_dwell.seconds:.0f}"}
+        return [Notice(code, Severity.WARNING, values=values) for code, values in found.items()]
 
     def _tick(self, state_changed: bool) -> None:
         with self._lock:
-            collecting = self._collector.state in (BORDER, SEED)
+            collecting = bool(self._collector.state.collects)
             new, self._dirty = self._dirty, False
             if new:
                 self._spot_log.flush()
@@ -262,18 +277,19 @@ class BorderFusionNode:
         try:
             if not wanted or wanted != collection.interaction_id:
                 raise CodedError("unknown_interaction", interaction=wanted)
-            chain = extract_chain(collection, self._extraction)
-            seed = extract_seed_of(collection)
-        except CodedError as error:
-            response.code, response.message = error.code, error.message
-            response.values = values_from_mapping(error.values)
-            rospy.loginfo("%s: no candidate: %s", rospy.get_name(), error)
-            return response
+            drawn = self._live.update(collection, time.monotonic, force=True)
+            missing = drawn.no_chain or drawn.no_seed
+            if missing is not None:
+                raise missing
+            # while somebody draws, the paper's mode extracts a part of the spots only
+            paper = self._extraction.mode == "paper"
+            chain, seed = extract_chain(collection, self._extraction) if paper else drawn.chain, drawn.seed
         except Exception as error:
-            failure = CodedError("extraction_failed", what=repr(error))
+            known = isinstance(error, CodedError)
+            failure = error if known else CodedError("extraction_failed", what=repr(error))
             response.code, response.message = failure.code, failure.message
             response.values = values_from_mapping(failure.values)
-            rospy.logerr("%s: %s", rospy.get_name(), failure)
+            (rospy.loginfo if known else rospy.logerr)("%s: no candidate: %s", rospy.get_name(), failure)
             return response
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
         response.success, response.code = True, "ok"

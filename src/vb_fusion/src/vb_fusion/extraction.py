@@ -1,21 +1,8 @@
 """From the spots of all cameras to one border. The idea: one stroke is one track through time.
 
-Use it for places on a floor, with the time at which they were seen, that somebody drew in one stroke: with gaps, strays
-and rests, from one camera or several.
-
-`ExtractionParams.robust()`, the default, in the order of the data, one module for each stage:
-
-    stroke/observations    the spots, checked and put in the order of time
-    stroke/track           which of them are the pointer's: the one feasible path through time that explains most floor
-    stroke/camera_offsets  where the pointer really was: the cameras' offsets removed
-    line/resampling        evenly along the stroke, however long the pointer stayed
-    line/closure           polygon or separating curve
-    line/fitting           the fewest straight sides that keep every detail larger than a tremble, and their corners
-
-A drawing that grows is extracted again for the price of what is new (resumable_loop.py): `GrowingBorder`.
-
-Bare points, without stamps, get an order in space first (stroke/ordering.py); all that follows is the same.
-`ExtractionParams.paper()` runs Algorithms 1 to 3 of the paper as they are written (paper.py).
+The stages are modules, in the order of the data: stroke/observations, stroke/track, stroke/camera_offsets,
+line/resampling, line/closure, line/fitting; docs/explanation/extraction.md says what each does. Bare points, without
+stamps, get an order in space first (stroke/ordering.py). `ExtractionParams.paper()` runs the paper's algorithms (paper.py).
 
 >>> import numpy as np
 >>> angle = np.linspace(0.0, 2.0 * np.pi, 200)                      # a circle drawn in eight seconds, seen 25 times a second
@@ -27,8 +14,8 @@ Bare points, without stamps, get an order in space first (stroke/ordering.py); a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -42,16 +29,16 @@ from vb_fusion.line.chain import BorderChain, ExtractionError
 from vb_fusion.line import closure
 from vb_fusion.line.fitting import fit_line
 from vb_fusion.line.resampling import ResampledStroke, resample_stroke
-from vb_fusion.resumable_loop import ResumableLoop
 from vb_fusion.paper import bounding_diagonal, find_cluster, generate_polygon, thin_points
-from vb_fusion.stroke.observations import TREMOR, Observations, make_observations, merge_observations, time_bins
+from vb_fusion.stroke.observations import TREMOR, Observations, estimate_tremor, make_observations, merge_observations
 from vb_fusion.stroke.ordering import order_points
 from vb_fusion.stroke.camera_offsets import remove_offsets
 from vb_fusion.stroke.seed import extract_seed
-from vb_fusion.stroke.track import PointerTrack, find_places, find_tracks
+from vb_fusion.stroke.track import find_places, find_strokes
 
 __all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
 
+SMALLEST_FIGURE = 8.0  # tremors across, from which on it can be told that a curled line is open
 MAX_SLIP_RATIO = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
 
 
@@ -105,56 +92,32 @@ def extract_border(
     """
     params = params or ExtractionParams.robust()
     if params.mode == "robust" and stamps is not None:
-        drawing = GrowingBorder(params)
-        drawing.add(make_observations(points, stamps, cameras, confidences, mobile))
-        return drawing.chain()
+        return _extract_by_time(make_observations(points, stamps, cameras, confidences, mobile), params)
     seen = make_observations(points, None, cameras, confidences, mobile)
     _require(seen, params)
     if params.mode == "paper":
         return _paper(seen, params)
     drawn = seen.select(order_points(seen.points, params.eps))
-    return _make_line(drawn, drawn, seen.select(slice(0)), params, ResumableLoop(), ResumableLoop())
+    return _make_line(drawn, drawn, False, TREMOR, params)
 
 
-class GrowingBorder:
-    """Extracts the border of a drawing in progress, incrementally.
+def _extract_by_time(spots: Observations, params: ExtractionParams) -> BorderChain:
+    _require(spots, params)
+    seen = merge_observations(spots)
+    places = find_places(seen)
+    drawn, left_out, joined = _join_strokes(seen, find_strokes(seen, places, params.eps), params)
+    placed = remove_offsets(drawn)
+    line = _make_line(drawn, placed, joined, estimate_tremor(placed), params)
+    # what is between strokes was not seen; only the first one's start and the last one's end the hand left apart
+    closing = line.gap if joined and line.closed else 0.0
+    unseen = max(closing, _longest_unseen(placed, places.dropout))
+    return replace(line, unseen=unseen, left_out=left_out.points, left_out_spots=int(left_out.spots.sum()))
 
-    The chain is the one that `extract_border` finds in all spots at once.
-    """
 
-    def __init__(self, params: ExtractionParams) -> None:
-        self._params = params
-        self._observations = make_observations(np.zeros((0, 2)))
-        self._places = find_places(self._observations)
-        self._steps, self._samples, self._sides = ResumableLoop(), ResumableLoop(), ResumableLoop()
-
-    def add(self, spots: Observations) -> None:
-        """Adds spots.
-
-        Args:
-            spots: as `make_observations` returns them, with stamps since the same beginning and numbers for cameras.
-        """
-        if len(spots.points) == 0:
-            return
-        # moments that are over stay as they are; from the first that gets a spot on they are looked at again
-        begin = time_bins(spots.stamps).min()
-        kept = int(np.searchsorted(time_bins(self._observations.stamps), begin))
-        recent = merge_observations(self._observations.select(slice(kept, None)).concatenate(spots))
-        self._observations = self._observations.select(slice(kept)).concatenate(recent)
-        self._places = self._places.before(begin).concatenate(find_places(recent))
-
-    def chain(self) -> BorderChain:
-        """Extracts the border of all spots so far.
-
-        Raises:
-            ExtractionError: as extract_border.
-        """
-        seen, params = self._observations, self._params
-        _require(seen, params)
-        # a quick stroke across a doorway is seen seldom, but unlike something bright that stays it is long
-        tracks = find_tracks(seen, self._places, params.eps, 0.25 * params.min_exp, self._steps)
-        drawn, left_out = _join_tracks(seen, tracks, params)
-        return _make_line(drawn, remove_offsets(drawn), left_out, params, self._samples, self._sides)
+def _longest_unseen(drawn: Observations, dropout: float) -> float:
+    """Returns the longest way [m] between two observations in a row that are more than a dropout apart."""
+    way = np.hypot(*np.diff(drawn.points, axis=0).T)
+    return float(way[np.abs(np.diff(drawn.stamps)) > dropout].max(initial=0.0))
 
 
 def _require(seen: Observations, params: ExtractionParams) -> None:
@@ -179,27 +142,27 @@ def _paper(seen: Observations, params: ExtractionParams) -> BorderChain:
     if len(chain) < 2:
         raise _no_line(seen, params)
     decision = closure.classify_closure(chain, params.kind)
-    return _result(chain, decision, np.zeros((0, 2)), 0, {"cluster": seen.points[cluster], "thinned": thinned})
+    return _result(chain, decision, {"cluster": seen.points[cluster], "thinned": thinned})
 
 
-def _join_tracks(
-    seen: Observations, tracks: List[PointerTrack], params: ExtractionParams
-) -> Tuple[Observations, Observations]:
-    """Joins tracks to one stroke.
+def _join_strokes(
+    seen: Observations, strokes: List[np.ndarray], params: ExtractionParams
+) -> Tuple[Observations, Observations, bool]:
+    """Joins strokes, each the indices of its observations, to one line.
 
     Returns:
-        The observations of the stroke, in the order in which the line runs, and the observations left out.
+        The observations of the line, in the order in which it runs; those left out; whether the line is of several strokes.
     """
-    # the widest is the line: moving back and forth explains much floor, but is no border
-    tracks = sorted(tracks, key=lambda track: bounding_diagonal(track.points), reverse=True)
-    if not tracks or bounding_diagonal(tracks[0].points) <= 0.8 * params.min_exp:
-        raise _no_line(seen, params)
-    line = tracks[0].observations
-    others = [
-        track.observations
-        for track in tracks[1:]
-        if track.gain > params.min_exp and seen.spots[track.observations].sum() >= params.min_size
+    size = [bounding_diagonal(seen.points[stroke]) for stroke in strokes]
+    # what could be a line itself, the widest first: moving back and forth explains much floor, but is no border
+    strokes = [
+        strokes[k]
+        for k in np.argsort(size)[::-1]
+        if size[k] > params.min_exp - 2.0 * TREMOR and seen.spots[strokes[k]].sum() >= params.min_size
     ]
+    if not strokes:
+        raise _no_line(seen, params)
+    line, others = strokes[0], strokes[1:]
     while others:
         # which end of another stroke is nearest to which end of the line
         near = [cdist(seen.points[line[[0, -1]]], seen.points[other[[0, -1]]]) for other in others]
@@ -211,35 +174,34 @@ def _join_tracks(
         other = others.pop(which)[:: -1 if at == end else 1]
         line = np.concatenate([line, other] if at else [other, line])
     left_out = np.concatenate([np.zeros(0, dtype=int), *others])
-    return seen.select(line), seen.select(left_out)
+    return seen.select(line), seen.select(left_out), len(others) < len(strokes) - 1
 
 
 def _make_line(
-    drawn: Observations,
-    placed: Observations,
-    left_out: Observations,
-    params: ExtractionParams,
-    samples: ResumableLoop,
-    sides: ResumableLoop,
+    drawn: Observations, placed: Observations, joined: bool, tremor: float, params: ExtractionParams
 ) -> BorderChain:
     """Runs stages 3 to 6: makes the line through the stroke as it was placed."""
-    if len(placed.points) < 3 or not 0.8 * params.min_exp < bounding_diagonal(placed.points) < params.max_exp:
+    size = bounding_diagonal(placed.points) if len(placed.points) > 2 else 0.0
+    if not params.min_exp - 2.0 * tremor < size < params.max_exp:
         raise _no_line(drawn, params)
-    stroke = resample_stroke(placed.points, placed.weights, samples)
+    stroke = resample_stroke(placed.points, placed.weights, tremor)
     if len(stroke.points) < 2:
         raise _no_line(drawn, params)
-    decision = closure.classify_closure(stroke.points, params.kind)
+    decision = closure.classify_closure(stroke.points, params.kind, tremor)
+    if decision.code in closure.CURLED and size < SMALLEST_FIGURE * tremor:
+        raise ExtractionError("figure_too_small", size=f"{size:.2f}", needed=f"{SMALLEST_FIGURE * tremor:.2f}")
     if decision.closed:
         kept = slice(decision.first, decision.last + 1)
-        # a gap that may have been crossed unseen may hide a corner; across a wider one the line is straight
-        line = fit_line(ResampledStroke(stroke.points[kept], stroke.trust[kept]), decision.gap <= params.eps, sides)
+        # a gap that was crossed unseen may hide a corner; across a wider one that the hand left the line is straight
+        ring = ResampledStroke(stroke.points[kept], stroke.trust[kept], tremor)
+        line = fit_line(ring, joined or decision.gap <= params.eps)
         if len(line) < 3:
             decision = closure.classify_closure(line)  # a straight line, though a polygon was asked for
     else:
-        line = fit_line(stroke, False, sides)
+        line = fit_line(stroke, False)
     chain = _simplify(line, decision.closed, params.simplification_tolerance)
     stages = {"cluster": drawn.points, "placed": placed.points, "thinned": stroke.points}
-    return _result(chain, decision, left_out.points, int(left_out.spots.sum()), stages)
+    return _result(chain, decision, stages)
 
 
 def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
@@ -264,8 +226,6 @@ def _simplify(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
     return np.asarray(Polygon(polygon.exterior).simplify(tolerance).exterior.coords)[:-1]
 
 
-def _result(chain: np.ndarray, decision: closure.Closure, left_out: np.ndarray, spots: int, stages) -> BorderChain:
+def _result(chain: np.ndarray, decision: closure.Closure, stages: Dict[str, np.ndarray]) -> BorderChain:
     length = geometry.chain_length(chain, decision.closed)
-    return BorderChain(
-        chain, decision.closed, decision.code, length, decision.gap, decision.values, left_out, spots, stages
-    )
+    return BorderChain(chain, decision.closed, decision.code, length, decision.gap, decision.values, stages=stages)

@@ -54,6 +54,14 @@ def is_rectified(topic: str) -> bool:
     return "rect" in topic.rsplit("/", 1)[-1].split("_")
 
 
+def require_size(camera: CameraModel, shape: Tuple[int, ...]) -> CameraModel:
+    """Returns the model if it is for images of this shape; raises CodedError "no_camera_info" else."""
+    if (camera.height, camera.width) != tuple(shape[:2]):
+        size = f"{camera.width} x {camera.height}"
+        raise CodedError("no_camera_info", f"camera_info is for images of {size}, not of {shape[1]} x {shape[0]}")
+    return camera
+
+
 class InfoTopic:
     """The newest camera_info; it may come late, and change.
 
@@ -82,10 +90,7 @@ class InfoTopic:
         camera, reason = self._latest
         if camera is None:
             raise CodedError("no_camera_info", reason)
-        if (camera.height, camera.width) != tuple(shape[:2]):
-            size = f"{camera.width} x {camera.height}"
-            raise CodedError("no_camera_info", f"camera_info is for images of {size}, not of {shape[1]} x {shape[0]}")
-        return camera
+        return require_size(camera, shape)
 
     def _on_info(self, message: CameraInfo) -> None:
         # the time is another one each time; other listeners of this process get the same message, header and all
@@ -256,7 +261,7 @@ class CameraGeometry:
         else:
             pose = partial(np.copy, self._pose)
         depth = partial(self._depth.nearest, stamp, frame_id) if self._depth is not None else None
-        return ImageGeometry(camera, pose, self._projector, depth, stamp, partial(self._robots.cylinders, stamp))
+        return ImageGeometry(camera, pose, self._projector, depth, partial(self._robots.cylinders, stamp))
 
     def _newest_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """Returns the pose (4, 4); a moving camera's only tells that there is one, which most images do not ask for."""

@@ -3,9 +3,9 @@
 Use it for any stationary or moving camera, with or without ROS: make one `SpotDetector` per camera and give it every
 frame, also those without a spot, which show it what the floor looks like.
 
-Five stages that share only what they pass on: `image_format` says what the numbers mean, `proposals` where a
+Five stages that share only what they pass on: `vb_core.image_format` says what the numbers mean, `proposals` where a
 closer look is worth it, `features` what is there, `classifier` whether that is a spot, and `tracking` which
-spot it is and whether it counts.
+spot it is and whether it counts. `image_geometry` tells them where that is on the floor.
 
 >>> import numpy as np
 >>> detector = SpotDetector(DetectorParams.stationary())
@@ -27,26 +27,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Callable, List, Optional, Tuple
+from typing import List, Optional, Tuple, Union
 
-import cv2
 import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
+from vb_core.image_format import Picture
 from vb_laser_detect.detection import classifier, features
 from vb_laser_detect.detection.blocks import BLOCK, Region
 from vb_laser_detect.detection.features import Blob, ImageTraits
-from vb_laser_detect.detection.projection import ToFloor, meters_per_pixel
-from vb_laser_detect.detection.image_format import BAYER
+from vb_laser_detect.detection.image_geometry import ImageGeometry
+from vb_laser_detect.detection.projection import meters_per_pixel
+from vb_laser_detect.detection.places import LitPlaces
 from vb_laser_detect.detection.proposals import Proposal, Proposer, SearchedImage
-from vb_laser_detect.detection.tracking import BackfilledSpot, Expected, Spot, SpotTracker
+from vb_laser_detect.detection.tracking import Expected, Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
 
-__all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
+__all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _MIN_PX = 2.5  # smaller blobs are noise
+_LATEST = 1.0  # [s] an image that is older than this beside the last one is no late one: the clock was set
 # probability from which a spot that stays is kept out of the background; with less, it may be a ghost
 _MIN_CERTAIN_PROBABILITY = 0.9
 
@@ -55,34 +57,19 @@ class SpotDetector:
     """Finds the spots of one camera; keeps its knowledge of the scene between frames.
 
     Attributes:
-        tag: anything that the caller wants to keep with the next frame; returned with each of its spots that is
-            backfilled.
         candidates: the last frame's spots, and its proposals that were rejected, for debug images.
-        backfilled: spots of earlier frames that the last one confirmed, the oldest first: what a stroke began with.
-        encoding: of the images, as in sensor_msgs/Image; (H, W) images are grey ones unless it says bayer.
+        late: how many images came after a later one, and were left out.
+        lamps: how many lights were published as the spot until they had rested for too long.
     """
 
     def __init__(
         self, params: Optional[DetectorParams] = None, spot_classifier: Optional[classifier.SpotClassifier] = None
     ) -> None:
         self.params = params or DetectorParams.stationary()
-        self.tag: Any = None
-        self.encoding = ""
         self._classifier_override = spot_classifier
-        self.set_camera_pose(None)
+        self.late = self.lamps = 0
         self.reset()
         self.set_params(self.params)
-
-    def set_camera_pose(
-        self, to_floor: Optional[ToFloor], place_check: Optional[Callable[[float, float], str]] = None
-    ) -> None:
-        """Sets where the camera of the next frames is.
-
-        Args:
-            to_floor: maps pixels (N, 2) to the floor [m], for sizes in millimetres and speeds in m/s. None: in pixels.
-            place_check: returns why no spot can be at a pixel (u, v), or "".
-        """
-        self._to_floor, self._place_check = to_floor, place_check
 
     def set_params(self, params: DetectorParams) -> None:
         """Changes the parameters; the background stays.
@@ -99,47 +86,54 @@ class SpotDetector:
     def reset(self) -> None:
         """Forgets the scene; the next frame begins a new one."""
         self.candidates: List[Spot] = []
-        self.backfilled: List[BackfilledSpot] = []
         self._stamp: Optional[float] = None
+        self._geometry: Optional[ImageGeometry] = None
         self._shape: Optional[Tuple[int, ...]] = None
-        self._proposer, self._tracker = Proposer(self.params), SpotTracker(self.params)
+        self._proposer, self._tracker, self._lit = Proposer(self.params), SpotTracker(self.params), LitPlaces()
 
-    @property
-    def confirmation_s(self) -> float:
-        """[s] from a spot's first image to the one that confirms it, at the current rate."""
-        return (self.params.confirm_frames - 1) * self._tracker.period
-
-    def detect(self, image: np.ndarray, stamp: float) -> List[Spot]:
-        """Searches one frame.
+    def detect(
+        self, image: Union[np.ndarray, Picture], stamp: float, geometry: Optional[ImageGeometry] = None
+    ) -> List[Spot]:
+        """Searches one image.
 
         Args:
-            image: (H, W, 3) bgr (or rgb: colours are only compared with each other) or (H, W) mono or Bayer, uint8.
-            stamp: [s] when it was taken. A stamp before the last one's starts again.
+            image: as `PixelReader` made it; or (H, W, 3) bgr (or rgb: colours are only compared with each other) or
+                (H, W) grey, uint8.
+            stamp: [s] when it was taken. An image that comes late is left out and counted in `late`; a stamp of more than
+                a second before the last one's is another clock's, and starts again.
+            geometry: where its pixels are on the floor. None: sizes and speeds are judged in pixels.
 
         Returns:
-            The confirmed spot, if there is one.
+            The spots that this image confirmed, the oldest first: one of the image itself at most, and when a stroke
+            begins those of earlier images, with their own stamps and places.
 
         Raises:
             CodedError: "bad_image" for any other image.
         """
-        image = _checked(image)
-        mosaic = image.ndim == 2 and self.encoding[:10] in BAYER
-        if mosaic and self.params.moving_camera:
+        picture = _checked(image)
+        if picture.mosaic and self.params.moving_camera:
             # a mosaic cannot be moved by parts of a pixel
-            image, mosaic = cv2.cvtColor(image, BAYER[self.encoding[:10]]), False
-        jumped_back = self._stamp is not None and stamp < self._stamp
-        if jumped_back or self._shape not in (None, image.shape):
+            picture = Picture(picture.bgr(), "bgr")
+        pixels = picture.pixels
+        early = -math.inf if self._stamp is None else self._stamp - stamp
+        if 0.0 < early <= _LATEST:
+            self.late += 1
+            self.candidates = []
+            return []
+        if early > _LATEST or self._shape not in (None, pixels.shape):
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
-        self._stamp, self._shape = stamp, image.shape
-        camera = ImageTraits(math.hypot(*image.shape[:2]), mosaic)
-        expected = self._tracker.begin(stamp, camera, self._proposer.estimate_motion(image))
-        searched = self._proposer.propose(image, expected)
-        seen = self._examine_all(searched, camera._replace(white=searched.white))
-        spots, kept = self._confirm(seen)
+        self._stamp, self._shape, self._geometry = stamp, pixels.shape, geometry
+        camera = ImageTraits(math.hypot(*pixels.shape[:2]), picture.mosaic)
+        motion = self._proposer.estimate_motion(pixels)
+        self._lit.begin(stamp, motion)
+        expected = self._tracker.begin(stamp, camera, motion)
+        searched = self._proposer.propose(pixels, expected)
+        seen = self._examine_all(searched, camera._replace(bright=searched.bright))
+        confirmed, kept = self._confirm(seen)
         # a pause must not make one frame outweigh all earlier ones
         self._proposer.update_background(searched, kept, min(elapsed, 1.0))
-        return spots
+        return confirmed
 
     def _examine_all(self, searched: SearchedImage, camera: ImageTraits) -> List[Spot]:
         """Measures and classifies an image's proposals."""
@@ -153,7 +147,7 @@ class SpotDetector:
                 spot = self._examine(proposal, searched, camera)
             if not any(_same_blob(spot, other) for other in seen):
                 seen.append(spot)
-            # the one spot is found where it is expected: nothing else can take its place
+            # the one spot is found where it is expected, and moves: nothing else can take its place
             followed = followed or _is_followed_spot(spot, proposal.expected)
         return seen
 
@@ -176,18 +170,23 @@ class SpotDetector:
     ) -> Spot:
         """Measures and classifies the brightest blob of a region; see `features.measure`."""
         middle = (region[0] + region[2]) / 2.0, (region[1] + region[3]) / 2.0
-        largest = self._size_range(self._pixel_size(*middle), camera)[1]
+        largest = self._largest(self._pixel_size(*middle), camera)
         blob = features.measure(searched.image, searched.reference, region, largest, camera, widest)
-        rejection, probability = blob.problem or self._wrong_size(blob, camera), 0.0
+        rejection, probability, place = blob.problem or self._wrong_size(blob, camera), 0.0, None
         if not rejection:
             measured = {**blob.features, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
             is_expected = expected is not None and expected.holds(blob.u, blob.v)
             probability, reason = self._classifier.classify(blob, measured, is_expected)
             if probability < self.params.min_probability:
                 rejection = reason
-            elif self._place_check is not None:
-                rejection = self._place_check(blob.u, blob.v)
-        return Spot(blob.u, blob.v, blob.diameter, probability, rejection=rejection, tint=blob.tint)
+            elif self._geometry is not None:
+                try:
+                    place = self._geometry.point(blob.u, blob.v)
+                except CodedError as error:
+                    rejection = error.code
+        return Spot(
+            blob.u, blob.v, blob.diameter, probability, 0, rejection, tint=blob.tint, stamp=self._stamp, place=place
+        )
 
     def _confirm(self, seen: List[Spot]) -> Tuple[List[Spot], List[Spot]]:
         """Follows the spots; returns those to publish (at most one), and those to keep out of the background.
@@ -195,14 +194,20 @@ class SpotDetector:
         Notes the others, and why they are not published, in `candidates`.
         """
         found = sorted((spot for spot in seen if not spot.rejection), key=lambda spot: -spot.confidence)
-        if found and self._to_floor is not None:
-            floor = np.asarray(self._to_floor(np.array([(spot.u, spot.v) for spot in found])), float)
+        lit_s = self._lit.light([(spot.u, spot.v) for spot in found], self._stamp)
+        lamps = [spot for spot, seconds in zip(found, lit_s) if seconds > self.params.max_dwell_time]
+        if lamps:
+            self.lamps += self._tracker.drop_lamps(lamps)
+            seen = [replace(spot, rejection="lamp") if spot in lamps else spot for spot in seen]
+            lit_s = [seconds for seconds in lit_s if seconds <= self.params.max_dwell_time]
+            found = [spot for spot in found if spot not in lamps]
+        if found and self._geometry is not None:
+            floor = self._geometry.to_floor(np.array([(spot.u, spot.v) for spot in found]))
             found = [replace(spot, floor=(x, y)) for spot, (x, y) in zip(found, floor[:, :2])]
         self.candidates = [spot for spot in seen if spot.rejection]
         confirmed: List[Spot] = []
         kept: List[Spot] = []
-        self.backfilled = []
-        for spot, track in zip(found, self._tracker.update(found, self.tag)):
+        for spot, track in zip(found, self._tracker.update(found, lit_s)):
             if track.published:
                 rejection = ""
             else:
@@ -210,35 +215,30 @@ class SpotDetector:
             spot = replace(spot, track=track.number, rejection=rejection)
             self.candidates.append(spot)
             if track.published:
-                confirmed.append(spot)
-                self.backfilled += track.unpublished
+                confirmed += track.unpublished + [spot]
                 track.unpublished = []
             certain = spot.confidence >= max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
-            if certain and self._stamp - track.dwelling_since < self.params.max_dwell_time:
+            if certain:
                 kept.append(spot)
         return confirmed, kept
 
     def _pixel_size(self, u: float, v: float) -> float:
         """Returns a pixel's length on the floor [m]; NaN where that is not known."""
-        return meters_per_pixel(self._to_floor, u, v) if self._to_floor is not None else math.nan
+        return meters_per_pixel(self._geometry.to_floor, u, v) if self._geometry is not None else math.nan
 
-    def _size_range(self, pixel_size: float, camera: ImageTraits) -> Tuple[float, float]:
-        """Returns a spot's smallest and largest diameter [px] where a pixel is this long on the floor [m]."""
+    def _largest(self, pixel_size: float, camera: ImageTraits) -> float:
+        """Returns a spot's largest diameter [px] where a pixel is this long on the floor [m]."""
         if math.isnan(pixel_size):
-            return _MIN_PX, _MAX_DIAGONAL_SHARE * camera.diagonal
-        smallest, largest = (
-            0.001 / pixel_size * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm)
-        )
-        return max(_MIN_PX, smallest), largest + _BLUR_PX
+            return _MAX_DIAGONAL_SHARE * camera.diagonal
+        return 0.001 * self.params.max_diameter_mm / pixel_size + _BLUR_PX
 
     def _wrong_size(self, blob: Blob, camera: ImageTraits) -> str:
         pixel_size = self._pixel_size(blob.u, blob.v)
-        if self._to_floor is not None and math.isnan(pixel_size):
+        if self._geometry is not None and math.isnan(pixel_size):
             return "off_floor"
-        smallest, largest = self._size_range(pixel_size, camera)
-        if blob.diameter < smallest:
+        if blob.diameter < _MIN_PX:
             return "too_small"
-        return "too_large" if blob.diameter > largest else ""
+        return "too_large" if blob.diameter > self._largest(pixel_size, camera) else ""
 
 
 def _same_blob(spot: Spot, other: Spot) -> bool:
@@ -249,13 +249,20 @@ def _same_blob(spot: Spot, other: Spot) -> bool:
 
 def _is_followed_spot(spot: Spot, expected: Optional[Expected]) -> bool:
     """Returns whether a spot is the published one, where it was expected."""
-    return expected is not None and expected.published and not spot.rejection and expected.holds(spot.u, spot.v)
+    return (
+        expected is not None
+        and expected.published
+        and not expected.rests
+        and not spot.rejection
+        and expected.holds(spot.u, spot.v)
+    )
 
 
-def _checked(image: np.ndarray) -> np.ndarray:
-    image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
-        raise CodedError("bad_image", f"expected 8 bit mono, Bayer or colour pixels, got {image.dtype} {image.shape}")
-    if min(image.shape[:2]) < 4 * BLOCK:
-        raise CodedError("bad_image", f"the image is too small: {image.shape[1]} x {image.shape[0]}")
-    return np.ascontiguousarray(image)
+def _checked(image: Union[np.ndarray, Picture]) -> Picture:
+    picture = image if isinstance(image, Picture) else Picture(image, "mono" if np.ndim(image) == 2 else "bgr")
+    pixels = np.asarray(picture.pixels)
+    if pixels.dtype != np.uint8 or pixels.ndim not in (2, 3) or pixels.shape[2:] not in ((), (3,)):
+        raise CodedError("bad_image", f"expected 8 bit mono, Bayer or colour pixels, got {pixels.dtype} {pixels.shape}")
+    if min(pixels.shape[:2]) < 4 * BLOCK:
+        raise CodedError("bad_image", f"the image is too small: {pixels.shape[1]} x {pixels.shape[0]}")
+    return Picture(np.ascontiguousarray(pixels), picture.content)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any, Dict, Optional, Tuple
 
 import diagnostic_updater
-import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -16,8 +15,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros.node import Mailbox
 from vb_laser_detect.calibration.calibration_file import require_own_frame
-from vb_laser_detect.detection.detector_counts import DetectorCounts
-from vb_laser_detect.detection.exposure import TOO_BRIGHT, saturated_share
+from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
 from vb_msgs.msg import DetectorStatus
 
 _SILENCE_TIMEOUT = 2.0  # [s] without an image for this long, diagnostics call the camera silent
@@ -27,7 +25,6 @@ _FAULT_LIFETIME = 5.0  # [s] a fault of its input stays in the diagnostics for t
 # input not before it has lasted: while nodes start inputs come late, and a camera whose frame is another's should
 # not be told of its pose first
 _CHANGE_PERIOD, _REMINDER_PERIOD, _MIN_DURATION = 10.0, 60.0, 3.0
-_SLOW_CONFIRMATION = 1.0  # [s] a spot that is confirmed later than this is worth a warning
 _DETECTOR_TIMEOUT = 5.0  # [s] a detector that is silent for this long is gone
 
 
@@ -69,22 +66,19 @@ class DetectorDiagnostics:
         mobile: whether it is on a robot.
 
     Attributes:
-        debug_images: how many were drawn; none without subscribers.
         color: whether the images show colours.
     """
 
     def __init__(self, camera: str, mailbox: Mailbox, mobile: bool = False) -> None:
         self._camera, self._mobile = camera, mobile
-        self._frame_id, self._confirmation_s = "", 0.0
+        self._frame_id = ""
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
         self.color = True
         self._mailbox = mailbox
         self._counts = DetectorCounts()
         self._lock = threading.Lock()
         self._faults: Dict[str, _Fault] = {}
-        self._missing_input = ""
-        self._image: Optional[np.ndarray] = None
-        self.debug_images = 0
+        self._missing_input, self._watch = "", InputWatch()
         self._started = rospy.Time.now()
         self._status = DetectorStatus()  # the last one that was published
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
@@ -112,13 +106,18 @@ class DetectorDiagnostics:
         if due:
             (rospy.logerr if severe else rospy.logwarn)("%s: %s", rospy.get_name(), error)
 
-    def set_missing_input(self, reason: str) -> None:
-        """Records why no spot can be published yet; "" once all inputs are available."""
+    def set_missing_input(self, reason: Optional[CodedError]) -> None:
+        """Records why no spot of an image can be published; None: all inputs are available."""
         with self._lock:
-            self._missing_input = reason
+            self._missing_input = "" if reason is None else str(reason)
+            self._watch.see_image(rospy.Time.now().to_sec(), "" if reason is None else reason.code)
 
     def record_detector(self, message: DetectorStatus) -> None:
         """Records another detector's status."""
+        sender = (getattr(message, "_connection_header", None) or {}).get("callerid", "")
+        if message.camera == self._camera and sender and sender != rospy.get_name():
+            nodes = ", ".join(sorted((sender, rospy.get_name())))
+            self.fault(CodedError("camera_name_twice", camera=self._camera, nodes=nodes))
         if message.camera != self._camera and not message.mobile and message.frame_id:
             with self._lock:
                 self._others[message.camera] = (message.frame_id, time.monotonic())
@@ -136,23 +135,16 @@ class DetectorDiagnostics:
         if not self._mobile:
             require_own_frame(self._camera, frame_id, frames)
 
-    def count_image(
-        self,
-        stamp: rospy.Time,
-        search_s: float,
-        spots: int,
-        backfilled: int,
-        image: np.ndarray,
-        frame_id: str,
-        confirmation_s: float,
-    ) -> None:
-        """Counts a searched image, see `DetectorCounts`; at the images' rate a spot is confirmed after `confirmation_s`."""
-        self._frame_id, self._confirmation_s, self._image = frame_id, confirmation_s, image
+    def count_image(self, stamp: rospy.Time, search_s: float, spots: int, backfilled: int, frame_id: str) -> None:
+        """Counts a searched image, see `DetectorCounts`."""
+        self._frame_id = frame_id
         self._counts.count_image(rospy.Time.now().to_sec(), stamp.to_sec(), search_s, spots, backfilled)
 
     # ------------------------------------------------------------- what goes out
     def _publish(self, _event: Any) -> None:
         now = rospy.Time.now()
+        with self._lock:
+            fault = self._watch.fault(now.to_sec())
         self._status = DetectorStatus(
             header=rospy.Header(stamp=now),
             camera=self._camera,
@@ -160,6 +152,7 @@ class DetectorDiagnostics:
             frame_id=self._frame_id,
             received=self._mailbox.received,
             dropped=self._mailbox.dropped,
+            fault=fault,
             **self._counts.summary(now.to_sec()),
         )
         self._publisher.publish(self._status)
@@ -173,8 +166,6 @@ class DetectorDiagnostics:
                 (code, one.text) for code, one in self._faults.items() if abs((now - one.at).to_sec()) < _FAULT_LIFETIME
             ]
         recent = [f"{text} [{code}]" for code, text in faults]
-        image = self._image
-        saturated = saturated_share(image) if image is not None else 0.0
         level, lines = DiagnosticStatus.OK, [f"{told.rate_hz:.1f} images per second"]
         if told.rate_hz == 0.0 and (now - self._started).to_sec() > _SILENCE_TIMEOUT:
             level, lines = DiagnosticStatus.ERROR, ["no images"] + missing + recent
@@ -182,16 +173,8 @@ class DetectorDiagnostics:
             level, lines = DiagnosticStatus.ERROR, missing + recent
         elif recent:
             level, lines = DiagnosticStatus.WARN, recent
-        elif self._confirmation_s > _SLOW_CONFIRMATION:
-            level, lines = (
-                DiagnosticStatus.WARN,
-                [str(CodedError("slow_camera", rate=f"{told.rate_hz:.1f}", seconds=f"{self._confirmation_s:.1f}"))],
-            )
         elif self._mobile and not self.color:
             level, lines = DiagnosticStatus.WARN, [str(CodedError("no_color", camera=self._camera))]
-        elif saturated > TOO_BRIGHT:
-            level = DiagnosticStatus.WARN
-            lines = [f"{100 * saturated:.0f} % of the image is saturated: reduce the exposure"]
         status.summary(level, "; ".join(dict.fromkeys(lines)))
         for name, value in (
             ("rate [1/s]", told.rate_hz),
@@ -203,10 +186,8 @@ class DetectorDiagnostics:
         status.add("images received", str(told.received))
         status.add("images dropped", str(told.dropped))
         status.add("spots published", str(told.spots))
-        status.add("saturated part of the image", f"{saturated:.3f}")
         status.add("colour", "yes" if self.color else "no")
         status.add("optical frame", self._frame_id)
-        status.add("debug images drawn", str(self.debug_images))
         for code, count in zip(told.rejections, told.rejection_counts):
             status.add(f"refused: {code}", str(count))
         return status

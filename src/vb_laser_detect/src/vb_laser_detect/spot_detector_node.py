@@ -5,30 +5,31 @@ from __future__ import annotations
 import threading
 import time
 import traceback
-from typing import Any, Optional, Tuple
+from collections import deque
+from typing import Any, Deque, Optional, Tuple, Union
 
 import cv2
-import numpy as np
 import rospy
 from geometry_msgs.msg import Point
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import Image
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
+from vb_core.image_format import PixelReader, Picture
 from vb_core.ros.images import message_from_image
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
+from vb_laser_detect.camera.source import CaptureParams
+from vb_laser_detect.camera_feed import CameraFeed, LensFile, ReceivedImage, TopicFeed
 from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
-from vb_laser_detect.detection.image_geometry import ImageGeometry, locate_confirmed, search
-from vb_laser_detect.detection.image_format import PixelReader
-from vb_laser_detect.detection.projection import FloorPoint, FloorProjection, ProjectionParams
+from vb_laser_detect.detection.image_geometry import ImageGeometry
+from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
 from vb_laser_detect.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, decode, is_rectified, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus, LaserSpot
-from vb_msgs.srv import GetTime, GetTimeRequest, GetTimeResponse
 
 _DEBUG_PERIOD = 0.2  # [s] between two debug images: drawing them takes longer than the search
 
@@ -37,7 +38,8 @@ class SpotDetectorNode:
     """Detects the spot in one camera's images. Only the newest image is searched; older ones are dropped and counted.
 
     Subscribed topics:
-        <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage): one of the two
+        <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage): one of the two, unless ~source is
+            set: then it reads the camera itself
         <camera>/camera_info (sensor_msgs/CameraInfo): next to the image; may come late and change
         <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <depth>/camera_info (sensor_msgs/CameraInfo): only if a
             depth topic is set; camera_info is next to the depth image
@@ -49,18 +51,24 @@ class SpotDetectorNode:
             follow when it is confirmed, in their order and with their own times
         /virtual_borders/detectors (vb_msgs/DetectorStatus): once a second
         /diagnostics (diagnostic_msgs/DiagnosticArray)
+        <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage), <camera>/camera_info
+            (sensor_msgs/CameraInfo): with ~source, while somebody listens
+        /virtual_borders/notices (vb_msgs/NoticeArray): with ~source, why there are no images
         ~debug_image (sensor_msgs/Image): spots, and candidates with the reason for rejection; only if listened to
-    Services:
-        ~get_time (vb_msgs/GetTime): this computer's clock, for clock_check
     Parameters:
-        config/stationary.yaml: for a ceiling camera. All parameters below ~detector and ~projection except
-            moving_camera can be changed while the node runs (dynamic_reconfigure, in the same namespaces)
+        config/stationary.yaml: for a ceiling camera. All parameters below ~detector, ~projection and ~capture except
+            moving_camera, width, height and rate can be changed while the node runs (dynamic_reconfigure, in the same
+            namespaces)
         config/mobile.yaml: for a camera on a robot
         <robot>/robot_profile: how large a robot is
     """
 
     def __init__(
-        self, params: SpotDetectorNodeParams, detector: DetectorParams, projection_params: ProjectionParams
+        self,
+        params: SpotDetectorNodeParams,
+        detector: DetectorParams,
+        projection_params: ProjectionParams,
+        capture: CaptureParams,
     ) -> None:
         # one process per camera: threads within each would only fight for the cores
         cv2.setNumThreads(1)
@@ -73,14 +81,16 @@ class SpotDetectorNode:
         self._detector = SpotDetector(detector)
         self._params_lock = threading.Lock()  # parameters change between images, never within one
         self._reader = PixelReader()
+        # seconds as a float lose an image's nanoseconds; a spot is confirmed within so many images
+        self._stamps: Deque[rospy.Time] = deque(maxlen=256)
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()
         self._report = DetectorDiagnostics(params.camera, self._mailbox, self._mobile)
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=20, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
+        self._feed = self._make_feed(image, capture)
         self._camera_geometry = self._make_camera_geometry(image)
-        self._time_service = rospy.Service("~get_time", GetTime, _get_time)
         self._worker = Worker(self._mailbox, self._search)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.record_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
@@ -88,23 +98,37 @@ class SpotDetectorNode:
             ReconfigureServer(detector, "~detector", self._set_detector_params, fixed=("moving_camera",)),
             ReconfigureServer(projection_params, "~projection", self._set_projection_params),
         ]
-        compressed = params.image_transport == "compressed"
-        kind, topic = (CompressedImage, image + "/compressed") if compressed else (Image, image)
-        rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), params.camera, topic)
-        # the buffer must hold a whole image, else rospy hands over images that are older than the newest one
-        rospy.Subscriber(topic, kind, self._mailbox.put, queue_size=1, buff_size=2**24, tcp_nodelay=True)
+        if isinstance(self._feed, CameraFeed):
+            fixed = ("width", "height", "rate")
+            self._reconfigure_servers.append(ReconfigureServer(capture, "~capture", self._feed.set_params, fixed))
+
+    def _make_feed(self, image: str, capture: CaptureParams) -> Union[CameraFeed, TopicFeed]:
+        given = self._params
+        where = given.camera, given.frame or f"{given.camera}_optical_frame"
+        if given.source:
+            return CameraFeed(*where, given.source, capture, image, given.settings, self._mailbox.put, self._report)
+        rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), given.camera, image)
+        compressed = given.image_transport == "compressed"
+        return TopicFeed(
+            image, compressed, given.frame, lambda message: self._reader.read(*decode(message)), self._mailbox.put
+        )
 
     def _make_camera_geometry(self, image: str) -> CameraGeometry:
         # image_rect, image_rect_color: the images are already undistorted
-        info, depth = InfoTopic(sibling_topic(image, "camera_info"), self._report, is_rectified(image)), None
+        depth = None
+        if isinstance(self._feed, CameraFeed):
+            info: Union[InfoTopic, LensFile] = self._feed.lens
+        else:
+            info = InfoTopic(sibling_topic(image, "camera_info"), self._report, is_rectified(image))
         if self._params.depth:
             topic = rospy.resolve_name(self._params.depth)
             depth = DepthTopic(topic, sibling_topic(topic, "camera_info"), self._report)
         return CameraGeometry(self._mobile, info, depth, self._projector, self._params.robots, self._report)
 
     def close(self) -> None:
-        """Stops the worker."""
+        """Stops the worker, and sets the camera free."""
         self._mailbox.close()
+        self._feed.close()
 
     def _on_map(self, message: Any) -> None:
         try:
@@ -122,10 +146,10 @@ class SpotDetectorNode:
             self._projector.params = params
 
     # ------------------------------------------------------------- the search
-    def _search(self, message: Any) -> None:
+    def _search(self, received: ReceivedImage) -> None:
         try:
             with self._params_lock:
-                self._search_image(message)
+                self._search_image(received)
         except CodedError as error:
             self._report.fault(error)
         except cv2.error as error:
@@ -134,50 +158,54 @@ class SpotDetectorNode:
             rospy.logerr_throttle(60.0, f"{rospy.get_name()}: {traceback.format_exc()}")
             self._report.fault(CodedError("internal_error"), severe=True)
 
-    def _search_image(self, message: Any) -> None:
-        stamp = message.header.stamp
+    def _search_image(self, received: ReceivedImage) -> None:
+        stamp, frame_id = received.stamp, received.frame_id
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
-        raw, encoding = decode(message)
-        image = self._reader.read(raw, encoding)
-        self._report.color = image.ndim == 3 or encoding.startswith("bayer")
-        frame_id = self._params.frame or message.header.frame_id
-        frame, unplaced = self._place(frame_id, stamp, image)
+        picture = received.read()
+        self._report.color = picture.content != "mono"
+        self._stamps.append(stamp)
+        geometry, unplaced = self._place(frame_id, stamp, picture)
+        late, lamps = self._detector.late, self._detector.lamps
         began = time.perf_counter()
-        spots = search(self._detector, image, stamp.to_sec(), frame, encoding)
+        spots = self._detector.detect(picture, stamp.to_sec(), geometry)
         took = time.perf_counter() - began
+        if self._detector.late > late:
+            self._report.count("late_image")
+        if self._detector.lamps > lamps:
+            self._report.fault(CodedError("lamp"))
         for candidate in self._detector.candidates:
             # these are everyday events: counted, but not worth a warning
             if candidate.rejection:
                 self._report.count(candidate.rejection)
-        if frame is not None:
-            unplaced = frame.unplaced  # the pose was asked for and is missing
+        if geometry is not None:
+            unplaced = geometry.unplaced  # the pose was asked for and is missing
         # camera_info may come late: that is worth a word once a spot is lost by it
         if unplaced is not None and (spots or unplaced.code != "no_camera_info"):
             self._report.fault(unplaced, missing=unplaced.code != "shared_frame")
-        self._report.set_missing_input("" if unplaced is None else str(unplaced))
-        # the first spots of a stroke come with their own times and places
-        confirmed = [] if frame is None else locate_confirmed(self._detector, spots, frame)
-        for where, spot in confirmed:
-            self._spots.publish(self._message(spot, where.point(spot.u, spot.v), where.stamp))
-        earlier = sum(where is not frame for where, _ in confirmed)
-        self._report.count_image(stamp, took, len(confirmed), earlier, image, frame_id, self._detector.confirmation_s)
+        self._report.set_missing_input(unplaced)
+        located = [spot for spot in spots if spot.place is not None]
+        for spot in located:
+            self._spots.publish(self._message(spot))
+        earlier = sum(spot.stamp != stamp.to_sec() for spot in located)
+        self._report.count_image(stamp, took, len(located), earlier, frame_id)
         if self._debug.get_num_connections() > 0:
-            self._publish_debug(image, encoding, message.header)
+            self._publish_debug(picture, received)
+        self._feed.publish(received, picture)
 
     def _place(
-        self, frame_id: str, stamp: rospy.Time, image: np.ndarray
+        self, frame_id: str, stamp: rospy.Time, picture: Picture
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
         """Returns the image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
         try:
             self._report.require_own_frame(frame_id)
-            return self._camera_geometry.geometry_of(frame_id, stamp, image.shape), None
+            return self._camera_geometry.geometry_of(frame_id, stamp, picture.pixels.shape), None
         except CodedError as error:
             return None, error.without_traceback()
 
-    def _message(self, spot: Spot, point: FloorPoint, stamp: rospy.Time) -> LaserSpot:
-        result = LaserSpot()
-        result.header.stamp = stamp
+    def _message(self, spot: Spot) -> LaserSpot:
+        result, point = LaserSpot(), spot.place
+        result.header.stamp = next(stamp for stamp in self._stamps if stamp.to_sec() == spot.stamp)
         result.header.frame_id = names.MAP_FRAME
         result.camera = self._params.camera
         result.mobile = self._mobile
@@ -189,20 +217,13 @@ class SpotDetectorNode:
         result.projection = getattr(LaserSpot, point.source.upper())
         return result
 
-    def _publish_debug(self, image: np.ndarray, encoding: str, header: Any) -> None:
+    def _publish_debug(self, picture: Picture, received: ReceivedImage) -> None:
         now = rospy.Time.now()
         if self._last_debug is not None and 0 <= (now - self._last_debug).to_sec() < _DEBUG_PERIOD:
             return
         self._last_debug = now
-        self._report.debug_images += 1
-        picture = draw_candidates(image, encoding, self._detector.candidates)
-        self._debug.publish(message_from_image(picture, "bgr8", header.stamp, header.frame_id))
-
-
-def _get_time(_request: GetTimeRequest) -> GetTimeResponse:
-    """Returns this computer's clock, whatever ROS time is."""
-    received = rospy.Time.from_sec(time.time())
-    return GetTimeResponse(received, rospy.Time.from_sec(time.time()))
+        image = draw_candidates(picture, self._detector.candidates)
+        self._debug.publish(message_from_image(image, "bgr8", received.stamp, received.frame_id))
 
 
 def build() -> SpotDetectorNode:
@@ -211,4 +232,5 @@ def build() -> SpotDetectorNode:
         parameters.read(SpotDetectorNodeParams, "~", ignore=tuple(GROUPS)),
         parameters.read(DetectorParams, "~detector"),
         parameters.read(ProjectionParams, "~projection"),
+        parameters.read(CaptureParams, "~capture"),
     )

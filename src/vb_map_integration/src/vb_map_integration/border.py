@@ -3,7 +3,7 @@
 Everything that draws, stores, checks or shows a border passes it on in this form.
 
 >>> border = VirtualBorder(points=[(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)], seed=(1.5, 1.5), closed=True)
->>> border.zone, border.enabled, border.points.shape
+>>> border.zone.name, border.enabled, border.points.shape
 ('keep_out', True, (4, 2))
 """
 
@@ -17,6 +17,7 @@ from typing import Optional, Tuple
 import numpy as np
 
 from vb_core import geometry
+from vb_core.zones import KEEP_OUT, ZONES, Zone
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.places.registration import Transform
 from vb_map_integration.borders.schedule import parse_schedule
@@ -28,9 +29,9 @@ CLOSING_SHARE = 0.15
 # [m] no floor is farther from the origin: such numbers come from a fault
 MAX_COORDINATE = 1e6
 
-# what a zone means for robots
-KEEP_OUT, AVOID, SLOW = "keep_out", "avoid", "slow"
-ZONES = (KEEP_OUT, AVOID, SLOW)
+MAX_NAME = 200  # characters
+# [m/s] the highest limit that a cell of the map of limits can hold, in whole cm/s
+MAX_SPEED = 1.27
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +49,9 @@ class VirtualBorder:
         expires: [s] ROS time at which `enabled` toggles; 0: never.
         robots: names of the robots that it is for; empty: all.
         wall: a virtual wall: the open chain itself may not be crossed, both sides stay usable, the seed is not used.
-        zone: KEEP_OUT; AVOID, where robots go only if the detour is long; or SLOW, where they go slowly.
-        max_speed: [m/s] in a SLOW zone; 0 elsewhere.
+        zone: what the area means for robots (vb_core.zones); its name will do.
+        max_speed: [m/s] in a zone that limits it; 0 elsewhere.
+        map_id: fingerprint of the map on which a person accepted it; "" before that.
         schedule: the weekly times at which it acts (see `parse_schedule`); empty: always.
 
     Raises:
@@ -69,9 +71,10 @@ class VirtualBorder:
     expires: float = 0.0
     robots: Tuple[str, ...] = ()
     wall: bool = False
-    zone: str = KEEP_OUT
+    zone: Zone = KEEP_OUT
     max_speed: float = 0.0
     schedule: str = ""
+    map_id: str = ""
 
     def __post_init__(self) -> None:
         points = _coordinates(self.points, "bad_points")
@@ -93,12 +96,14 @@ class VirtualBorder:
         occupancy = _number(self.occupancy, "bad_occupancy")
         if not 0.0 <= occupancy <= 1.0:
             raise IntegrationError("bad_occupancy")
-        if self.zone not in ZONES:
-            raise IntegrationError("bad_zone", zone=self.zone)
-        if self.zone == AVOID and occupancy >= 1.0:
+        zone = self.zone if isinstance(self.zone, Zone) else ZONES.get(str(self.zone))
+        if zone is None:
+            raise IntegrationError("bad_zone", zone=self.zone, known=", ".join(ZONES))
+        if zone.soft and occupancy >= 1.0:
             raise IntegrationError("bad_occupancy")
         speed = _number(self.max_speed, "bad_speed", speed=self.max_speed)
-        if speed < 0.0 or (self.zone == SLOW) != (speed > 0.0) or (self.zone == SLOW and self.wall):
+        slow = zone.limits_speed
+        if not 0.0 <= speed <= MAX_SPEED or slow != (speed > 0.0) or (slow and self.wall):
             raise IntegrationError("bad_speed", speed=speed)
         parse_schedule(self.schedule)
         for key in ("created", "modified", "expires"):
@@ -108,7 +113,7 @@ class VirtualBorder:
             object.__setattr__(self, key, value)
         for key in ("id", "name"):
             text = getattr(self, key)
-            if not isinstance(text, str) or len(text) > 200 or not (text.isprintable() or not text):
+            if not isinstance(text, str) or len(text) > MAX_NAME or not (text.isprintable() or not text):
                 raise IntegrationError("bad_name", key=key)
         points.setflags(write=False)
         seed = seed[0]
@@ -119,6 +124,7 @@ class VirtualBorder:
         object.__setattr__(self, "closed", bool(closed))
         object.__setattr__(self, "enabled", bool(self.enabled))
         object.__setattr__(self, "wall", bool(self.wall))
+        object.__setattr__(self, "zone", zone)
         object.__setattr__(self, "max_speed", speed)
         robots = (self.robots,) if isinstance(self.robots, str) else self.robots
         object.__setattr__(self, "robots", tuple(str(robot) for robot in robots if str(robot)))
@@ -134,8 +140,13 @@ class VirtualBorder:
 
     @property
     def value(self) -> int:
-        """delta as an occupancy value, 0 .. 100; a SLOW zone does not change the map."""
-        return 0 if self.zone == SLOW else int(round(100.0 * self.occupancy))
+        """delta as an occupancy value, 0 .. 100, as it stands in the map."""
+        return self.zone.value(self.occupancy)
+
+    @property
+    def without_effect(self) -> bool:
+        """Whether it should change the map, and does not."""
+        return self.zone.restricts and self.value == 0
 
     def moved(self, transform: Transform) -> "VirtualBorder":
         """Moves the border into the frame of another map."""

@@ -27,7 +27,7 @@ from vb_core import masks
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.parameters import Parameters, param
 from vb_map_integration.grid import curve, raster
-from vb_map_integration.border import SLOW, VirtualBorder
+from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError, make_issue
 
 __all__ = [
@@ -42,7 +42,7 @@ __all__ = [
     "restricted_area",
 ]
 # positions [m] of things that should not be inside, by name
-Places = Mapping[str, Sequence[float]]
+Places = Mapping[str, Sequence]
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,8 @@ class IntegrationParams(Parameters):
 
 # [m] a virtual wall's band; in coarse maps it is the cells that the chain runs through
 WALL_WIDTH = 0.1
+# [m] farther than a person who draws from wall to wall stops before one: an extension worth a warning
+FAR = 1.0
 _DEFAULT = IntegrationParams()
 # marks what a fill reached, in a mask of blocked cells
 _FILLED = 128
@@ -125,8 +127,8 @@ def integrate(
     Args:
         prior: the map; it stays as it is.
         border: the border.
-        places: points [m] that cause a warning if they are inside the area, by name; {"robot": (x, y)} gives
-            "robot_inside".
+        places: points (2,) or (N, 2) [m] that cause a warning if one is inside the area, by name; {"robot": (x, y)}
+            gives "robot_inside".
 
     Raises:
         IntegrationError: as `restricted_area`.
@@ -206,11 +208,12 @@ class _Task:
             raise IntegrationError("empty_region")
         if restricted > params.max_area_share * _count_free(self.cells, params.occupied_threshold):
             self.warn("covers_nearly_all")
-        if border.value == 0 and border.zone != SLOW:
+        if border.without_effect:
             self.warn("no_effect")
-        for name, place in places.items():
-            row, column = prior.world_to_cell(place)[0] - (window[0].start, window[1].start)
-            if 0 <= row < mask.shape[0] and 0 <= column < mask.shape[1] and mask[row, column]:
+        for name, there in places.items():
+            cells = prior.world_to_cell(there) - (window[0].start, window[1].start)
+            cells = cells[((cells >= 0) & (cells < mask.shape)).all(axis=1)]
+            if mask[tuple(cells.T)].any():
                 self.warn(f"{name}_inside")
         return Area(
             window=window,
@@ -299,11 +302,15 @@ class _Task:
             raise IntegrationError("seed_on_both_sides")
         if not cut.separates:
             raise IntegrationError("no_separation")
-        for row, column in cut.stops:
+        line = prior.grid_to_world(cut.line)
+        for (row, column), side, index in zip(cut.stops, ("$line_start", "$line_end"), (0, -1)):
+            length = float(np.linalg.norm(line[index] - self.border.points[index]))
             on_map = 0 <= row < prior.shape[0] and 0 <= column < prior.shape[1]
             if not on_map or self.cells[row, column] > 127:
                 self.warn("no_wall_found")
-        return cut.window, cut.region, prior.grid_to_world(cut.line)
+            elif length > FAR:
+                self.warn("extended_far", length=f"{length:.1f}", side=side)
+        return cut.window, cut.region, line
 
     def free_cell(self, barred: np.ndarray, away: Optional[np.ndarray] = None) -> Tuple[int, int]:
         """Returns the seed's cell (row, column), or the nearest one that is not barred, in a direction if one is given.

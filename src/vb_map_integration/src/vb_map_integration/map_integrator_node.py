@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Tuple
 
 import numpy as np
 import rospy
@@ -15,8 +16,6 @@ from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import (
     AddBorder,
     AddBorderResponse,
-    TransferBorders,
-    TransferBordersResponse,
     ConfirmMap,
     ConfirmMapRequest,
     ConfirmMapResponse,
@@ -34,8 +33,9 @@ from vb_msgs.srv import (
     UpdateBorderResponse,
 )
 
-from vb_core import names, sentences
+from vb_core import names
 from vb_core.errors import CodedError, ParameterError
+from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.notices import NoticePublisher
@@ -46,7 +46,6 @@ from vb_map_integration.borders.border_messages import border_from_message, mess
 from vb_map_integration.grid.costmap_settings import check_soft_value
 from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError, make_issue
 from vb_map_integration.integrator import ChangeResult, IntegratorParams, MapIntegrator
-from vb_map_integration.places.registration import Transform
 
 _MAP_WARNING_PERIOD = 5.0  # [s] warns after this long without a map
 
@@ -58,7 +57,7 @@ class MapIntegratorNodeParams(Parameters):
     frame_id: str = param(names.MAP_FRAME)
     database_dir: str = param("~/.ros/virtual_borders")
     map_dir: str = param("~/.ros/virtual_borders/maps")
-    robot_frame: str = param("")
+    robot_frames: str = param("")
     move_base: str = param("/move_base")
     expiry_check_period: float = param(1.0, "s", above=0.0)
     move_base_check_period: float = param(60.0, "s", above=0.0)
@@ -88,7 +87,6 @@ class MapIntegratorNode:
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled): also for a border that does not fit the map.
         /virtual_borders/rename_border (vb_msgs/RenameBorder): likewise.
         /virtual_borders/confirm_map (vb_msgs/ConfirmMap): which place the current map shows.
-        /virtual_borders/transfer_borders (vb_msgs/TransferBorders): borders of another map, moved by a transform.
         /virtual_borders/undo, /virtual_borders/redo, /virtual_borders/clear (std_srvs/Trigger)
         /virtual_borders/save_map (vb_msgs/SaveMap): writes map_server files, and the borders next to them.
     Parameters:
@@ -108,7 +106,7 @@ class MapIntegratorNode:
         for notice in self._integrator.notices:
             rospy.logwarn("%s: %s [%s]", rospy.get_name(), notice.sentence(), notice.code)
         self._last_stamp = rospy.Time(0)
-        self._transforms = TransformLookup() if params.robot_frame else None
+        self._transforms = TransformLookup() if params.robot_frames else None
 
         self._map_out = rospy.Publisher(names.MAP_WITH_BORDERS, messages.OccupancyGridArray, queue_size=1, latch=True)
         self._robot_maps = {
@@ -130,7 +128,6 @@ class MapIntegratorNode:
             (names.SET_BORDER_ENABLED, SetBorderEnabled, self._enable),
             (names.RENAME_BORDER, RenameBorder, self._rename),
             (names.CONFIRM_MAP, ConfirmMap, self._confirm),
-            (names.TRANSFER_BORDERS, TransferBorders, self._transfer),
             (names.UNDO, Trigger, lambda _: self._trigger("undo")),
             (names.REDO, Trigger, lambda _: self._trigger("redo")),
             (names.CLEAR, Trigger, lambda _: self._trigger("clear")),
@@ -140,8 +137,10 @@ class MapIntegratorNode:
         node.Worker(self._maps, self._take_map)
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, **options)
-        rospy.Timer(rospy.Duration(params.expiry_check_period), self._expire, reset=True)
-        rospy.Timer(rospy.Duration(params.move_base_check_period), self._watch_move_base, reset=True)
+        # unlike rospy's timers, a worker that dies ends the node
+        self._timers = [node.WakeTimer(params.expiry_check_period), node.WakeTimer(params.move_base_check_period)]
+        for timer, handle in zip(self._timers, (self._expire, self._watch_move_base)):
+            node.Worker(timer, handle)
         self._closing = threading.Event()
         waiting: node.Mailbox = node.Mailbox()
         node.Worker(waiting, lambda _: self._wait_for_map())
@@ -149,7 +148,8 @@ class MapIntegratorNode:
 
     def close(self) -> None:
         """Ends worker and wait, and releases the database."""
-        self._maps.close()
+        for input_ in (self._maps, *self._timers):
+            input_.close()
         self._closing.set()
         with self._lock:
             self._integrator.close()
@@ -171,24 +171,22 @@ class MapIntegratorNode:
         if frame and frame != self._params.frame_id:
             raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=self._params.frame_id)
         grid = messages.grid_from_message(message)
-        with self._lock:
-            first = not self._integrator.has_map
-            changed, notes = self._integrator.set_map(grid, self._now().to_sec())
-            for note in notes:
-                rospy.logwarn("%s: %s", rospy.get_name(), note)
-            if changed:
-                rows, columns = grid.shape
-                rospy.loginfo(
-                    "%s: %s map of %d x %d cells, %d border(s)",
-                    rospy.get_name(),
-                    "got the" if first else "got another",
-                    columns,
-                    rows,
-                    len(self._integrator.borders),
-                )
-                with contextlib.suppress(CodedError):  # whatever the disk is like, what expired does not act
-                    self._integrator.expire(self._now().to_sec())
-                self._publish()
+        self._with_database(lambda: self._use_map(grid))
+
+    def _use_map(self, grid: GridMap) -> None:
+        first = not self._integrator.has_map
+        changed, notes = self._integrator.set_map(grid, self._now().to_sec())
+        for note in notes:
+            rospy.logwarn("%s: %s", rospy.get_name(), note)
+        if not changed:
+            return
+        rows, columns = grid.shape
+        got = "got the" if first else "got another"
+        count = len(self._integrator.borders)
+        rospy.loginfo("%s: %s map of %d x %d cells, %d border(s)", rospy.get_name(), got, columns, rows, count)
+        with contextlib.suppress(CodedError):  # whatever the disk is like, what expired does not act
+            self._integrator.expire(self._now().to_sec())
+        self._publish()
 
     def _now(self) -> rospy.Time:
         return rospy.Time.now()
@@ -208,9 +206,9 @@ class MapIntegratorNode:
             grid = self._integrator.map_with_borders_for(name)
             publisher.publish(messages.message_from_grid(grid, stamp, self._params.frame_id))
 
-        if self._integrator.has_speed_limits or self._had_speeds:
+        if self._integrator.in_force.slow_zones or self._had_speeds:
             self._had_speeds = True
-            limits = messages.message_from_grid(self._integrator.speed_limits, stamp, self._params.frame_id)
+            limits = messages.message_from_grid(self._integrator.in_force.speed_limits, stamp, self._params.frame_id)
             self._speeds_out.publish(limits)
 
     def _array(self, stamp: rospy.Time) -> VirtualBorderArray:
@@ -223,7 +221,8 @@ class MapIntegratorNode:
         array.code, array.message = "ok", ""
         about_all = [notice for notice in self._integrator.notices if not notice.border_id]
         if about_all:
-            worst = max(about_all, key=lambda notice: (notice.code == "borders_unconfirmed", notice.severity))
+            asks = ("borders_unconfirmed", "borders_to_confirm")
+            worst = max(about_all, key=lambda notice: (notice.code in asks, notice.severity))
             array.code, array.message = worst.code, worst.sentence()
             array.values = messages.values_from_mapping(worst.values)
         for border in self._integrator.borders:
@@ -234,29 +233,36 @@ class MapIntegratorNode:
 
     def _expire(self, _event: Any) -> None:
         with self._lock:
-            try:
-                again = self._integrator.reopen(self._now().to_sec())
-            except CodedError as error:
-                # as at a start, for instance since another process has taken the database meanwhile
-                rospy.logfatal("%s: %s", rospy.get_name(), error)
-                rospy.signal_shutdown(str(error))
+            if self._reopen() or not self._integrator.has_map:
                 return
-            if again is not None:
-                self._integrator = again
-                rospy.loginfo("%s: the database of borders can be written again", rospy.get_name())
-                self._notices.set(again.notices)
-                if again.has_map:
-                    self._publish()
-            if not self._integrator.has_map:
-                return
-            try:
-                outcome = self._integrator.expire(self._now().to_sec())
-            except CodedError as error:
-                rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
-                return
+            outcome = self._integrator.expire(self._now().to_sec())
             if outcome is not None:
                 rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
                 self._publish()
+
+    def _reopen(self) -> bool:
+        """Opens a database that failed, if that can be done now; one that cannot be opened ends the node."""
+        try:
+            if not self._integrator.reopen(self._now().to_sec()):
+                return False
+        except CodedError as error:  # as at a start, for instance since another process has taken it meanwhile
+            node.shut_down_with_error(error)
+            raise
+        rospy.loginfo("%s: the database of borders was opened again", rospy.get_name())
+        self._notices.set(self._integrator.notices)
+        if self._integrator.has_map:
+            self._publish()
+        return True
+
+    def _with_database(self, action: Callable[[], Any]) -> Any:
+        """Does something; once more if the database failed meanwhile and could be repaired."""
+        with self._lock:
+            try:
+                return action()
+            except CodedError:
+                if not self._reopen():
+                    raise
+                return action()
 
     # ------------------------------------------------------------- services
     def _requested(self, request: Any) -> VirtualBorder:
@@ -265,14 +271,18 @@ class MapIntegratorNode:
             raise IntegrationError("unknown_frame", frame=frame, expected=self._params.frame_id)
         return border_from_message(request.border)
 
-    def _places(self) -> Dict[str, Tuple[float, float]]:
-        if self._transforms is None:
-            return {}
-        try:
-            pose = self._transforms.lookup(self._params.frame_id, self._params.robot_frame, rospy.Time(0), 0.0)
-        except CodedError:
-            return {}  # where the robot is makes a warning at most
-        return {"robot": (pose[0, 3], pose[1, 3])}
+    def _places(self, border: VirtualBorder) -> Dict[str, List[Tuple[float, float]]]:
+        """Returns where the robots are that a border is for, (x, y) [m]."""
+        found = []
+        for frame, name in itertools.zip_longest(self._params.robot_frames.split(), self._robot_maps):
+            if self._transforms is None or frame is None or (border.robots and name and name not in border.robots):
+                continue
+            try:
+                pose = self._transforms.lookup(self._params.frame_id, frame, rospy.Time(0), 0.0)
+            except CodedError:
+                continue  # where a robot is makes a warning at most
+            found.append((float(pose[0, 3]), float(pose[1, 3])))
+        return {"robot": found} if found else {}
 
     def _soft_issues(self, border: VirtualBorder) -> Tuple[Issue, ...]:
         """Warns if a running move_base treats every soft value as free (its default, trinary_costmap)."""
@@ -302,55 +312,53 @@ class MapIntegratorNode:
             response.issues = messages_from_issues(error.issues if isinstance(error, IntegrationError) else plain)
         return response
 
-    def _done(self, response: Any, outcome: ChangeResult, extra: Sequence[Issue] = ()) -> Any:
-        for found in (*outcome.issues, *extra):
+    def _done(self, response: Any, outcome: ChangeResult) -> Any:
+        for found in outcome.issues:
             rospy.logwarn("%s: %s [%s]", rospy.get_name(), found.message, found.code)
         rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
         response.success, response.code, response.message = True, "ok", outcome.message
         if hasattr(response, "issues"):
-            response.issues = messages_from_issues((*outcome.issues, *extra))
+            response.issues = messages_from_issues(outcome.issues)
         if hasattr(response, "revision"):
             response.revision = self._integrator.revision
         return response
 
     def _change(self, response: Any, change: Callable[[float], ChangeResult]) -> Any:
         """Applies a change, publishes the result, and fills in the response."""
+
+        def apply() -> Any:
+            outcome = change(self._now().to_sec())
+            self._publish()
+            if hasattr(response, "id"):
+                response.id = outcome.ids[0]
+            return self._done(response, outcome)
+
+        return self._answer(response, apply)
+
+    def _answer(self, response: Any, action: Callable[[], Any]) -> Any:
+        """Does what a request asks for; a refusal fills in the response."""
         try:
-            with self._lock:
-                outcome = change(self._now().to_sec())
-                self._publish()
-                return self._done(response, outcome)
+            return self._with_database(action)
         except CodedError as error:
             return self._refused(response, error)
 
     def _add(self, request: Any) -> AddBorderResponse:
-        response = AddBorderResponse()
-        try:
+        def change(now: float) -> ChangeResult:
             border = self._requested(request).replace(enabled=not request.disabled)
-            extra = self._soft_issues(border)
-            with self._lock:
-                outcome = self._integrator.add(
-                    border, self._now().to_sec(), self._places(), request.expected_revision, request.request_id
-                )
-                self._publish()
-                response.id = outcome.ids[0]
-                return self._done(response, outcome, extra)
-        except CodedError as error:
-            return self._refused(response, error)
+            outcome = self._integrator.add(
+                border, now, self._places(border), request.expected_revision, request.request_id
+            )
+            return outcome.with_issues(self._soft_issues(border))
+
+        return self._change(AddBorderResponse(), change)
 
     def _update(self, request: Any) -> UpdateBorderResponse:
-        response = UpdateBorderResponse()
-        try:
+        def change(now: float) -> ChangeResult:
             border = self._requested(request)
-            extra = self._soft_issues(border)
-            with self._lock:
-                outcome = self._integrator.update(
-                    border, self._now().to_sec(), self._places(), request.expected_revision
-                )
-                self._publish()
-                return self._done(response, outcome, extra)
-        except CodedError as error:
-            return self._refused(response, error)
+            outcome = self._integrator.update(border, now, self._places(border), request.expected_revision)
+            return outcome.with_issues(self._soft_issues(border))
+
+        return self._change(UpdateBorderResponse(), change)
 
     def _remove(self, request: Any) -> RemoveBorderResponse:
         return self._change(
@@ -370,28 +378,11 @@ class MapIntegratorNode:
         return self._change(RenameBorderResponse(), change)
 
     def _confirm(self, request: Any) -> ConfirmMapResponse:
-        same = request.answer == ConfirmMapRequest.SAME_PLACE
-        return self._change(ConfirmMapResponse(), lambda now: self._integrator.confirm(same, request.name, now))
+        def change(now: float) -> ChangeResult:
+            same = request.answer == ConfirmMapRequest.SAME_PLACE
+            return self._integrator.confirm(same, request.name, now, request.border, request.map_id)
 
-    def _transfer(self, request: Any) -> TransferBordersResponse:
-        response = TransferBordersResponse()
-        given = Transform(request.x, request.y, request.yaw) if request.has_transform else None
-
-        try:
-            if given is not None and not np.isfinite(given).all():
-                raise CodedError("bad_transform")
-            with self._lock:
-                proposal = self._integrator.propose_transfer(request.map, given)
-        except CodedError as error:
-            return self._refused(response, error)
-        response.x, response.y, response.yaw = proposal.transform
-        response.image = proposal.image
-        if proposal.registration is not None:
-            response.score, response.unambiguous = proposal.registration.score, proposal.registration.is_unambiguous
-        if not request.dry_run:
-            return self._change(response, lambda now: self._integrator.transfer(proposal, now))
-        message = sentences.translate("borders_proposed", {"score": f"{response.score:.2f}"})
-        return self._done(response, ChangeResult((), (), message))
+        return self._change(ConfirmMapResponse(), change)
 
     def _preview(self, request: Any) -> Any:
         response = PreviewBorderArrayResponse()
@@ -403,13 +394,13 @@ class MapIntegratorNode:
             if not np.isfinite(goals).all():
                 raise IntegrationError("bad_points")
             with self._lock:
-                check = self._integrator.check(border, self._places(), goals.tolist())
+                check = self._integrator.check(border, self._places(border), goals.tolist())
         except CodedError as error:
             return self._refused(response, error)
         after = check.layered_map.map_with_borders
         region = after.with_data(np.where(check.area.region(after.shape), np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(region, self._now(), self._params.frame_id)
-        response.area_m2 = check.area.area_m2
+        response.area_m2, response.line = check.area.area_m2, messages.points_from_array(check.area.line)
         if check.reachability is not None:
             response.free_parts = check.reachability.free_parts
             response.unreachable_goals = np.array(check.reachability.unreachable, np.uint32)
@@ -425,14 +416,16 @@ class MapIntegratorNode:
             return ListBordersResponse(self._array(self._now()))
 
     def _trigger(self, command: str) -> TriggerResponse:
+        def change() -> TriggerResponse:
+            outcome = getattr(self._integrator, command)(self._now().to_sec())
+            self._publish()
+            rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
+            return TriggerResponse(True, outcome.message)
+
         try:
-            with self._lock:
-                outcome = getattr(self._integrator, command)(self._now().to_sec())
-                self._publish()
+            return self._with_database(change)
         except CodedError as error:
             return TriggerResponse(False, str(error))
-        rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
-        return TriggerResponse(True, outcome.message)
 
     def _save(self, request: Any) -> SaveMapResponse:
         response = SaveMapResponse()

@@ -14,8 +14,8 @@ from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
-from vb_core.ros.cameras import camera_from_info
 from vb_core.ros import node, parameters
+from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.clearance_map import BLOCKED_THRESHOLD

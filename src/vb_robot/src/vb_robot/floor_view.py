@@ -29,7 +29,9 @@ class FloorView:
             [[0, 0], [camera.width - 1, 0], [camera.width - 1, camera.height - 1], [0, camera.height - 1]]
         )
         # far outside the image the distortion polynomials may lead back into it
-        self._widest = 1.05 * float(np.linalg.norm(camera.rays(corners.astype(float))[:, :2], axis=1).max())
+        self._widest = 1.05 * float(
+            min(camera.limit, np.linalg.norm(camera.rays(corners.astype(float))[:, :2], axis=1).max())
+        )
 
     @classmethod
     def usual(cls) -> "FloorView":

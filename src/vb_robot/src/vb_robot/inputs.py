@@ -1,15 +1,17 @@
-"""Inputs of both driver and dispatcher: spots, and the floor that a robot's camera sees."""
+"""Inputs of driver and dispatcher: spots, the floor that a robot's camera sees, and the messages of contact sensors."""
 
 from __future__ import annotations
 
-from typing import Callable, Optional
+from typing import Any, Callable, Optional
 
 import numpy as np
 import rospy
+from roslib.message import get_message_class
 from sensor_msgs.msg import CameraInfo
 
 from vb_core import names
-from vb_core.errors import CodedError
+from vb_core.errors import CodedError, ParameterError
+from vb_core.robot_profile import Contact
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LaserSpot
@@ -65,3 +67,14 @@ class FloorViewListener:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: the camera's view is not known yet: {error}")
             return
         self._known = key
+
+
+def message_class(contact: Contact) -> Any:
+    """Returns a contact's message class. A robot whose bumper cannot be heard must not drive as if it had none."""
+    kind = get_message_class(contact.type)
+    if kind is None:
+        raise ParameterError("robot_profile/contacts", f"the message type {contact.type} is not installed")
+    missing = [name for name in (contact.field, contact.sensor) if name and not hasattr(kind(), name)]
+    if missing:
+        raise ParameterError("robot_profile/contacts", f"{contact.type} has no field {missing[0]}")
+    return kind

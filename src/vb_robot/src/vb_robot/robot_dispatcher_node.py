@@ -13,18 +13,19 @@ from geometry_msgs.msg import PoseStamped
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
+from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_pose2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
+from vb_core.vocabulary import state_of
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.drawing import UnseenFloor
 from vb_robot.dispatching.robot_client import RobotClient
 from vb_robot.floor_view import FloorView
 from vb_robot.inputs import SpotListener
-from vb_robot.poses import Pose
 
 PERIOD = 0.25  # [s] between two decisions: the spot moves 0.1 m at most in that time
 
@@ -125,7 +126,9 @@ class RobotDispatcherNode:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
 
     def _take_state(self, message: InteractionState) -> None:
-        if self._dispatcher.sightings.set_state(message.state, message.interaction_id, message.entered.to_sec()):
+        if self._dispatcher.sightings.set_state(
+            state_of(message.state), message.interaction_id, message.entered.to_sec()
+        ):
             rospy.loginfo("%s: state %s", rospy.get_name(), message.name)
 
     def _take_progress(self, message: BorderProgress) -> None:

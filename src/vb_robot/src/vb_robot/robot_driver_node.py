@@ -8,67 +8,55 @@ import time
 import traceback
 from dataclasses import dataclass
 from pathlib import Path as FilePath
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
+import rosgraph
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
-from move_base_msgs.msg import MoveBaseActionGoal
+from move_base_msgs.msg import RecoveryStatus
 from nav_msgs.msg import Path
-from roslib.message import get_message_class
 from sensor_msgs.msg import LaserScan
-from std_msgs.msg import Bool, ColorRGBA
+from std_msgs.msg import ColorRGBA
+from std_srvs.srv import Empty, EmptyRequest
 from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_core import geometry, names, sentences
-from vb_core.errors import CodedError, ParameterError
-from vb_core.files import write_atomically
+from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.messages import (
-    OccupancyGridArray,
-    array_from_points,
-    grid_from_message,
-    message_from_grid,
-    pose2d_from_message,
-)
+from vb_core.ros.graph import find_commanders
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_grid
 from vb_core.ros.notices import NoticePublisher
+from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
-from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBorder, VirtualBorderArray
+from vb_core.stop_latch import HeldStops, new_id
+from vb_core.vocabulary import state_of
+from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop, VirtualBorder, VirtualBorderArray
 from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import EXIT_BORDER, NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
-from vb_robot.driving.workspace import BorderContact, PoseUncertainty, KnownBorder, Workspace
-from vb_robot.inputs import FloorViewListener, SpotListener
+from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace
+from vb_robot.inputs import FloorViewListener, SpotListener, message_class
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
-GOAL_NOTICE_LIFETIME = 5.0  # [s] for which a goal in a border is reported
+WIRING_PERIOD, PLANNING_PERIOD, LOOK_PERIOD = 1.0, 0.1, 0.3  # [s] wall time
+LOOKS = 40  # [updates] after which AMCL has found its pose, or will not
 PLAN_LIFETIME = rospy.Duration(5.0)  # a robot on its way plans once a second
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 # what people are told, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
-STOP_CODES = {
-    "stopped",
-    "state_lost",
-    "scan_lost",
-    "pose_lost",
-    "pose_jumped",
-    "no_map",
-    "no_camera",
-    "clock_stopped",
-    "internal_error",
-    "other_cmd_vel_publisher",
-    "contact",
-    "obstacle",
-    "floor_not_scanned",
-    "border",
-    "inside_border",
-    "bad_command",
-}
+STOP_CODES = frozenset(
+    "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map no_camera clock_stopped "
+    "internal_error other_cmd_vel_publisher contact obstacle floor_not_scanned border inside_border bad_command".split()
+)
+
+
+SEVERITIES = {"obstacle": Severity.INFO, "border": Severity.INFO, "other_cmd_vel_publisher": Severity.ERROR}
 
 
 @dataclass(frozen=True)
@@ -80,29 +68,31 @@ class DriverParams(Parameters):
     )
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
     exit_borders: bool = param(True, doc="whether to drive out of a border that was added where the robot is")
-    stop_file: str = param(
-        "", doc="file that exists while the robot is stopped, so that it stays so after a restart; empty: none"
-    )
+    stop_file: str = param("", doc="file with the stops that the robot holds, also after a restart; empty: none")
 
 
 class RobotDriverNode:
     """Chooses which source drives a robot, and limits every command. See `Arbiter`.
 
     Subscribed topics:
-        cmd_vel/navigation, cmd_vel/teleop (geometry_msgs/Twist)
-        /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/stop (std_msgs/Bool)
+        cmd_vel/navigation, cmd_vel/teleop (geometry_msgs/Twist): forward and turning; sideways motion is refused
+        /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/stop (vb_msgs/Stop)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/map, /map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): optional
         scan (sensor_msgs/LaserScan), camera_info (sensor_msgs/CameraInfo): as the profile names them
         <contact> (rospy/AnyMsg): each contact sensor, with the message type that the profile names
-        move_base/status (actionlib_msgs/GoalStatusArray), move_base/goal (move_base_msgs/MoveBaseActionGoal)
-        move_base/NavfnROS/plan (nav_msgs/Path): the robot turns towards it first; optional
-        amcl_pose (geometry_msgs/PoseWithCovarianceStamped): how far off the localisation may be; optional
-        cmd_vel (geometry_msgs/Twist): whether another node commands the base
+        move_base/status (actionlib_msgs/GoalStatusArray)
+        move_base/recovery_status (move_base_msgs/RecoveryStatus): while it recovers, it turns by itself; optional
+        move_base/NavfnROS/plan (nav_msgs/Path): or of the planner that move_base has; the robot turns towards it first; optional
+        amcl_pose, initialpose (geometry_msgs/PoseWithCovarianceStamped): how far off the localisation may be, and that
+            somebody has shown it where the robot is; optional
+        cmd_vel (geometry_msgs/Twist): or what the profile's base/topic and base/output name; whether another node commands
+            the base, then a zero is the answer
         /tf, /tf_static (tf2_msgs/TFMessage): map -> odom -> base_link, and where the sensors are on the robot
     Published topics:
-        cmd_vel (geometry_msgs/Twist): while the robot is driven, then one zero command; zeros while it is stopped
+        cmd_vel (geometry_msgs/Twist): or the profile's base/topic; while the robot is driven, then one zero command; zeros
+            while it is stopped, and for some seconds after the start
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
         /virtual_borders/drivers (vb_msgs/DriverState): which source drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
@@ -110,30 +100,30 @@ class RobotDriverNode:
             uncertainty: for navigation's costmaps
         /virtual_borders/plans (visualization_msgs/MarkerArray): navigation's path of a robot with a name, for 5 s
             after it was planned; RViz would have to know the robots' names to subscribe to each one's path
+    Services called:
+        request_nomotion_update (std_srvs/Empty): AMCL's, once it was shown where the robot is
     Parameters:
         ~* DriverParams
         robot_profile: in the robot's namespace
     """
 
     def __init__(self, params: DriverParams, profile: RobotProfile) -> None:
+        contacts = [(contact, message_class(contact)) for contact in profile.contacts]
         self._params, self._profile = params, profile
         prefix = f"{params.robot}/" if params.robot else ""
         self._base, self._odom = prefix + profile.frames.base, prefix + profile.frames.odom
-        self._stop_file = FilePath(params.stop_file).expanduser() if params.stop_file else None
-        self._stop_written = self._stop_file is not None and _is_there(self._stop_file)
-        self._writing = threading.Lock()
+        self._stops = HeldStops(FilePath(params.stop_file).expanduser() if params.stop_file else None)
         self._arbiter = Arbiter(
-            profile, params.robot or "robot", params.mobile_cameras, params.exit_borders, self._stop_written
+            profile, params.robot or "robot", params.mobile_cameras, params.exit_borders, self._stops
         )
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
         self._borders: List[KnownBorder] = []
         self._uncertainty = PoseUncertainty()
         self._mounts: Dict[str, np.ndarray] = {}
-        self._bad_goal: Optional[Notice] = None
-        self._bad_goal_until = -1.0
+        self._allowed = {rospy.get_name()}  # nodes that may command the base
         self._stopped_since: Dict[str, float] = {}
-        self._reported = (Command(), -1.0)
+        self._reported: tuple = ((), -1.0)
         self._timer = node.WakeTimer(1.0 / RATE)
         self._transforms = TransformLookup()
         self._camera = FloorViewListener(
@@ -144,29 +134,42 @@ class RobotDriverNode:
             functools.partial(setattr, self._arbiter.follower, "view"),
         )
         self._notices = NoticePublisher()
-        self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
+        self._cmd_vel = rospy.Publisher(profile.base.topic, Twist, queue_size=1, tcp_nodelay=True)
+        self._heard = True  # whether anybody listens to these commands
+        self._look_for_commanders()  # before anything can drive
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._plans = rospy.Publisher(names.PLANS, MarkerArray, queue_size=5) if params.robot else None
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
-        self._subscribe(profile)
+        self._looks_left = 0  # how often AMCL may still be asked to look, since it knew or was shown where it is
+        self._subscribe(profile, contacts)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
+        self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, PLANNING_PERIOD, LOOK_PERIOD))
+        node.Worker(self._beats[0], lambda _woken: self._look_for_commanders())
+        node.Worker(self._beats[1], lambda _woken: self._arbiter.plan_exit(rospy.get_time()))
+        node.Worker(self._beats[2], lambda _woken: self._look_around())
 
     def close(self) -> None:
         """Stops the robot."""
-        self._timer.close()
+        for timer in (self._timer, *self._beats):
+            timer.close()
         self._thread.join(1.0)
         self._cmd_vel.publish(Twist())
 
-    def _subscribe(self, profile: RobotProfile) -> None:
+    def _subscribe(self, profile: RobotProfile, contacts: List[Tuple[Contact, Any]]) -> None:
         listen = rospy.Subscriber
+        planner = str(rospy.get_param("move_base/base_global_planner", "NavfnROS")).split("/")[-1]
         self._subscribers = [
             listen("cmd_vel/navigation", Twist, self._on_request, NAVIGATION, queue_size=1, tcp_nodelay=True),
             listen("cmd_vel/teleop", Twist, self._on_request, TELEOP, queue_size=1, tcp_nodelay=True),
-            listen("cmd_vel", rospy.AnyMsg, self._on_command, queue_size=20),
+            *(
+                listen(topic, rospy.AnyMsg, self._on_command, queue_size=20, tcp_nodelay=True)
+                for topic in {profile.base.topic, profile.base.output}
+                if topic
+            ),
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
-            listen(names.STOP, Bool, self._on_stop, queue_size=10),
+            listen(names.STOP, Stop, self._on_stop, queue_size=10, tcp_nodelay=True),
             SpotListener(self._arbiter.add),
             listen(
                 names.PROGRESS,
@@ -179,59 +182,53 @@ class RobotDriverNode:
             listen(names.SPEED_LIMITS, OccupancyGridArray, self._on_map, "speed", queue_size=1),
             listen(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1),
             listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1),
+            listen("initialpose", PoseWithCovarianceStamped, self._on_shown, queue_size=1),
             listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1),
-            listen("move_base/goal", MoveBaseActionGoal, self._on_goal, queue_size=5),
-            listen("move_base/NavfnROS/plan", Path, self._on_plan, queue_size=1),
+            listen(f"move_base/{planner}/plan", Path, self._on_plan, queue_size=1),
+            listen("move_base/recovery_status", RecoveryStatus, self._on_recovery, queue_size=5),
         ]
         if profile.scanner.present:
             self._subscribers.append(listen(profile.scanner.topic, LaserScan, self._on_scan, queue_size=1))
-        for contact in profile.contacts:
-            kind = get_message_class(contact.type)
-            if kind is None:
-                # a robot whose bumper cannot be heard must not drive as if it had none
-                raise ParameterError("robot_profile/contacts", f"the message type {contact.type} is not installed")
+        for contact, kind in contacts:
             self._subscribers.append(listen(contact.topic, kind, functools.partial(self._on_contact, contact)))
 
     # ------------------------------------------------------------- callbacks: only store
     def _on_request(self, message: Twist, source: str) -> None:
-        self._arbiter.request(source, message.linear.x, message.angular.z, rospy.get_time())
+        # nothing is checked to the sides
+        forward = message.linear.x if abs(message.linear.y) < 1e-3 else float("nan")
+        self._arbiter.request(source, forward, message.angular.z, rospy.get_time())
 
     def _on_command(self, message: Any) -> None:
         name = message._connection_header.get("callerid", "somebody")
-        if name != rospy.get_name():
+        if name not in self._allowed:
             self._arbiter.gate.record_other_publisher(name, rospy.get_time())
+            self._cmd_vel.publish(Twist())  # the base obeys the last one: this must not stay it until the next step
+
+    def _on_recovery(self, _message: RecoveryStatus) -> None:
+        self._arbiter.recover(rospy.get_time())
+
+    def _look_for_commanders(self) -> None:
+        """Looks who else could command the base now, whether it does or not."""
+        try:
+            found = find_commanders(rospy.get_name(), self._profile.base, rosgraph.Master(rospy.get_name()))
+        except (rosgraph.MasterException, OSError):
+            return  # nobody can register with a master that is away either
+        self._allowed, self._heard = found.allowed, found.heard
+        self._arbiter.gate.registered = tuple(sorted(found.others))
 
     def _on_state(self, message: InteractionState) -> None:
         self._arbiter.set_state(
-            message.state,
-            message.interaction_id,
-            message.entered.to_sec(),
-            message.header.stamp.to_sec(),
-            message.stopped,
+            state_of(message.state), message.interaction_id, message.entered.to_sec(), message.header.stamp.to_sec()
         )
-        self._write_stop_file()
+        self._stops.follow(message.stopped, message.stops)
+        self._stops.store()  # in the callbacks: a slow disk does not keep the wheels waiting
 
-    def _on_stop(self, message: Bool) -> None:
-        self._arbiter.set_stop(message.data, rospy.get_time())
-        self._write_stop_file()
-
-    def _write_stop_file(self) -> None:
-        """Brings the file up to date; called in the callbacks, so that a slow disk does not keep the wheels waiting."""
-        with self._writing:
-            stopped = self._arbiter.stopped
-            if self._stop_file is None or stopped == self._stop_written:
-                return
-            try:
-                if stopped:
-                    write_atomically(self._stop_file, b"")
-                else:
-                    self._stop_file.unlink(missing_ok=True)
-                self._stop_written = stopped
-            except (CodedError, OSError) as error:
-                rospy.logerr_throttle(5.0, f"{rospy.get_name()}: whether it is stopped is not remembered: {error}")
+    def _on_stop(self, message: Stop) -> None:
+        self._stops.hear(message.id or new_id())
+        self._stops.store()
 
     def _on_scan(self, message: LaserScan) -> None:
-        frame = message.header.frame_id
+        frame = message.header.frame_id.lstrip("/")
         if frame not in self._mounts:
             T = self._lookup(self._base, frame, rospy.Time(0))
             if T is None:
@@ -246,15 +243,19 @@ class RobotDriverNode:
             message.range_max,
             self._mounts[frame],
             self._profile.radius,
-            self._profile.scanner.zero_means_no_return,
+            self._profile.scanner.no_return,
         )
-        self._arbiter.gate.set_scan(scan, message.header.stamp.to_sec())
+        # the stamp is the first beam's
+        lasted = max(message.time_increment, 0.0) * max(len(message.ranges) - 1, 0)
+        self._arbiter.gate.set_scan(scan, min(message.header.stamp.to_sec() + lasted, rospy.get_time()))
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
-        self._arbiter.gate.contacts[contact.topic] = int(getattr(message, contact.field)) == contact.alarm
+        sensor = contact.topic, int(getattr(message, contact.sensor)) if contact.sensor else 0
+        touched = int(getattr(message, contact.field)) != contact.clear
+        self._arbiter.gate.set_contact(sensor, contact.blocks if touched else "")
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        self._arbiter.goal_active = any(entry.status in RUNNING for entry in message.status_list)
+        self._arbiter.set_goal(any(entry.status in RUNNING for entry in message.status_list), rospy.get_time())
 
     def _on_plan(self, message: Path) -> None:
         if message.header.frame_id.lstrip("/") == names.MAP_FRAME:
@@ -284,21 +285,38 @@ class RobotDriverNode:
 
     def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
         with self._lock:
-            if self._uncertainty.add(np.reshape(message.pose.covariance, (6, 6))[:2, :2]):
+            changed = self._uncertainty.add(np.reshape(message.pose.covariance, (6, 6))[np.ix_([0, 1, 5], [0, 1, 5])])
+            self._arbiter.gate.pose_uncertain = self._uncertainty.lost
+            if not self._uncertainty.lost:
+                self._looks_left = LOOKS
+            if changed:
                 rospy.loginfo("%s: keeps off borders by %.3f m more", rospy.get_name(), self._uncertainty.meters)
                 self._use_maps()
 
+    def _on_shown(self, _message: PoseWithCovarianceStamped) -> None:
+        self._looks_left = LOOKS
+
+    def _look_around(self) -> None:
+        """Has AMCL compare its scans with the map where the robot stands, if it knew or was shown where that is.
+
+        By itself AMCL does so only while the robot moves, and a robot that does not know where it is stands: without this
+        one bad moment would last for ever. RViz shows a pose to half a metre, which is not known well enough either.
+        """
+        if self._looks_left and self._arbiter.gate.pose_uncertain:
+            self._looks_left -= 1
+            try:
+                call("request_nomotion_update", Empty, EmptyRequest(), "AMCL", LOOK_PERIOD, LOOK_PERIOD)
+            except CodedError as error:
+                rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
+
     def _use_maps(self) -> None:
-        if "borders" in self._maps:
-            workspace = Workspace(
-                self._maps["borders"],
-                self._maps.get("physical"),
-                self._profile.radius,
-                self._borders,
-                self._uncertainty.meters,
-            )
-            self._arbiter.set_maps(workspace)
-            self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
+        borders, physical = self._maps.get("borders"), self._maps.get("physical")
+        if borders is None or physical is None or not physical.same_geometry(borders):
+            self._arbiter.set_maps(None)  # what is a border, and where, is not known
+            return
+        workspace = Workspace(borders, physical, self._profile.radius, self._borders, self._uncertainty.meters)
+        self._arbiter.set_maps(workspace)
+        self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._borders = [
@@ -313,16 +331,6 @@ class RobotDriverNode:
         ]
         if self._arbiter.gate.workspace is not None:
             self._arbiter.gate.workspace.known = self._borders
-
-    def _on_goal(self, message: MoveBaseActionGoal) -> None:
-        target, workspace = message.goal.target_pose, self._arbiter.gate.workspace
-        if target.header.frame_id.lstrip("/") != names.MAP_FRAME or workspace is None:
-            return
-        x, y, _ = pose2d_from_message(target.pose)
-        if workspace.contact_at((x, y)) is not BorderContact.FREE and workspace.is_lethal((x, y)):
-            name = _quoted(workspace.name_at((x, y)))
-            self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=name)
-            self._bad_goal_until = rospy.get_time() + GOAL_NOTICE_LIFETIME
 
     # ------------------------------------------------------------- driving
     def _run(self) -> None:
@@ -347,12 +355,12 @@ class RobotDriverNode:
     def _update_pose(self) -> None:
         # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
-        T = self._lookup(names.MAP_FRAME, self._base, stamp)
-        self._arbiter.gate.set_pose(
-            geometry.pose2d_from_transform(T) if T is not None else None,
-            stamp.to_sec(),
-            self._transforms.newest(names.MAP_FRAME, self._odom).to_sec(),
+        pose, odometry = (
+            geometry.pose2d_from_transform(T) if T is not None else None
+            for T in (self._lookup(frame, self._base, stamp) for frame in (names.MAP_FRAME, self._odom))
         )
+        correction = self._transforms.newest(names.MAP_FRAME, self._odom).to_sec()
+        self._arbiter.gate.set_pose(pose, stamp.to_sec(), correction, odometry)
 
     def _execute(self, command: Command, now: rospy.Time) -> None:
         if command.publish:
@@ -373,10 +381,10 @@ class RobotDriverNode:
     def _report(self, command: Command, now: float) -> None:
         """Publishes who drives, at once when it changes, and what people should know."""
         before, at = self._reported
-        changed = (command.source, command.code) != (before.source, before.code)
-        if not changed and 0.0 <= now - at < STATE_PERIOD:
+        news = (command.source, command.code, self._stops.ids)
+        if news == before and 0.0 <= now - at < STATE_PERIOD:
             return
-        self._reported = (command, now)
+        self._reported = (news, now)
         code = f"robot_{command.code}"
         message = DriverState(
             robot=self._params.robot,
@@ -385,10 +393,11 @@ class RobotDriverNode:
             speed=command.v,
             angular_velocity=command.w,
             message=sentences.translate(code, {"who": sentences.robot_value(self._params.robot)}),
+            stops=news[2],
         )
         message.header.stamp = rospy.Time.from_sec(now)
         self._states.publish(message)
-        if changed:
+        if news[:2] != before[:2]:
             rospy.loginfo("%s: %s: %s", rospy.get_name(), command.source, command.code)
         self._notices.set(self._list_notices(command, now))
 
@@ -409,14 +418,15 @@ class RobotDriverNode:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._stopped_since = {command.code: self._stopped_since.get(command.code, now)}
         held = now - self._stopped_since[command.code] >= MIN_STOP
-        if held and self._arbiter.stopped and not self._stop_written and self._stop_file is not None:
+        if not self._heard:
+            topic = rospy.resolve_name(self._profile.base.topic)
+            found.append(self._notice("base_not_listening", Severity.WARNING, topic=topic))
+        if held and self._stops.stopped and not self._stops.stored:
             found.append(self._notice("stop_not_persisted", Severity.WARNING))
         if command.code in STOP_CODES and (held or command.source == STOP):
-            severity = Severity.INFO if command.code in ("obstacle", "border") else Severity.WARNING
+            severity = SEVERITIES.get(command.code, Severity.WARNING)
             code = "robot_stopped_inside_border" if command.code == "inside_border" else f"robot_{command.code}"
-            found.append(self._notice(code, severity, others=self._arbiter.gate.other_publishers))
-        if self._bad_goal is not None and now < self._bad_goal_until:
-            found.append(self._bad_goal)
+            found.append(self._notice(code, severity, others=self._arbiter.gate.other_publishers(now)))
         return found
 
     def _notice(self, code: str, severity: Severity, **values: str) -> Notice:
@@ -426,16 +436,6 @@ class RobotDriverNode:
             robot=self._params.robot,
             values={"who": sentences.robot_value(self._params.robot), **values},
         )
-
-
-def _is_there(path: FilePath) -> bool:
-    try:
-        path.lstat()
-    except FileNotFoundError:
-        return False
-    except OSError as error:
-        rospy.logwarn("%s: stopped, because %s cannot be read: %s", rospy.get_name(), path, error)
-    return True
 
 
 def _quoted(name: str) -> str:

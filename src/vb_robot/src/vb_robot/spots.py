@@ -13,7 +13,8 @@ from typing import Deque, Dict, Iterable, Optional, Set, Tuple
 
 import numpy as np
 
-DEFAULT, BORDER, SEED, GUIDE = range(4)  # the values of vb_msgs/InteractionState
+from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
+
 WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] for which sightings count for the spot's present place, and how many must
 LOST_TIMEOUT = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
 MIN_STRAIGHTNESS = 0.7  # cosine of the angle up to which a spot goes straight on
@@ -60,11 +61,11 @@ class Sightings:
         self._follower: Optional[str] = None  # the camera of the robot that followed last in this state
 
     @property
-    def key(self) -> Tuple[str, int]:
+    def key(self) -> Tuple[str, State]:
         """Changes with every change of interaction or state."""
         return self._interaction, self.state
 
-    def set_state(self, state: int, interaction: str, entered: float) -> bool:
+    def set_state(self, state: State, interaction: str, entered: float) -> bool:
         """Adopts the interaction's state; returns whether it changed."""
         changed = (state, interaction) != (self.state, self._interaction)
         if interaction != self._interaction or state == DEFAULT:
@@ -78,10 +79,10 @@ class Sightings:
         return changed
 
     def add(self, sighting: Sighting) -> None:
-        """Adds a sighting; uncertain ones, those from before the present state, and those in Default do not count."""
+        """Adds a sighting; uncertain ones, those from before this state, and those in which no robot acts do not count."""
         if sighting.mobile:
             self._mobile_names.add(sighting.camera)
-        if self.state == DEFAULT or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
+        if not self.state.robots_act or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
             return
         self._recent.append(sighting)
         if not sighting.mobile:
@@ -97,13 +98,13 @@ class Sightings:
 
     def should_dispatch(self) -> bool:
         """Returns whether to send a robot to where its camera sees the spot."""
-        return self.state in (BORDER, SEED) and self.stationary_seen
+        return bool(self.state.collects) and self.stationary_seen
 
     def should_follow(self, camera: str, now: float) -> bool:
         """Returns whether the robot with this camera should follow the spot."""
-        if self._leader(now) != camera or self.state == DEFAULT:
+        if self._leader(now) != camera or not self.state.robots_act:
             return False
-        if self.state == GUIDE:
+        if self.state.guides:
             return True
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= AUTO_WAIT
 

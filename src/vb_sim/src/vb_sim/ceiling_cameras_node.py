@@ -25,7 +25,6 @@ from vb_sim.lab_history import Snapshot
 from vb_sim.lab_messages import array_image, models_file
 from vb_sim.room.mesh import world_mesh
 from vb_sim.room.camera_models import CameraModels, load_camera_models
-from vb_sim.cameras.projector_input import ProjectorInput
 from vb_sim.room.world import CeilingCamera, World, load_world
 
 
@@ -34,7 +33,6 @@ class CeilingCamerasNode(CameraNode):
 
     Subscribed topics:
         /sim/lab_state (vb_msgs/LabState): what moves. While it has no publisher, the lab is empty.
-        /virtual_borders/projector (sensor_msgs/Image): what the world's projector shows on the floor, if it has one.
     Published topics, for each camera, at its own rate, the cameras' frames spread evenly:
         /<camera>/image_raw (sensor_msgs/Image), /<camera>/camera_info (sensor_msgs/CameraInfo): stamp
             is the middle of the exposure; delivered `optics/latency_ms` later.
@@ -69,7 +67,6 @@ class CeilingCamerasNode(CameraNode):
             floor, mesh = render_floor(world, seed), world_mesh(world)
             views = [CeilingView(camera, world.robot_radii(), floor, mesh, models, seed) for camera in cameras]
         self._views = list(views)
-        self._projector = ProjectorInput(world, optics, self._views)
         self._frames = [f"{camera.name}_optical_frame" for camera in cameras]
         self._images = [rospy.Publisher(f"/{camera.name}/image_raw", Image, queue_size=2) for camera in cameras]
         self._infos = [rospy.Publisher(f"/{camera.name}/camera_info", CameraInfo, queue_size=2) for camera in cameras]
@@ -94,7 +91,6 @@ class CeilingCamerasNode(CameraNode):
         if self._images[index].get_num_connections() == 0:
             return
         started = time.perf_counter()
-        self._projector.update(index)
         image = self._image(index, self._history.at(stamp_s))
         self._render_s[index] += time.perf_counter() - started
         if image is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Optional, Tuple
+from typing import List, Tuple
 
 import numpy as np
 
@@ -107,18 +107,3 @@ class Lab:
         """Puts every robot to its start."""
         for body in self.robots:
             body.reset()
-
-    def checkpoint(self) -> Dict[str, Any]:
-        """Returns what a new process needs to continue from here; inverse of `restore`."""
-        return {"world": self.world.name, "robots": [body.checkpoint() for body in self.robots]}
-
-    def restore(self, saved: Optional[Dict[str, Any]]) -> bool:
-        """Adopts a checkpoint of the same world; returns whether it was one."""
-        try:
-            if not saved or saved["world"] != self.world.name or len(saved["robots"]) != len(self.robots):
-                return False
-            for body, entry in zip(self.robots, saved["robots"]):
-                body.restore(entry)
-        except (KeyError, TypeError, ValueError, IndexError):
-            return False
-        return True

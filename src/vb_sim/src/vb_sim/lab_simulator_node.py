@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import functools
-import os
 import threading
 import time
 import warnings
 from dataclasses import dataclass
-from typing import List, Optional
+from typing import List
 
 import numpy as np
-import rospkg
 import rospy
 import tf2_ros
 from geometry_msgs.msg import Point, Pose2D, PoseWithCovarianceStamped, TransformStamped, Twist
@@ -31,7 +29,6 @@ from vb_sim.lab_messages import models_file
 from vb_sim.room.models import load_models, read_section
 from vb_sim.robot.motion_models import LocalizationModel, RobotModel, ScanModel
 from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
-from vb_sim.checkpoint_file import CheckpointFile
 from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
@@ -45,13 +42,11 @@ class LabSimulatorParams(Parameters):
 
     world: str = param("")
     models: str = param("")
-    state_dir: str = param("")
     seed: int = param(1, "", low=0)
     rate: float = param(50.0, "1/s", low=10.0, high=200.0)
     pose_divisor: int = param(2, "steps", low=1)
     scan_divisor: int = param(5, "steps", low=1)
     amcl_divisor: int = param(25, "steps", low=1)
-    checkpoint_divisor: int = param(10, "steps", low=1)
     transform_tolerance: float = param(0.1, "s", low=0.0, high=1.0)
     localizes: bool = param(True)
     lockstep: bool = param(False)
@@ -97,27 +92,20 @@ class LabSimulatorNode:
     Services:
         ~reset (std_srvs/Trigger): moves every robot back to its start
     Parameters:
-        config/lab_simulator.yaml: the file with poses in ~state_dir is tagged with /run_id
+        config/lab_simulator.yaml
     """
 
     def __init__(
-        self,
-        lab: Lab,
-        params: LabSimulatorParams,
-        localization: LocalizationModel,
-        simulated_time: bool,
-        state: CheckpointFile,
+        self, lab: Lab, params: LabSimulatorParams, localization: LocalizationModel, simulated_time: bool
     ) -> None:
         self._lab = lab
         self._params = params
-        self._state = state
         self._sigma = (localization.position_sigma, localization.yaw_sigma)
         self._simulated = simulated_time
         self._lock = threading.Lock()
         self._step_ns = int(round(1e9 / params.rate))
         # whole steps, so that cameras at a divisor of the rate fall on them
         self._now_ns = time.time_ns() // self._step_ns * self._step_ns if simulated_time else time.time_ns()
-        self._restore()
         self._count = 0
         self._factor = RealTimeFactor()
         self._real_time_factor = 1.0
@@ -158,10 +146,9 @@ class LabSimulatorNode:
         self._thread.start()
 
     def close(self) -> None:
-        """Stops the clock and leaves the last poses behind."""
+        """Stops the clock."""
         self._closing = True
         self._thread.join(timeout=1.0)
-        self._save()
 
     # ------------------------------------------------------------ callbacks
     def _on_cmd_vel(self, message: Twist, index: int) -> None:
@@ -255,26 +242,7 @@ class LabSimulatorNode:
         if self._params.localizes and self._count % self._params.amcl_divisor == 0:
             self._publish_amcl(now)
             self._real_time_factor = self._factor.update(time.monotonic(), self._now_ns * 1e-9)
-        if self._count % self._params.checkpoint_divisor == 0:
-            self._save()
         self._count += 1
-
-    # ------------------------------------------------------------ checkpoint
-    def _restore(self) -> None:
-        saved = self._state.read()
-        if self._lab.restore(saved):
-            # time never jumps back, whatever the machine's clock did
-            self._now_ns = max(self._now_ns, int(saved.get("now_ns", 0)) + self._step_ns) if saved else self._now_ns
-            rospy.loginfo("%s: goes on where the last one stopped", rospy.get_name())
-
-    def _save(self) -> None:
-        with self._lock:
-            document = self._lab.checkpoint()
-        document["now_ns"] = self._now_ns
-        try:
-            self._state.write(document)
-        except OSError as error:
-            rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: poses will not survive this process: {error}")
 
     # ------------------------------------------------------------ messages
     def _state_message(self, now: rospy.Time) -> LabState:
@@ -369,8 +337,4 @@ def build() -> LabSimulatorNode:
     localization = read_section(models, "localisation", LocalizationModel)
     scan = read_section(models, "scan", ScanModel)
     lab = Lab(load_world(params.world), robot, localization, scan, params.seed)
-    folder = os.path.expanduser(params.state_dir) or os.path.join(rospkg.get_ros_home(), "vb_sim")
-    run: Optional[object] = rospy.get_param("/run_id", "none")
-    state = CheckpointFile(folder, "lab", str(run))
-    state.forget_others()
-    return LabSimulatorNode(lab, params, localization, bool(rospy.get_param("/use_sim_time", False)), state)
+    return LabSimulatorNode(lab, params, localization, bool(rospy.get_param("/use_sim_time", False)))

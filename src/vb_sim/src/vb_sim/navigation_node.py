@@ -31,7 +31,7 @@ from vb_sim.robot.planner import PlannerParams
 
 OccupancyGridUpdateArray = numpy_msg(OccupancyGridUpdate)
 Pose = Tuple[float, float, float]
-MAPS = (names.MAP_WITH_BORDERS, names.KEEP_OUT)
+MAPS = (names.MAP_WITH_BORDERS, names.MAP_WITH_MARGIN)
 
 
 @dataclass(frozen=True)

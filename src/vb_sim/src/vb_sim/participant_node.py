@@ -112,7 +112,7 @@ class ParticipantNode:
     def _begin(self) -> None:
         """A fresh person with the same seed."""
         near = self._scenario.stand if self._params.method == "nrs" else np.array(self._world.robots[0].start[:2])
-        person = Person(self._world, self._scenario, self._model, self._params.seed, near)
+        person = Person(self._world, self._scenario, self._model, self._params.seed, near, self._params.method)
         script = NetworkRobotSystemScript(person) if self._params.method == "nrs" else RobotOnlyScript(person)
         with self._lock:
             self._percept.answer, self._percept.answered = None, 0

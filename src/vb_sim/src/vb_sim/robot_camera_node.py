@@ -21,7 +21,6 @@ from vb_sim.lab_history import Snapshot
 from vb_sim.lab_messages import array_image, models_file
 from vb_sim.room.mesh import world_mesh
 from vb_sim.room.camera_models import CameraModels, load_camera_models
-from vb_sim.cameras.projector_input import ProjectorInput
 from vb_sim.cameras.robot_view import RobotView
 from vb_sim.room.world import Robot, World, load_world
 
@@ -32,7 +31,6 @@ class RobotCameraNode(CameraNode):
     Subscribed topics:
         /sim/lab_state (vb_msgs/LabState): what moves, this robot included. While it has no publisher, the
             robot stays where it was and the lab is empty.
-        /virtual_borders/projector (sensor_msgs/Image): what the world's projector shows on the floor, if it has one.
     Published topics:
         camera/rgb/image_raw (sensor_msgs/Image, 640 x 480 rgb8), camera/rgb/camera_info (sensor_msgs/CameraInfo)
         camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 = none): with every
@@ -70,7 +68,6 @@ class RobotCameraNode(CameraNode):
         self._view = view or RobotView(
             robot, world.robot_radii(), render_floor(world, seed), world_mesh(world), models, seed
         )
-        self._projector = ProjectorInput(world, models.optics, [self._view])
         frame = f"{tf_prefix}camera_optical_frame"
         self._frame = frame
         self._color = rospy.Publisher("camera/rgb/image_raw", Image, queue_size=2)
@@ -106,7 +103,6 @@ class RobotCameraNode(CameraNode):
             self._depth.publish(array_image(self._view.depth(snapshot), "16UC1", stamp, self._frame))
             self._counts["published_depth"] += 1
         if self._color.get_num_connections() > 0:
-            self._projector.update(0)
             self._color.publish(array_image(self._view.color(snapshot), "rgb8", stamp, self._frame))
             self._counts["published"] += 1
             self._render_s += time.perf_counter() - started

@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import Dict, List, Mapping, Sequence
 
 from vb_core.errors import ParameterError
-from vb_voice_wizard.interaction import COMMANDS, State, normalize
-
-STATES = tuple(state.name.lower() for state in State)
+from vb_core.vocabulary import COMMANDS, STATES, normalize
 
 
 class ButtonMap:
     """Turns presses of buttons into commands, once per press.
 
     Args:
-        mapping: command to the index, or list of indices, of its buttons.
+        mapping: command to the index, or list of indices, of its buttons; empty: in the order of the commands.
         by_state: for a device with few buttons: state to a mapping that counts only in that state;
             buttons it does not name keep their meaning from `mapping`.
 
@@ -23,14 +21,12 @@ class ButtonMap:
     """
 
     def __init__(self, mapping: Mapping[str, object], by_state: Mapping[str, Mapping[str, object]]) -> None:
-        common = _read("mapping", mapping)
+        common = _read("mapping", mapping or {command: number for number, command in enumerate(COMMANDS)})
         self._commands: Dict[str, Dict[int, str]] = {state: dict(common) for state in STATES}
         for name, special in by_state.items():
             if name not in STATES:
                 raise ParameterError(f"by_state/{name}", f"unknown state; known are {', '.join(STATES)}")
             self._commands[name].update(_read(f"by_state/{name}", special))
-        if not any(self._commands.values()):
-            raise ParameterError("mapping", "no button is mapped to any command")
         self._held: frozenset = frozenset()
 
     def update(self, buttons: Sequence[int], state: str) -> List[str]:

@@ -15,14 +15,13 @@ from vb_msgs.msg import InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.buttons import ButtonMap
-from vb_voice_wizard.interaction import COMMANDS
 
 
 @dataclass(frozen=True)
 class ButtonsParams(Parameters):
     """Parameters of buttons; config/buttons.yaml says why."""
 
-    mapping: dict = param({command: number for number, command in enumerate(COMMANDS)})
+    mapping: dict = param({})
     by_state: dict = param({})
     source: str = param("buttons")
 
@@ -32,7 +31,10 @@ class ButtonsNode:
 
     Subscribed topics:
         joy (sensor_msgs/Joy): a command is sent once per press, not repeatedly while the button is held.
-        /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it.
+        /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it; the newest stop.
+
+    Published topics:
+        /virtual_borders/stop (vb_msgs/Stop): on `stop`
 
     Services called:
         /virtual_borders/command (vb_msgs/Command)
@@ -46,6 +48,7 @@ class ButtonsNode:
         self._map = ButtonMap(params.mapping, params.by_state)
         self._state = "default"
         self._orders = commands.CommandSender(params.source, self._on_answer)
+        self._orders.connect()
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1)
         rospy.Subscriber("joy", Joy, self._on_joy, queue_size=20)
 
@@ -56,10 +59,6 @@ class ButtonsNode:
         for command in self._map.update(message.buttons, self._state):
             if not self._orders.put(command):
                 rospy.logwarn_throttle(5.0, "buttons: pressed faster than commands are answered, some are lost")
-
-    def close(self) -> None:
-        """Ends the threads."""
-        self._orders.close()
 
     @staticmethod
     def _on_answer(

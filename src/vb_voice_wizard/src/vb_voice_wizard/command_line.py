@@ -13,9 +13,9 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.ros import commands
 from vb_core.ros.messages import BorderPreviewArray, mapping_from_values
+from vb_core.vocabulary import COMMANDS, RESUME, normalize
 from vb_msgs.msg import BorderIssue
 
-from vb_voice_wizard.interaction import COMMANDS, normalize
 
 DONE, REFUSED, UNREACHABLE = 0, 1, 3
 _PREVIEW_TIMEOUT = 10.0  # [s] the preview is there: only the connection may take its time
@@ -48,10 +48,11 @@ def run(arguments: Optional[List[str]] = None) -> int:
         waited += 0.02
     service_timeout = max(0.1, chosen.wait)
     try:
-        # longer than the manager's own waits for its services, so that its answer arrives
-        answer = commands.send(
-            commands.make_request(chosen.command, chosen.source, service_timeout + 15.0), service_timeout, 15.0
+        seen = commands.read_stop_number(service_timeout) if chosen.command == RESUME else ""
+        request = commands.make_request(
+            chosen.command, chosen.source, service_timeout + commands.VALIDITY, seen_stop=seen
         )
+        answer = commands.send(request, service_timeout)
     except CodedError as error:
         print(f"{sentences.translate(error.code, error.values, chosen.language)} [{error.code}]", file=sys.stderr)
         return UNREACHABLE

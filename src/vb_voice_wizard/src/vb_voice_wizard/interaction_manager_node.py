@@ -5,10 +5,10 @@ from __future__ import annotations
 import threading
 import traceback
 from dataclasses import dataclass
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from pathlib import Path
+from typing import List, Mapping, Optional, Tuple
 
 import rospy
-from std_msgs.msg import Bool
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.files import append_line
@@ -17,28 +17,30 @@ from vb_core.parameters import param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticeListener, NoticePublisher
-from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorder, VirtualBorderArray
+from vb_core.stop_latch import StopLatch, new_id
+from vb_core.vocabulary import BORDER, COMMANDS, DEFAULT, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize
+from vb_msgs.msg import (
+    BorderProgress,
+    DriverState,
+    InteractionState,
+    LaserSpot,
+    Stop,
+    VirtualBorder,
+    VirtualBorderArray,
+)
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard.dialogue import persistence
-from vb_voice_wizard.interaction import (
-    REDO,
-    RESUME,
-    SAVE,
-    STOP,
-    UNDO,
-    Answer,
-    Interaction,
-    InteractionParams,
-    State,
-    normalize,
-)
+from vb_voice_wizard.confirmation import ANSWERS
+from vb_voice_wizard.interaction import Interaction
+from vb_voice_wizard.session import Answer, InteractionParams
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
 from vb_voice_wizard.dialogue.answer_cache import AnswerCache
 from vb_voice_wizard.dialogue.previewer import Previewer
 
 # [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
 _REPEATED_AFTER = 0.1
+_STORE_PERIOD = 2.0  # [s] a disk that was full may have room again
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,11 @@ class InteractionManagerNode:
     """Carries out commands, owns the state, and saves the border on the command *save*.
 
     Subscribed topics:
-        /virtual_borders/stop (std_msgs/Bool): true stops every robot, false lets them drive; from any node.
+        /virtual_borders/stop (vb_msgs/Stop): stops every robot; from any node.
+        /virtual_borders/drivers (vb_msgs/DriverState): stops that only a robot has heard.
         /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and seed
             so far, for the preview; whether drawing continues.
+        /virtual_borders/spots (vb_msgs/LaserSpot): whether somebody points now, see `confirmation.would_matter`.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): to check whether the preview is still right;
             whether there is something to undo or redo.
         /virtual_borders/notices (vb_msgs/NoticeArray): faulty cameras. While cameras see the laser at different places, or
@@ -67,17 +71,19 @@ class InteractionManagerNode:
 
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
-        /virtual_borders/stop (std_msgs/Bool): on `stop` and `resume`, before anything else; not latched, the state has it too.
-        /virtual_borders/notices (vb_msgs/NoticeArray): stopped, stop_state_lost, interaction_ends_soon, spot_not_seen_check_laser.
+        /virtual_borders/stop (vb_msgs/Stop): on `stop`, before anything else; not latched, the state has it too.
+        /virtual_borders/notices (vb_msgs/NoticeArray): stopped, stop_state_lost, stop_not_stored, interaction_ends_soon,
+            spot_not_seen_check_laser.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
             border and seed, and again when they, the map or the borders in it change.
 
     Services:
         /virtual_borders/command (vb_msgs/Command): one with an id is carried out once, however often it is sent;
-            one that comes after its time is refused ("expired"). `stop` is always carried out.
+            one that comes after its time is refused ("expired"), or after a stop that its sender had not seen
+            ("stopped_since"). `stop` is always carried out.
 
     Services called:
-        /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): on `save`, and for the preview.
+        /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): for the preview, and on `save` if more was drawn since.
         /virtual_borders/add_border (vb_msgs/AddBorder): on `save`, with the interaction's id, so that a save which is
             repeated adds one border. No lock is held meanwhile; other commands are answered with "busy", but not
             `stop` and `resume`.
@@ -94,12 +100,13 @@ class InteractionManagerNode:
         self._params = params
         self._log_file = persistence.file_path("~log_file", params.log_file)
         self._state_file = persistence.StateFile(persistence.file_path("~state_file", params.state_file), run_id)
+        node.keep_private(Path(self._log_file))
         self._lock = threading.Lock()
-        self._interaction = Interaction(params)
+        self._latch = StopLatch(Path(persistence.file_path("~state_file", params.state_file)).with_suffix(".stop"))
+        self._interaction = Interaction(params, latch=self._latch)
         # a save calls two services, undo calls one three times
         self._timeout = 3.0 * (params.service_timeout + params.response_timeout)
         self._answer_cache = AnswerCache(self._timeout)
-        self._memory_lost = False
         self._cameras: List[str] = []
         self._cameras_of = ""
         self._recall()
@@ -107,21 +114,26 @@ class InteractionManagerNode:
         told = NoticeListener().current
         self._services = BorderServices(params.occupancy, params.service_timeout, params.response_timeout, told)
         self._preview = Previewer(self._services, told)
-        self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10)  # not latched: an old word must never come again
+        self._stop = rospy.Publisher(names.STOP, Stop, queue_size=10)
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
         with self._lock:
             self._publish()
         self._timer = node.WakeTimer(_REPEATED_AFTER)
+        self._storing = node.WakeTimer(_STORE_PERIOD)
         node.Worker(self._timer, lambda _woken: self._on_beat())
-        rospy.Subscriber(names.STOP, Bool, self._on_stop, queue_size=10)
+        node.Worker(self._storing, lambda _woken: self._latch.store())
+        rospy.Subscriber(names.STOP, Stop, self._on_stop, queue_size=10)
+        rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver, queue_size=20)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         self._service = rospy.Service(names.COMMAND, Command, self._on_command)
 
     def close(self) -> None:
         """Ends the workers."""
         self._timer.close()
+        self._storing.close()
         self._preview.close()
 
     # ------------------------------------------------------------------ inputs
@@ -135,20 +147,24 @@ class InteractionManagerNode:
                 )
         self._preview.on_progress(message)
 
+    def _on_spot(self, message: LaserSpot) -> None:
+        self._interaction.see_laser(message.header.stamp.to_sec())
+
     def _on_borders(self, message: VirtualBorderArray) -> None:
         with self._lock:
             self._interaction.history = list(message.available_commands)
             self._publish()
         self._preview.on_borders(message)
 
-    def _on_stop(self, message: Bool) -> None:
+    def _on_stop(self, message: Stop) -> None:
         sender = message._connection_header.get("callerid", "")
-        if sender == rospy.get_name():
-            return
-        with self._lock:
-            if message.data == self._interaction.stopped:
-                return
-        self._handle(CommandRequest(command=STOP if message.data else RESUME, source=sender.strip("/")))
+        if sender != rospy.get_name():
+            self._stop_robots(message.id, message.source or sender.strip("/"))
+
+    def _on_driver(self, message: DriverState) -> None:
+        for identity in message.stops:
+            if identity not in self._latch.stops:
+                self._stop_robots(identity, message.robot or "robot_driver")
 
     def _on_command(self, request: CommandRequest) -> CommandResponse:
         answer = self._handle(request)
@@ -167,90 +183,82 @@ class InteractionManagerNode:
     def _handle(self, order: CommandRequest) -> Answer:
         command = normalize(order.command)
         if command == STOP:
-            # robots do not wait for locks, files or answers
-            self._stop.publish(True)
-            answer = self._carry_out(command, order)
+            answer = self._stop_robots(order.id, order.source)
         else:
-            answer = self._answer_cache.carry_out(order.id, lambda: self._carry_out(command, order))
+            meant = ANSWERS.get(command, command)
+            answer = self._answer_cache.carry_out(order.id, lambda: self._carry_out(meant, order))
             if order.id:
                 with self._lock:
                     self._remember()
         rospy.loginfo("%s says %s: %s [%s]", order.source or "somebody", command, answer.message, answer.code)
         return answer
 
+    def _stop_robots(self, identity: str, source: str) -> Answer:
+        identity = identity or new_id()
+        # robots do not wait for locks, files or answers
+        self._stop.publish(Stop(id=identity, source=source))
+        with self._lock:
+            answer = self._interaction.command(STOP, source, rospy.get_time(), identity=identity)
+            self._changed()
+        return answer if self._latch.store() else Answer(True, "stop_not_stored")
+
     def _carry_out(self, command: str, order: CommandRequest) -> Answer:
         with self._lock:
             interaction, now = self._interaction, rospy.get_time()
-            if command != STOP and not order.expires.is_zero() and now > order.expires.to_sec():
-                answer = interaction.expired(command, order.source, now)
+            if not order.expires.is_zero() and now > order.expires.to_sec():
+                answer = interaction.expired(order.command)
             else:
                 doubtful = self._preview.has_warning(interaction.interaction_id)
-                answer = interaction.command(command, order.source, now, order.uncertain, doubtful)
-            if command == STOP or (command == RESUME and answer.success):
-                # also a resume that changes nothing here: robots may hold a stop that this node has not heard
-                self._memory_lost = False
-                self._stop.publish(interaction.stopped)
-            pending = interaction.pending if command in (SAVE, UNDO, REDO) and answer.success else ""
+                answer = interaction.command(
+                    order.command, order.source, now, order.uncertain, doubtful, seen_stop=order.seen_stop
+                )
+            pending = interaction.pending if answer.success and COMMANDS[command].carried_out_elsewhere else ""
             interaction_id = interaction.interaction_id
             if pending == SAVE:
                 self._preview.on_interaction(interaction_id, saving=True)
             else:
                 self._changed()
-        if not pending:
-            return answer
+        if command == RESUME:
+            self._latch.store()
+        return self._complete(pending, interaction_id, order.source) if pending else answer
+
+    def _complete(self, pending: str, interaction_id: str, source: str) -> Answer:
+        """Has other nodes carry out a pending command, without the lock, and ends it with what they answered."""
+        border_id = ""
         try:
-            return self._save(interaction_id, order.source) if pending == SAVE else self._change(pending)
+            if pending == SAVE:
+                border_id, answer = self._save(interaction_id, source), Answer(True, "saved")
+            else:
+                answer = self._change(pending)
         except CodedError as error:
-            return self._refuse(error)
+            answer = Answer.refusal(error)
+            if error.code in UNANSWERED:
+                rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
         except Exception:
             # a fault of the program must not leave it answering "busy" for ever
             rospy.logerr("interaction_manager: %s failed:\n%s", pending, traceback.format_exc())
-            return self._refuse(CodedError("internal_error"))
-
-    def _save(self, interaction_id: str, source: str) -> Answer:
-        """Calls the services, without the lock, then ends the interaction."""
-        border = self._services.fetch_drawn_border(interaction_id)
-        try:
-            with self._lock:
-                # if this node is killed now, the next one does not know either whether the border has arrived
-                unanswered, self._interaction.unanswered_save = self._interaction.unanswered_save, True
-                self._remember()
-            border_id = self._services.add(border, source, interaction_id)
-        except CodedError as error:
-            # an unanswered request may have arrived; an error tells that no earlier one has
-            with self._lock:
-                self._interaction.unanswered_save = error.code == "no_response" or (
-                    error.code == "no_service" and unanswered
-                )
-            raise
+            answer = Answer.refusal(CodedError("internal_error"))
         with self._lock:
-            answer = self._interaction.finish_save(border_id, rospy.get_time())
+            answer = self._interaction.finish(answer, rospy.get_time(), border_id)
             self._changed()
         return answer
 
+    def _save(self, interaction_id: str, source: str) -> str:
+        """Adds the drawn border to the map; returns its id."""
+        border = self._preview.border_to_save(interaction_id)
+        with self._lock:
+            self._interaction.send_save()
+            self._remember()
+        return self._services.add(border, source, interaction_id)
+
     def _change(self, command: str) -> Answer:
-        """Carries out undo or redo, without the lock; returns what became of the borders."""
+        """Carries out undo or redo; returns what became of the borders."""
         before = self._services.fetch_borders()
         self._services.change(command)
         try:
-            answer = _what_changed(command, before, self._services.fetch_borders())
+            return _what_changed(command, before, self._services.fetch_borders())
         except CodedError:
-            answer = Answer(True, "borders_changed")
-        with self._lock:
-            answer = self._interaction.finish(answer, rospy.get_time())
-            self._changed()
-        return answer
-
-    def _refuse(self, error: CodedError) -> Answer:
-        answer = Answer.refusal(error)
-        with self._lock:
-            if error.code in UNANSWERED:
-                rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
-                if self._interaction.saving and self._interaction.unanswered_save:
-                    answer = Answer(False, "save_unanswered", answer.values)
-            answer = self._interaction.finish(answer, rospy.get_time())
-            self._changed()
-        return answer
+            return Answer(True, "borders_changed")
 
     # ------------------------------------------------------------------ outputs; the lock is held
     def _changed(self) -> None:
@@ -261,7 +269,7 @@ class InteractionManagerNode:
             line = persistence.record_line(record, self._params.method, cameras)
             rospy.loginfo("interaction %s %s after %.1f s", record.interaction_id, record.outcome, record.total_s)
             try:
-                append_line(self._log_file, line)
+                append_line(self._log_file, line, private=True)
             except OSError as error:
                 rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
         self._remember()
@@ -269,49 +277,27 @@ class InteractionManagerNode:
     def _remember(self) -> None:
         interaction = self._interaction
         try:
-            self._state_file.write(
-                {
-                    "interaction": interaction.to_mapping(),
-                    "stopped": interaction.stopped,
-                    "stopped_by": interaction.stopped_by,
-                    "answers": self._answer_cache.to_list(),
-                }
-            )
-        except OSError as error:
+            self._state_file.write({"interaction": interaction.to_mapping(), "answers": self._answer_cache.to_list()})
+        except CodedError as error:
             rospy.logwarn_throttle(30.0, f"interaction_manager: cannot remember the interaction: {error}")
 
     def _recall(self) -> None:
-        stopped, stopped_by = self._recall_stop()
+        if self._latch.lost:
+            rospy.logwarn("interaction_manager: it is not known whether robots were stopped: they are, until resume")
         try:
             remembered = self._state_file.read()
             if remembered is not None:
-                self._interaction = Interaction.from_mapping(remembered.get("interaction"), self._params)
+                self._interaction = Interaction.from_mapping(
+                    remembered.get("interaction"), self._params, latch=self._latch
+                )
                 self._answer_cache = AnswerCache(self._timeout, remembered.get("answers") or ())
         except (CodedError, TypeError, ValueError) as error:
             rospy.logwarn("interaction_manager: starting again: %s", error)
-        self._interaction.stopped, self._interaction.stopped_by = stopped, stopped_by
         self._interaction.advance(rospy.get_time())
-        if self._interaction.state != State.DEFAULT:
+        if self._interaction.state != DEFAULT:
             rospy.loginfo(
-                "interaction %s goes on in state %s",
-                self._interaction.interaction_id,
-                self._interaction.state.name.lower(),
+                "interaction %s goes on in state %s", self._interaction.interaction_id, self._interaction.state.name
             )
-
-    def _recall_stop(self) -> Tuple[bool, str]:
-        """Reads whether robots were stopped, even before the ROS master was restarted; a lost file means yes."""
-        try:
-            remembered: Optional[Dict[str, Any]] = self._state_file.read_any()
-            if remembered is None:
-                return False, ""
-            stopped = remembered.get("stopped", False)
-            if isinstance(stopped, bool):
-                return stopped, str(remembered.get("stopped_by", ""))
-        except CodedError as error:
-            rospy.logwarn("interaction_manager: %s", error)
-        rospy.logwarn("interaction_manager: it is not known whether robots were stopped: they are now, until resume")
-        self._memory_lost = True
-        return True, "interaction_manager"
 
     def _publish(self) -> None:
         interaction, now = self._interaction, rospy.get_time()
@@ -319,15 +305,15 @@ class InteractionManagerNode:
         message = InteractionState()
         message.header.stamp = rospy.Time.from_sec(now)
         message.header.frame_id = names.MAP_FRAME
-        message.state = int(interaction.state)
-        message.name = interaction.state.name.lower()
+        message.state = interaction.state.number
+        message.name = interaction.state.name
         message.interaction_id = interaction.interaction_id
         message.started = rospy.Time.from_sec(interaction.started)
         message.entered = rospy.Time.from_sec(interaction.entered)
-        message.guide_s = durations[State.GUIDE]
-        message.border_s = durations[State.BORDER]
-        message.seed_s = durations[State.SEED]
-        message.stopped, message.stopped_by = interaction.stopped, interaction.stopped_by
+        message.guide_s = durations[GUIDE]
+        message.border_s = durations[BORDER]
+        message.seed_s = durations[SEED]
+        message.stopped, message.stopped_by, message.stop_number, message.stops = self._latch.read()
         message.ends_at = rospy.Time.from_sec(interaction.ends_at)
         message.confirm_save = interaction.confirm_save
         message.available_commands = interaction.suggested_commands()
@@ -346,9 +332,11 @@ class InteractionManagerNode:
 
     def _list_notices(self) -> List[Notice]:
         said = []
-        if self._interaction.stopped:
-            code = "stop_state_lost" if self._memory_lost else "stopped"
-            said.append(Notice(code, Severity.WARNING, values={"by": self._interaction.stopped_by}))
+        if self._latch.stopped:
+            code = "stop_state_lost" if self._latch.lost else "stopped"
+            said.append(Notice(code, Severity.WARNING, values={"by": self._latch.by}))
+        if not self._latch.stored:
+            said.append(Notice("stop_not_stored", Severity.WARNING))
         if self._interaction.ends_at:
             said.append(Notice("interaction_ends_soon", Severity.WARNING))
         if self._interaction.unseen:

@@ -2,8 +2,9 @@
 
 The idea: endpointing finds the speech, and a network that knows people's speech says how much more probable the
 utterance makes each command than silence does (speech_model). Even odds against a word that sounds like it are enough
-to take a command: no score tells *undo* from *on to* in noise, so what acts on its own must be said again
-(interaction.py). Nothing is trained; bench/voice/recognition.py measures, and says which odds are even.
+to take a command, but not to be certain of it: what would move a robot, change the map or lose a drawing is then asked
+about, and answered with another phrase, "yes, save" (interaction.py). Nothing is trained; bench/voice/recognition.py
+measures.
 
 Use it to tell which command, if any, a piece of speech is; `voice.endpointing` cuts a microphone's stream into pieces.
 
@@ -23,18 +24,22 @@ import numpy as np
 
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
+from vb_core.vocabulary import COMMANDS, spoken_form
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 from vb_voice_wizard.voice.endpointing import Utterance
-from vb_voice_wizard.interaction import COMMANDS
+from vb_voice_wizard.confirmation import ANSWERS
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
-# what people say for each command
-PHRASES = {command: [command.replace("_", " ")] for command in COMMANDS}
-PHRASES["stop"].append("stop robot")
+# what people say for each command, and for the answer to the question whether it was meant
+PHRASES = {name: [spoken_form(name), *command.phrases] for name, command in COMMANDS.items()}
+PHRASES.update({answer: ["yes, " + spoken_form(command)] for answer, command in ANSWERS.items()})
 # Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are
 # missed as near misses are taken in the development group (docs/results/voice/tables.md).
 EVEN_LOG_ODDS = -3.7
+# Odds from which a command is beyond doubt: eight times those of the most deceptive of the development speakers' other
+# words, a "seven" for *save* (docs/results/voice/README.md).
+CERTAIN_ODDS = 20.0
 _MIN_LENGTH = 0.2  # [s] with its padding: less is no word
 # Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another
 # shows.
@@ -46,13 +51,13 @@ class RecognizerParams(Parameters):
     """Parameters of the recogniser; config/voice_commands.yaml says why."""
 
     threshold: float = param(0.5, "", low=0.0, high=1.0)
-    phrases: dict = param(PHRASES)
+    phrases: dict = param({})
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for command, texts in self.phrases.items():
-            if command not in COMMANDS:
-                raise ParameterError(f"phrases/{command}", f"unknown command; known are {', '.join(COMMANDS)}")
+            if command not in PHRASES:
+                raise ParameterError(f"phrases/{command}", f"unknown command; known are {', '.join(PHRASES)}")
             if (
                 not isinstance(texts, list)
                 or not texts
@@ -69,17 +74,19 @@ class RecognitionResult:
         command: the command that was understood, or None.
         best: the command that fits best, understood or not; empty if none was looked for.
         confidence: 0 .. 1.
+        certain: whether it is a command beyond doubt.
         reason: "ok", or why not: "unlike_a_command", "too_long", "too_short", or a node's own.
     """
 
     command: Optional[str] = None
     best: str = ""
     confidence: float = 0.0
+    certain: bool = False
     reason: str = "ok"
 
     def refused(self, reason: str) -> "RecognitionResult":
         """Returns the same result, but not accepted."""
-        return replace(self, command=None, reason=reason)
+        return replace(self, command=None, certain=False, reason=reason)
 
 
 class CommandRecognizer:
@@ -95,7 +102,8 @@ class CommandRecognizer:
 
     def __init__(self, params: Optional[RecognizerParams] = None) -> None:
         self.params = params if params is not None else RecognizerParams()
-        said = [(command, text) for command, texts in self.params.phrases.items() for text in texts]
+        phrases = {**PHRASES, **self.params.phrases}
+        said = [(command, text) for command, texts in phrases.items() for text in texts]
         self._meanings = np.array([command for command, _ in said])
         self._model = SpeechModel([text.lower() for _, text in said])
 
@@ -108,10 +116,10 @@ class CommandRecognizer:
         evidence = np.array([self._model.log_likelihood_ratios(_played(utterance.pcm, speed)) for speed in _SPEEDS])
         odds = np.mean(np.exp(evidence - EVEN_LOG_ODDS), axis=0)
         number = int(odds.argmax())
-        best, confidence = str(self._meanings[number]), float(odds.max() / (1.0 + odds.max()))
+        best, confidence = str(self._meanings[number]), float(odds[number] / (1.0 + odds[number]))
         if confidence < self.params.threshold:
             return RecognitionResult(best=best, confidence=confidence, reason="unlike_a_command")
-        return RecognitionResult(best, best, confidence)
+        return RecognitionResult(best, best, confidence, bool(odds[number] >= CERTAIN_ODDS))
 
 
 def _played(pcm: np.ndarray, speed: float) -> np.ndarray:

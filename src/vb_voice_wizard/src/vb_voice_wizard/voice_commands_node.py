@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Tuple
+from dataclasses import dataclass, replace
+from typing import Any, List, Optional, Tuple
 
 import numpy as np
 import rospy
 from std_msgs.msg import Float32
 from vb_core import names
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
-from vb_core.parameters import Parameters, param
+from vb_core.parameters import param
 from vb_core.ros import commands, node, parameters
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticePublisher
@@ -21,8 +21,8 @@ from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.voice.audio_sources import Microphone, Resampler, arecord, level_db
-from vb_voice_wizard.voice.endpointing import END_SILENCE, Endpointer, Utterance
-from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult, RecognizerParams
+from vb_voice_wizard.voice.listener import CommandListener, Heard, ListenerParams
+from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams
 
 AUDIO = "/virtual_borders/voice/audio"
 
@@ -33,27 +33,11 @@ _DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has its own noise; this i
 
 
 @dataclass(frozen=True)
-class VoiceParams(Parameters):
+class VoiceParams(ListenerParams):
     """Parameters of the voice commands, beside the recogniser's; config/voice_commands.yaml says why."""
 
     source: str = param("microphone", choices=("microphone", "topic"))
     device: str = param("default")
-    sounds: dict = param(
-        {
-            "default": 0.3,
-            "border": 0.3,
-            "seed": 0.3,
-            "guide": 0.3,
-            "success": 0.6,
-            "error": 0.5,
-            "question": 0.4,
-            "stopped": 0.5,
-            "recognized": 0.1,
-        }
-    )
-    mute_margin: float = param(0.25, "s", low=0.0, high=2.0)
-    min_repeat_interval: float = param(0.5, "s", low=0.0, high=10.0)
-    response_timeout: float = param(12.0, "s", above=0.0, high=60.0)
 
 
 class VoiceCommandsNode:
@@ -62,12 +46,15 @@ class VoiceCommandsNode:
     Sound is handled as it arrives: people speak in wall time, whatever /clock says.
 
     Subscribed topics:
-        /virtual_borders/sound (vb_msgs/Sound): while one of ~sounds plays, audio is ignored.
+        /virtual_borders/sound (vb_msgs/Sound): what is heard while one of ~sounds plays, and not beyond it, counts only
+            if it is *stop*.
         /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic".
+        /virtual_borders/state (vb_msgs/InteractionState): the newest stop, which a spoken command names.
 
     Published topics:
         /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and how its command was answered.
         /virtual_borders/voice/level (std_msgs/Float32): the microphone's level [dB], 0 at full scale, four times a second.
+        /virtual_borders/stop (vb_msgs/Stop): on `stop`.
         /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent.
         /virtual_borders/sound (vb_msgs/Sound): "recognized" as soon as a command is understood; "error" for a near miss,
             and for a command without an answer. The feedback node tells how the interaction answers the command.
@@ -78,20 +65,10 @@ class VoiceCommandsNode:
     Args:
         params: where sound comes from, and how to handle what was heard.
         recognizer: how commands are recognised.
-
-    Raises:
-        ParameterError: for a sound's duration that is not a number.
     """
 
     def __init__(self, params: VoiceParams, recognizer: CommandRecognizer) -> None:
-        self._params = params
-        self._recognizer = recognizer
-        self._durations = _durations(params.sounds)
-        self._endpointer = Endpointer()
-        self._muted_until = 0.0
-        self._mute_lock = threading.Lock()
-        self._last_command = ""
-        self._last_time = 0.0
+        self._listener = CommandListener(recognizer, params)
         # 20 s of sound: a node that falls further behind should not act on old commands
         self._sound: node.Queue = node.Queue(400)
         self._microphone: Optional[Microphone] = None
@@ -106,9 +83,8 @@ class VoiceCommandsNode:
         self._heard = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # a command's answer may take seconds; listening goes on meanwhile
-        self._orders = commands.CommandSender(
-            "voice", self._on_answer, response_timeout=params.response_timeout, size=4
-        )
+        self._orders = commands.CommandSender("voice", self._on_answer)
+        self._orders.connect()
         node.Worker(self._sound, self._listen)
         node.Worker(self._watch, lambda _woken: self._on_watch())
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
@@ -123,7 +99,6 @@ class VoiceCommandsNode:
             self._microphone.close()
         self._watch.close()
         self._sound.close()
-        self._orders.close()
 
     # ------------------------------------------------------------------ sound in
     def _put(self, pcm: np.ndarray) -> None:
@@ -165,58 +140,27 @@ class VoiceCommandsNode:
     # ------------------------------------------------------------------ own sounds
     def _beep(self, name: str) -> None:
         sound = Sound(name=name)
-        # ignore audio from now on, not only once the sound's message is back at this node
-        self._on_sound(sound)
         sound.header.stamp = rospy.Time.now()
         self._beeper.publish(sound)
 
     def _on_sound(self, message: Sound) -> None:
-        duration = self._durations.get(message.name, 0.0)
-        if duration > 0.0:
-            with self._mute_lock:
-                self._muted_until = max(self._muted_until, time.monotonic() + duration + self._params.mute_margin)
-
-    def _muted(self, when: float) -> bool:
-        with self._mute_lock:
-            return when < self._muted_until
+        self._listener.play(message.name, time.monotonic())
 
     # ------------------------------------------------------------------ listening
     def _listen(self, piece: Tuple[np.ndarray, float]) -> None:
-        pcm, when = piece
-        if self._muted(when):
-            if self._endpointer.speaking:
-                self._publish(RecognitionResult(reason="muted"), 0.0, 0.0)
-            self._endpointer.reset()
-            # the noise estimate goes on with what is not our own sound
-            return
-        for utterance in self._endpointer.push(pcm):
-            self._handle(utterance, when)
+        for heard in self._listener.push(*piece):
+            self._handle(heard)
 
-    def _handle(self, utterance: Utterance, when: float) -> None:
-        """Handles an utterance that ended; `when` is when its last piece of sound arrived."""
-        issue = self._recognizer.classify(utterance)
-        if issue.command and self._muted(time.monotonic()):
-            issue = issue.refused("muted")
-        now = time.monotonic()
-        if (
-            issue.command
-            and issue.command == self._last_command
-            and now - self._last_time < self._params.min_repeat_interval
-        ):
-            issue = issue.refused("repeated")
-        silence = 0.0 if utterance.too_long else END_SILENCE
-        answer_s = now - when + silence
-        if not issue.command:
-            if issue.reason == "unlike_a_command" and issue.confidence >= _NEAR:
+    def _handle(self, heard: Heard) -> None:
+        result = heard.result
+        if not result.command:
+            if result.reason == "unlike_a_command" and result.confidence >= _NEAR:
                 self._beep("error")
-            self._publish(issue, utterance.end - utterance.start, answer_s)
+            self._publish(heard)
             return
         self._beep("recognized")
-        self._last_command, self._last_time = issue.command, now
-        heard = (issue, utterance.end - utterance.start, answer_s)
-        # speech is never certain, so what acts on its own has to be said again
-        if not self._orders.put(issue.command, heard, uncertain=True):
-            self._publish(issue.refused("busy"), utterance.end - utterance.start, answer_s)
+        if not self._orders.put(result.command, heard, uncertain=not result.certain, given=heard.start):
+            self._publish(replace(heard, result=result.refused("busy")))
 
     def _on_answer(
         self, request: CommandRequest, context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
@@ -227,42 +171,33 @@ class VoiceCommandsNode:
                 success=False, code=error.code, message=error.message, values=values_from_mapping(error.values)
             )
             self._beep("error")
-        self._publish(*context, answer)
+        self._publish(context, answer)
 
-    def _publish(
-        self, issue: RecognitionResult, duration: float, answer_s: float, answer: Optional[CommandResponse] = None
-    ) -> None:
-        answer = answer or CommandResponse()
-        heard = SpeechCommand(
-            command=issue.best,
-            accepted=bool(issue.command),
-            confidence=issue.confidence,
-            reason=issue.reason,
-            duration_s=duration,
-            answer_s=answer_s,
+    def _publish(self, heard: Heard, answer: Optional[CommandResponse] = None) -> None:
+        result, answer = heard.result, answer or CommandResponse()
+        message = SpeechCommand(
+            command=result.best,
+            accepted=bool(result.command),
+            confidence=result.confidence,
+            reason=result.reason,
+            duration_s=heard.end - heard.start,
+            answer_s=time.monotonic() - heard.end,
             success=answer.success,
             code=answer.code,
             message=answer.message,
             values=answer.values,
         )
-        heard.header.stamp = rospy.Time.now()
+        message.header.stamp = rospy.Time.now()
         rospy.loginfo(
             "heard %s (%s, confidence %.2f, %.1f s, answered after %.2f s) %s",
-            issue.best or "something",
-            issue.reason,
-            issue.confidence,
-            duration,
-            answer_s,
+            result.best or "something",
+            result.reason,
+            result.confidence,
+            message.duration_s,
+            message.answer_s,
             answer.message,
         )
-        self._heard.publish(heard)
-
-
-def _durations(sounds: dict) -> Dict[str, float]:
-    for name, duration in sounds.items():
-        if isinstance(duration, bool) or not isinstance(duration, (int, float)) or not 0.0 <= duration <= 10.0:
-            raise ParameterError(rospy.resolve_name(f"~sounds/{name}"), f"expected 0 to 10 seconds, got {duration!r}")
-    return {str(name): float(duration) for name, duration in sounds.items()}
+        self._heard.publish(message)
 
 
 def build() -> VoiceCommandsNode:

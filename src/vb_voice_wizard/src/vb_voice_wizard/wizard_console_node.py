@@ -27,6 +27,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, DetectorStatus, SpeechCommand, InteractionState, VirtualBorderArray
 from vb_msgs.srv import CommandRequest, CommandResponse
 
+from vb_voice_wizard.confirmation import ANSWERS
 from vb_voice_wizard.console import view as console_view
 from vb_voice_wizard.console.keys import COMMAND_KEYS, QUIT_KEY, KeyReader
 from vb_voice_wizard.console.view import BAD, GOOD, NOTE, ConsoleContent
@@ -90,7 +91,7 @@ class WizardConsoleNode:
             self._add_code(note, NOTE)
         # a socket limit of this process: a master that hangs must not hang the watch for ever
         socket.setdefaulttimeout(5.0)
-        self._orders = commands.CommandSender(source, self._on_answer, response_timeout=15.0)
+        self._orders = commands.CommandSender(source, self._on_answer)
         node.Worker(node.WakeTimer(_WATCH_PERIOD), lambda _woken: self._watch())
 
     # ------------------------------------------------------------------ presence
@@ -180,6 +181,7 @@ class WizardConsoleNode:
             return
         with self._lock:
             self._master_pid = pid
+        self._orders.connect()
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         rospy.Subscriber(
             names.PROGRESS, BorderProgress, lambda message: self._show_newest("progress", message), queue_size=1
@@ -229,7 +231,7 @@ class WizardConsoleNode:
             self._add_code(
                 "console_not_understood",
                 NOTE,
-                command=f"$command_{message.command}",
+                command=f"$command_{ANSWERS.get(message.command, message.command)}",
                 confidence=f"{message.confidence:.2f}",
                 reason=f"$utterance_{message.reason}",
             )

@@ -1,33 +1,37 @@
-"""Decides who may do what on the page: codes, roles, signed cookies, origins and rate limits.
+"""Decides who may do what on the page, and how much of it: codes, roles, sessions, origins, places and limits.
 
 The idea: the page is closed unless the request proves otherwise. On the loopback interface the proof is a loopback name
-in the Host header; elsewhere it is a cookie that only the holder of a code gets.
+in the Host header; elsewhere it is the cookie of a session, which only the holder of a code gets. And whatever can run out
+is parted: each role has places of its own, and within a role the one that holds the most gives up first.
 """
 
 from __future__ import annotations
 
 import enum
+import hashlib
 import hmac
 import ipaddress
-import os
+import json
 import secrets
-import stat
-from collections import OrderedDict
+import threading
+import time
+from collections import Counter, OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple
 from urllib.parse import urlsplit
 
 import yaml
-from tornado.web import create_signed_value, decode_signed_value
 
 from vb_core.errors import CodedError
+from vb_core.files import write_atomically
 
 COOKIE = "virtual_borders_page"
 COOKIE_DAYS = 30
-# without letters and digits that look alike; 8 of 31 are 40 bits, and `Limiter` allows a few tries a minute
+# without letters and digits that look alike; 8 of 31 are 40 bits: a thousand tries a second take 14 years
 _ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
 _CODE_LENGTH = 8
+_MAX_SESSIONS = 100  # of each code: who has one cannot log those of the other out
 
 
 class Role(enum.IntEnum):
@@ -45,16 +49,10 @@ def normalize(code: str) -> str:
 
 @dataclass(frozen=True)
 class AccessCodes:
-    """The secrets of one installation.
-
-    Attributes:
-        viewer, operator: the codes that people type.
-        cookie_key: signs the cookies; a new one logs everybody out.
-    """
+    """The codes that people type."""
 
     viewer: str
     operator: str
-    cookie_key: str
 
     def role_of(self, code: str) -> Role:
         """Returns the role that a code gives; compares in constant time."""
@@ -62,20 +60,6 @@ class AccessCodes:
         roles = ((self.operator, Role.OPERATOR), (self.viewer, Role.VIEWER))
         found = [role for known, role in roles if hmac.compare_digest(typed, normalize(known).encode("utf-8"))]
         return found[0] if found else Role.NOBODY
-
-    def make_cookie(self, role: Role) -> str:
-        """Returns a cookie's value: the role and a name for this browser, signed and dated."""
-        return create_signed_value(self.cookie_key, COOKIE, f"{int(role)}:{secrets.token_hex(8)}").decode("ascii")
-
-    def read_cookie(self, value: Optional[str]) -> Tuple[Role, str]:
-        """Returns (role, browser's name) of a cookie's value; (NOBODY, "") if it is missing, forged or too old."""
-        if not value:
-            return Role.NOBODY, ""
-        raw = decode_signed_value(self.cookie_key, COOKIE, value, max_age_days=COOKIE_DAYS, min_version=2)
-        role, _, browser = (raw or b"").decode("ascii", "replace").partition(":")
-        if role not in {str(int(known)) for known in Role}:
-            return Role.NOBODY, ""
-        return Role(int(role)), browser
 
 
 def _new_code() -> str:
@@ -87,35 +71,77 @@ def load_codes(path: Path) -> AccessCodes:
     """Reads the codes from a file that only its owner can read; makes the file if there is none.
 
     Raises:
-        CodedError: "page_codes_open" if others can read the file, "page_codes_bad" if it is unusable.
+        CodedError: "page_codes_bad" if it is unusable, "cannot_write".
     """
-    if not path.exists():
-        keys = AccessCodes(_new_code(), _new_code(), secrets.token_hex(32))
-        text = "# The codes of the page; delete this file and restart the page to replace all of them.\n"
-        text += yaml.safe_dump(vars(keys), sort_keys=True)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with os.fdopen(os.open(str(path), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-                file.write(text)
-        except OSError as error:
-            raise CodedError("page_codes_bad", file=path, reason=error) from None
-        return keys
     try:
-        if stat.S_IMODE(path.stat().st_mode) & 0o077:
-            raise CodedError("page_codes_open", file=path)
+        if not path.exists():
+            text = "# The codes of the page; delete this file and restart the page to replace both and log everybody out.\n"
+            text += yaml.safe_dump(vars(AccessCodes(_new_code(), _new_code())))
+            write_atomically(path, text.encode("utf-8"), private=True)
         found = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
         raise CodedError("page_codes_bad", file=path, reason=error) from None
-    names = ("viewer", "operator", "cookie_key")
+    names = ("viewer", "operator")
     if not isinstance(found, dict) or set(found) != set(names) or not all(isinstance(found[n], str) for n in names):
         raise CodedError("page_codes_bad", file=path, reason=f"it needs the texts {', '.join(names)}")
-    keys = AccessCodes(**found)
-    if min(len(normalize(keys.viewer)), len(normalize(keys.operator))) < _CODE_LENGTH or len(keys.cookie_key) < 32:
-        reason = f"codes need {_CODE_LENGTH} letters or digits at least, the cookie_key 32"
-        raise CodedError("page_codes_bad", file=path, reason=reason)
-    if normalize(keys.viewer) == normalize(keys.operator):
+    codes = AccessCodes(**found)
+    if min(len(normalize(codes.viewer)), len(normalize(codes.operator))) < _CODE_LENGTH:
+        raise CodedError("page_codes_bad", file=path, reason=f"codes need {_CODE_LENGTH} letters or digits at least")
+    if normalize(codes.viewer) == normalize(codes.operator):
         raise CodedError("page_codes_bad", file=path, reason="viewer and operator need different codes")
-    return keys
+    return codes
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+class Sessions:
+    """Who is logged in: without its entry here a cookie is worth nothing. Thread safe.
+
+    Args:
+        path: the file, beside the codes; None: memory only.
+
+    The file names a session by its cookie's digest, and the code that opened it: a new code ends the old one's sessions.
+    """
+
+    def __init__(self, codes: AccessCodes, path: Optional[Path] = None) -> None:
+        self.codes, self._path = codes, path
+        self._roles = {_digest(normalize(codes.viewer)): Role.VIEWER, _digest(normalize(codes.operator)): Role.OPERATOR}
+        self._lock = threading.Lock()
+        self._open: Dict[str, Tuple[str, float]] = {}  # by name: digest of the code, since when [s]
+        try:
+            if path is not None and path.exists():
+                entries = json.loads(path.read_text()).items()
+                self._open = {str(name): (str(code), float(at)) for name, (code, at) in entries}
+        except (OSError, ValueError, TypeError, AttributeError):
+            pass  # everybody logs in again
+
+    def open(self, role: Role) -> str:
+        """Opens a session and returns its cookie's value."""
+        code = next(code for code, known in self._roles.items() if known == role)
+        cookie = secrets.token_urlsafe(24)
+        others = [name for name, (of, _) in self._open.items() if of == code][: 1 - _MAX_SESSIONS]
+        self._change({_digest(cookie): (code, time.time())}, others)
+        return cookie
+
+    def find(self, cookie: Optional[str]) -> Tuple[Role, str]:
+        """Returns (role, session's name) of a cookie's value; (NOBODY, "") if it has ended or never was."""
+        name = _digest(cookie or "")
+        code, since = self._open.get(name, ("", 0.0))
+        role = self._roles.get(code, Role.NOBODY)
+        fresh = 0.0 <= time.time() - since < COOKIE_DAYS * 86400
+        return (role, name) if role and fresh else (Role.NOBODY, "")
+
+    def end(self, name: str) -> None:
+        """Ends a session."""
+        self._change({}, [name])
+
+    def _change(self, new: Dict[str, Tuple[str, float]], gone: Any) -> None:
+        with self._lock:
+            self._open = {name: entry for name, entry in {**self._open, **new}.items() if name not in gone}
+            if self._path is not None:
+                write_atomically(self._path, json.dumps(self._open).encode("ascii"), private=True)
 
 
 def is_loopback(host: str) -> bool:
@@ -151,7 +177,10 @@ def same_origin(origin: Optional[str], scheme: str, host: str) -> bool:
 
 
 class Limiter:
-    """Token buckets, one for each key: `burst` at once, then `rate` a second. Keeps the newest 1000 keys."""
+    """Token buckets, one for each key: `burst` at once, then `rate` a second. Keeps the newest 1000 keys.
+
+    There is none for all keys together: what strangers can empty would be missing to everybody.
+    """
 
     def __init__(self, rate: float, burst: float) -> None:
         self._rate, self._burst = rate, burst
@@ -168,16 +197,41 @@ class Limiter:
         return allowed
 
 
-class LoginLimiter:
-    """Limits wrong codes: per address, and of all addresses together."""
+class Places:
+    """Places for connections. When they have run out, the one that holds the most gives one up for a newcomer.
 
-    def __init__(self) -> None:
-        self._each = Limiter(rate=5.0 / 60.0, burst=5.0)
-        self._all = Limiter(rate=30.0 / 60.0, burst=60.0)
+    Args:
+        size: how many there are.
+        yields: whether the oldest goes where all hold the same number; else the newcomer does.
+    """
 
-    def allows(self, address: str, now: float) -> bool:
-        """Returns whether a code from this address may be tried at a time [s], and counts the try."""
-        return self._each.allows(address, now) and self._all.allows("", now)
+    def __init__(self, size: int, yields: bool) -> None:
+        self._size, self._yields = size, yields
+        self._held: Dict[Any, Tuple[str, ...]] = {}  # connection: whose it is; the longest unused first
+
+    def leave(self, connection: Any) -> None:
+        """Gives up a connection's place, if it has one."""
+        self._held.pop(connection, None)
+
+    def take(self, connection: Any, *holders: str) -> Optional[Any]:
+        """Gives a connection a place; returns the one that has to go for it, which may be itself.
+
+        Args:
+            connection: anything with `closed()`; a closed one gives up its place.
+            holders: whose it is, for instance an address and a session: the one that holds more counts.
+        """
+        self.leave(connection)
+        self._held = {other: whose for other, whose in self._held.items() if not other.closed()}
+        self._held[connection] = holders
+        if len(self._held) <= self._size:
+            return None
+        counts = Counter(holder for whose in self._held.values() for holder in whose)
+        shares = {other: max(counts[holder] for holder in whose) for other, whose in self._held.items()}
+        largest = [other for other, share in shares.items() if share == max(shares.values())]
+        own = [] if self._yields else [other for other in largest if set(self._held[other]) & set(holders)]
+        gone = (own or largest)[0]
+        self.leave(gone)
+        return gone
 
 
 def security_headers(secure: bool) -> Dict[str, str]:

@@ -9,27 +9,25 @@ from __future__ import annotations
 import json
 import math
 import re
+import time
 import unicodedata
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
 import numpy as np
 
 from vb_core.errors import CodedError
+from vb_core.vocabulary import COMMANDS
+from vb_core.zones import ZONES
 
-# vb_msgs/Command; resume and stop too
-COMMANDS = ("define_border", "define_seed", "guide_robot", "save", "cancel", "stop", "resume", "undo", "redo")
 KINDS = ("polygon", "curve", "wall")
-ZONES = ("keep_out", "avoid", "slow")
 MAX_POINTS = 500  # a finger's line is thinned out to less than 100
+MAX_ROBOTS = 50
 MAX_BYTES = 64 * 1024
 MARGIN = 1.0  # [m] a line may leave the map by this much
 
 _ID = re.compile(r"[0-9A-Za-z_.:-]{1,64}")
-_DAYS = "mon|tue|wed|thu|fri|sat|sun"
-_TIME = r"([01]?[0-9]|2[0-3]):[0-5][0-9]"
-_SPAN = rf"((({_DAYS})([-,]({_DAYS})){{0,12}}|daily) )?{_TIME}-({_TIME}|24:00)"
-_SCHEDULE = re.compile(rf"{_SPAN}(; ?{_SPAN}){{0,9}}")
+_ROBOT = re.compile(r"[A-Za-z][A-Za-z0-9_/]{0,63}")  # a namespace
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,8 @@ class Draft:
         points: (N, 2) float64 [m], map frame.
         kind: one of KINDS.
         seed: (2,) [m], on the side to be restricted; ignored for a wall.
-        zone: one of ZONES; max_speed [m/s] for "slow" only.
+        zone: the name of one of ZONES; max_speed [m/s] if it limits that.
+        robots: names of those that it is for; none: all.
     """
 
     points: np.ndarray
@@ -59,6 +58,7 @@ class Draft:
     max_speed: float
     schedule: str
     enabled: bool
+    robots: Tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -69,11 +69,13 @@ class Request:
         id: chosen by the browser; a repeated request with the same one is carried out once.
         action: one of ACTIONS.
         values: by field, checked.
+        arrived: [s] of the monotonic clock: how long it has waited counts.
     """
 
     id: str
     action: str
     values: Mapping[str, Any]
+    arrived: float = field(default_factory=time.monotonic)
 
 
 class RequestError(CodedError):
@@ -146,25 +148,34 @@ def _revision(value: Any, field: str) -> int:
     return value
 
 
+def _robots(value: Any, field: str) -> Tuple[str, ...]:
+    if not isinstance(value, list) or len(value) > MAX_ROBOTS:
+        raise _fail(field)
+    return tuple(_matching(_ROBOT)(name, field) for name in value)
+
+
 _BORDER = {
     "name": _text(60),
     "kind": _choice(*KINDS),
     "zone": _choice(*ZONES),
     "max_speed": _number(0.0, 2.0),
-    "schedule": _matching(_SCHEDULE, empty=True),
+    "schedule": _text(300),  # the map integrator alone knows the grammar, and refuses a "bad_schedule"
     "enabled": _flag,
+    "robots": _robots,
 }
 _TARGET = {"border": _matching(_ID), "revision": _revision}
 
 ACTIONS: Dict[str, Dict[str, Optional[Callable[[Any, str], Any]]]] = {
-    "command": {"command": _choice(*COMMANDS)},
+    "command": {"command": _choice(*COMMANDS), "seen_stop": _text(64), "age": _number(0.0, 60.0)},
     "preview": {"draft": None, "border": _matching(_ID, empty=True)},
     "add": {"draft": None},
     "update": {"draft": None, **_TARGET},
     "rename": {"name": _text(60, empty=False), **_TARGET},
     "enable": {"enabled": _flag, **_TARGET},
     "remove": dict(_TARGET),
-    "confirm_map": {"same": _flag},
+    "send": {"robot": _matching(_ROBOT, empty=True), "goal": None},
+    "halt": {"robot": _matching(_ROBOT, empty=True)},
+    "confirm_map": {"same": _flag, "map_id": _text(100)},
     "study": {"participant": _text(40), "condition": _text(40)},
     "mark": {"text": _text(300, empty=False)},
     "invite": {},
@@ -189,9 +200,18 @@ def _draft(value: Any, bounds: Optional[Bounds]) -> Draft:
     if not isinstance(points, list) or not 2 <= len(points) <= MAX_POINTS:
         raise _fail("points")
     points = np.array([_point(point, "points", bounds) for point in points])
-    if checked["zone"] == "slow" and checked["max_speed"] < 0.02:
+    if ZONES[checked["zone"]].limits_speed and checked["max_speed"] < 0.02:
         raise _fail("max_speed")  # that slow is not at all: keep_out says so better
     return Draft(points=points, seed=np.array(_point(value["seed"], "seed", bounds)), **checked)
+
+
+def _goal(value: Any, bounds: Optional[Bounds]) -> Tuple[float, float]:
+    if bounds is None:
+        raise RequestError("page_no_map")
+    return _point(value, "goal", bounds)
+
+
+_ON_THE_MAP: Dict[str, Callable[[Any, Optional[Bounds]], Any]] = {"draft": _draft, "goal": _goal}
 
 
 def _refuse_constant(text: str) -> None:
@@ -233,7 +253,7 @@ def _request(request_id: str, found: Dict[str, Any], bounds: Optional[Bounds]) -
         raise _fail(sorted(set(found) ^ set(fields))[0][:40])
     try:
         values = {
-            field: _draft(found[field], bounds) if check is None else check(found[field], field)
+            field: _ON_THE_MAP[field](found[field], bounds) if check is None else check(found[field], field)
             for field, check in fields.items()
         }
     except OverflowError:  # a whole number too large for a float

@@ -5,46 +5,31 @@ The idea: one table from action to method; each returns an answer with code and 
 
 from __future__ import annotations
 
+import asyncio
 import copy
 import threading
 from typing import Any, Callable, Dict, Optional
 
 import rospy
-from std_msgs.msg import Bool
+from geometry_msgs.msg import Point
 from std_srvs.srv import Trigger, TriggerRequest
 from vb_msgs.msg import StudyEvent, VirtualBorder
-from vb_msgs.srv import (
-    AddBorder,
-    AddBorderRequest,
-    ConfirmMap,
-    ConfirmMapRequest,
-    PreviewBorderRequest,
-    RemoveBorder,
-    RemoveBorderRequest,
-    RenameBorder,
-    RenameBorderRequest,
-    SetBorderEnabled,
-    SetBorderEnabledRequest,
-    UpdateBorder,
-    UpdateBorderRequest,
-)
+from vb_msgs.srv import AddBorder, ConfirmMap, RemoveBorder, RenameBorder, SendRobot, SetBorderEnabled, UpdateBorder
 
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import services
-from vb_core.ros.commands import make_request, send
+from vb_core.ros.commands import CommandSender
 from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_web.action_requests import Request
 from vb_web.ros_view import apply_draft, issues_section, region_uri
 from vb_web.view import rounded
 
-# [s] a command that waited longer than this for a busy manager surprises people: it is not carried out any more
-COMMAND_VALIDITY = 5.0
 # [s] a preview of 16 million cells takes half a second on a busy computer
 _TIMEOUT = 20.0
 _INTEGRATOR = "$map_integrator"
-_SENT = {"stop": "page_stop_sent", "resume": "page_resume_sent"}
+_MONITOR = "$robot_monitor"
 _UNREACHED = ("no_service", "no_response")
 
 
@@ -53,7 +38,7 @@ class ActionHandler:
 
     Args:
         borders: returns the stored border of an id, or None.
-        manager_there: whether there is an interaction manager.
+        manager_there: whether there is an interaction manager; robots_there: whether there is a robot's driver.
         on_study: receives the operator's marks.
         invite: returns what a phone needs to log in.
     """
@@ -62,19 +47,16 @@ class ActionHandler:
         self,
         borders: Callable[[str], Optional[VirtualBorder]],
         manager_there: Callable[[], bool],
+        robots_there: Callable[[], bool],
         on_study: Callable[[StudyEvent], None],
         invite: Callable[[], Dict[str, Any]],
     ) -> None:
-        self._borders, self._manager_there, self._on_study, self._give_invitation = (
-            borders,
-            manager_there,
-            on_study,
-            invite,
-        )
+        self._borders, self._manager_there, self._robots_there = borders, manager_there, robots_there
+        self._on_study, self._give_invitation = on_study, invite
         self._lock = threading.Lock()
         self.participant, self.condition = "", ""
-        self._stop = rospy.Publisher(names.STOP, Bool, queue_size=5)
-        self._unheard_stop = ""  # who pressed stop while the manager was away
+        self._orders = CommandSender("page", self._on_answer)
+        self._orders.connect()
         self._study_out = rospy.Publisher(names.STUDY_EVENTS, StudyEvent, queue_size=50)
 
     def carry_out(self, request: Request, source: str) -> Dict[str, Any]:
@@ -86,38 +68,39 @@ class ActionHandler:
         return getattr(self, f"_{request.action}")(request, source)
 
     # ------------------------------------------------------------- commands
-    def _command(self, request: Request, source: str) -> Dict[str, Any]:
-        command = request.values["command"]
-        if command in ("stop", "resume"):
-            self._unheard_stop = ""
-        if command == "stop":
-            # robots hear this themselves: it works without any other node
-            self._stop.publish(Bool(True))
-        elif command in ("undo", "redo") and not self._manager_there():
-            return self._trigger(names.UNDO if command == "undo" else names.REDO)
-        wanted = make_request(command, source, COMMAND_VALIDITY)
-        wanted.id = request.id  # the browser's: a request repeated after the page was restarted is carried out once
-        try:
-            return _answer(send(wanted))
-        except CodedError as error:
-            if command in ("stop", "resume") and error.code in _UNREACHED:
-                if command == "stop":
-                    self._unheard_stop = source
-                else:
-                    # not before: a manager that hears this and the command would be told to resume twice
-                    self._stop.publish(Bool(False))
-                return {"ok": True, "code": _SENT[command], "values": {}, "message": ""}
-            raise
+    async def command(self, request: Request, source: str) -> Dict[str, Any]:
+        """Carries out a command, without a thread of its own.
 
-    def repeat_stop(self) -> None:
-        """Repeats a stop that only the robots received to the manager, once it is running, so that displays show it."""
-        source = self._unheard_stop
-        if source and self._manager_there():
-            try:
-                send(make_request("stop", source, COMMAND_VALIDITY))
-            except CodedError:
-                return  # asked again at the next call
-            self._unheard_stop = ""
+        Raises:
+            CodedError: if it was not carried out.
+        """
+        command, loop = request.values["command"], asyncio.get_event_loop()
+        if command in ("undo", "redo") and not self._manager_there():
+            return await loop.run_in_executor(None, self._trigger, names.UNDO if command == "undo" else names.REDO)
+        answered = loop.create_future()
+        # the browser's id: a request repeated after the page was restarted is carried out once
+        if not self._orders.put(
+            command,
+            answered,
+            given=request.arrived - request.values["age"],
+            source=source,
+            seen_stop=request.values["seen_stop"],
+            identity=request.id,
+        ):
+            raise CodedError("page_too_fast")
+        answer, error = await answered
+        if error is None:
+            return _answer(answer)
+        if command != "stop" or error.code not in _UNREACHED:
+            raise error
+        # robots that heard it keep it, and tell the manager once it is running
+        if not self._robots_there():
+            raise CodedError("page_stop_unheard") from error
+        return {"ok": True, "code": "page_stop_sent", "values": {}, "message": ""}
+
+    @staticmethod
+    def _on_answer(_request: Any, answered: Any, *answer: Any) -> None:
+        answered.get_loop().call_soon_threadsafe(answered.set_result, answer)
 
     @staticmethod
     def _trigger(name: str) -> Dict[str, Any]:
@@ -140,10 +123,7 @@ class ActionHandler:
     def _preview(self, request: Request, _source: str) -> Dict[str, Any]:
         known = request.values["border"]
         border = apply_draft(request.values["draft"], self._stored(known) if known else VirtualBorder(enabled=True))
-        wanted = PreviewBorderRequest(border=border, frame_id=names.MAP_FRAME)
-        response = services.call(
-            names.PREVIEW_BORDER, PreviewBorderArray, wanted, _INTEGRATOR, response_timeout=_TIMEOUT
-        )
+        response = _call(names.PREVIEW_BORDER, PreviewBorderArray, border=border, frame_id=names.MAP_FRAME)
         return {
             **_answer(response),
             "area": rounded(response.area_m2, 2),
@@ -153,37 +133,43 @@ class ActionHandler:
 
     def _add(self, request: Request, source: str) -> Dict[str, Any]:
         border = apply_draft(request.values["draft"], VirtualBorder(enabled=True, occupancy=1.0))
-        wanted = AddBorderRequest(border=border, frame_id=names.MAP_FRAME, source=source, request_id=request.id)
-        response = services.call(names.ADD_BORDER, AddBorder, wanted, _INTEGRATOR, response_timeout=_TIMEOUT)
+        fields = {"border": border, "frame_id": names.MAP_FRAME, "source": source, "request_id": request.id}
+        response = _call(names.ADD_BORDER, AddBorder, **fields)
         return {**_answer(response), "border": response.id}
 
     def _update(self, request: Request, source: str) -> Dict[str, Any]:
         border = apply_draft(request.values["draft"], self._stored(request.values["border"]))
-        wanted = UpdateBorderRequest(border=border, frame_id=names.MAP_FRAME)
-        return self._change(names.UPDATE_BORDER, UpdateBorder, wanted, request, source)
+        return self._change(names.UPDATE_BORDER, UpdateBorder, request, source, border=border, frame_id=names.MAP_FRAME)
 
     def _rename(self, request: Request, source: str) -> Dict[str, Any]:
-        wanted = RenameBorderRequest(name=request.values["name"])
-        return self._change(names.RENAME_BORDER, RenameBorder, wanted, request, source)
+        return self._change(names.RENAME_BORDER, RenameBorder, request, source, name=request.values["name"])
 
     def _enable(self, request: Request, source: str) -> Dict[str, Any]:
-        wanted = SetBorderEnabledRequest(enabled=request.values["enabled"])
-        return self._change(names.SET_BORDER_ENABLED, SetBorderEnabled, wanted, request, source)
+        enabled = request.values["enabled"]
+        return self._change(names.SET_BORDER_ENABLED, SetBorderEnabled, request, source, enabled=enabled)
 
     def _remove(self, request: Request, source: str) -> Dict[str, Any]:
-        return self._change(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(), request, source)
+        return self._change(names.REMOVE_BORDER, RemoveBorder, request, source)
 
-    def _change(self, name: str, service: Any, wanted: Any, request: Request, source: str) -> Dict[str, Any]:
+    def _change(self, which: str, service: Any, request: Request, source: str, **fields: Any) -> Dict[str, Any]:
         stored = self._stored(request.values["border"])  # only ids that are there get through
-        if hasattr(wanted, "id"):
-            wanted.id = stored.id
-        wanted.source, wanted.expected_revision = source, request.values["revision"]
-        return _answer(services.call(name, service, wanted, _INTEGRATOR, response_timeout=_TIMEOUT))
+        if "border" not in fields:
+            fields["id"] = stored.id
+        return _answer(_call(which, service, source=source, expected_revision=request.values["revision"], **fields))
 
     def _confirm_map(self, request: Request, source: str) -> Dict[str, Any]:
-        answer = ConfirmMapRequest.SAME_PLACE if request.values["same"] else ConfirmMapRequest.OTHER_PLACE
-        wanted = ConfirmMapRequest(answer=answer, source=source)
-        return _answer(services.call(names.CONFIRM_MAP, ConfirmMap, wanted, _INTEGRATOR, response_timeout=_TIMEOUT))
+        places = ConfirmMap._request_class
+        answer = places.SAME_PLACE if request.values["same"] else places.OTHER_PLACE
+        fields = {"answer": answer, "source": source, "map_id": request.values["map_id"]}
+        return _answer(_call(names.CONFIRM_MAP, ConfirmMap, **fields))
+
+    # ------------------------------------------------------------- robots
+    def _send(self, request: Request, _source: str) -> Dict[str, Any]:
+        goal = Point(*request.values["goal"], 0.0)
+        return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], goal=goal))
+
+    def _halt(self, request: Request, _source: str) -> Dict[str, Any]:
+        return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], halt=True))
 
     # ------------------------------------------------------------- study
     def _study(self, request: Request, source: str) -> Dict[str, Any]:
@@ -206,6 +192,11 @@ class ActionHandler:
 
     def _invite(self, _request: Request, _source: str) -> Dict[str, Any]:
         return {"ok": True, "code": "ok", "values": {}, "message": "", **self._give_invitation()}
+
+
+def _call(which: str, service: Any, who: str = _INTEGRATOR, **fields: Any) -> Any:
+    """Calls a service with a request of these fields."""
+    return services.call(which, service, service._request_class(**fields), who, response_timeout=_TIMEOUT)
 
 
 def _answer(response: Any) -> Dict[str, Any]:

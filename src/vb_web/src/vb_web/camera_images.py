@@ -14,6 +14,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.image_format import PixelReader
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import array_from_compressed_image, array_from_image
 from vb_core.ros.transforms import TransformLookup
@@ -21,31 +22,15 @@ from vb_web import images
 
 _IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
 _FLOOR_LIFETIME = 5.0  # [s] the same image for every browser that asks meanwhile, if all cameras are in it
-# OpenCV names a Bayer pattern by its second row, ROS by its first
-_TO_BGR = {
-    "rgb8": cv2.COLOR_RGB2BGR,
-    "rgba8": cv2.COLOR_RGBA2BGR,
-    "bgra8": cv2.COLOR_BGRA2BGR,
-    "mono8": cv2.COLOR_GRAY2BGR,
-    "bayer_rggb8": cv2.COLOR_BayerBG2BGR,
-    "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
-    "bayer_gbrg8": cv2.COLOR_BayerGR2BGR,
-    "bayer_grbg8": cv2.COLOR_BayerGB2BGR,
-}
 
 
 def to_bgr(message: Image) -> np.ndarray:
     """Converts an image message to (H, W, 3) bgr uint8.
 
     Raises:
-        CodedError: "bad_image" for an encoding that is not handled.
+        CodedError: "bad_image", "unknown_encoding" for one that shows nothing.
     """
-    pixels = array_from_image(message)
-    if message.encoding in ("bgr8", "8UC3"):
-        return pixels
-    if message.encoding not in _TO_BGR:
-        raise CodedError("bad_image", f"the page cannot show images with encoding '{message.encoding}'")
-    return cv2.cvtColor(pixels, _TO_BGR[message.encoding])
+    return PixelReader().read(array_from_image(message), message.encoding).bgr()
 
 
 class CameraImages:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import apply
 from vb_core.grid_map import UNKNOWN, GridMap
+from vb_web.view import rounded
 
 MAX_SIDE = 2048  # [px] of an image; more is neither visible on a display nor smooth on a phone
 FLOOR_SIDE = 1400  # [px] of the floor's image
@@ -87,6 +88,21 @@ def draw_map(grid: GridMap) -> EncodedImage:
     pixels[..., 3] = np.where(data > 0, np.maximum(data, 0).astype(np.uint16) * 255 // 100, 0).clip(0, 255)
     pixels[data == UNKNOWN] = _UNKNOWN
     return _png(pixels, cells)
+
+
+def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedImage], floor: bool) -> Dict[str, Any]:
+    """Describes the map for the page: its images and where they lie. `floor`: whether there is an image of the floor."""
+    rows, columns = grid.shape
+    return {
+        "picture": base.name,
+        "restricted": restricted.name if restricted is not None else "",
+        "rows": rows,
+        "columns": columns,
+        "resolution": rounded(grid.resolution, 6),
+        "origin": [rounded(value, 5) for value in grid.origin],
+        "cells": base.cells,
+        "floor": floor_cells(grid) if floor else 0,
+    }
 
 
 def draw_restricted(before: GridMap, after: GridMap) -> EncodedImage:

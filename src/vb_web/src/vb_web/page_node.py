@@ -2,36 +2,37 @@
 
 from __future__ import annotations
 
-import json
 import socket
 import threading
 import time
-from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Deque, Dict, List, Optional
+from typing import Any, Dict, List, Optional
 
 import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float32
 from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState, LaserSpot
-from vb_msgs.msg import StudyEvent, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import RobotStatusArray, StudyEvent, VirtualBorder, VirtualBorderArray
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.files import append_line
 from vb_core.geometry import pose2d_from_transform
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice
+from vb_core.offer import Offer, offer
 from vb_core.parameters import param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
 from vb_core.ros.notices import NoticeListener, NoticePublisher
+from vb_core.ros.robots import connections_from_message
 from vb_core.ros.transforms import TransformLookup
+from vb_core.vocabulary import DEFAULT
 from vb_web import access, images, ros_view
 from vb_web.actions import ActionHandler
 from vb_web.camera_images import CameraImages
+from vb_web.event_history import EventHistory
 from vb_web.action_requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
 from vb_web.view import View, border_changes, coarse_age, mark_borders, rounded
@@ -41,8 +42,9 @@ _HEALTH_PERIOD = 0.5  # [s]
 _LEVEL_PERIOD = 0.25  # [s] the microphone's level is shown no more often
 _SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's driver more often
 _MAX_DIAGNOSTICS = 30
-_EVENTS = 100  # of the history that the page shows
 _INVITATION = "page_invitation"
+_SESSIONS = "page_sessions.json"  # beside the codes
+_WRONG_CODES = 20  # then it is told, and again after twice as many: nobody mistypes that often
 _UNDER_WAY = ("saving", "changing")  # answers that another one follows
 
 
@@ -51,55 +53,14 @@ class PageParams(ServerParams):
     """Parameters of the page; config/page.yaml explains them."""
 
     events_file: str = param("~/.ros/virtual_borders/page_events.jsonl")
-    show_code: str = param("operator", choices=("operator", "viewer", "none"))
-    robots: list = param(["base_link"])
+    show_code: str = param("viewer", choices=("operator", "viewer", "none"))
     cameras: list = param([])
     image_transport: str = param("raw", choices=("raw", "compressed"))
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for key in ("robots", "cameras"):
-            if not all(isinstance(name, str) and name for name in getattr(self, key)):
-                raise ParameterError(key, f"expected names, got {getattr(self, key)!r}")
-
-
-class EventHistory:
-    """The history: the newest events in memory, all of them in a file, one JSON object a line."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._lock = threading.Lock()
-        self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)
-        try:
-            with open(str(path), encoding="utf-8") as file:
-                lines = deque(file, maxlen=_EVENTS)
-        except FileNotFoundError:
-            lines = deque()
-        except OSError as error:
-            raise ParameterError("events_file", f"{path} cannot be read: {error}") from None
-        self.recalled: List[Dict[str, Any]] = []
-        for line in lines:
-            try:
-                event = json.loads(line)
-                self._events.append({key: event[key] for key in ("at", "code", "values", "source")})
-                self.recalled.append(event)
-            except (ValueError, TypeError, KeyError):
-                continue  # a line that was cut off by a power failure
-
-    def add(self, code: str, values: Dict[str, Any], source: str, **more: Any) -> List[Dict[str, Any]]:
-        """Writes an event and returns those that the page shows."""
-        event = {"at": round(time.time(), 1), "code": code, "values": values, "source": source}
-        with self._lock:
-            try:
-                append_line(self._path, json.dumps({**event, "ros_time": rospy.get_time(), **more}, ensure_ascii=False))
-            except OSError as error:
-                rospy.logerr_throttle(10.0, f"{rospy.get_name()}: the history is not written: {error}")
-            self._events.append(event)
-            return list(self._events)
-
-    def shown(self) -> List[Dict[str, Any]]:
-        """Returns the events that the page shows at the start."""
-        return list(self._events)
+        if not all(isinstance(name, str) and name for name in self.cameras):
+            raise ParameterError("cameras", f"expected names, got {self.cameras!r}")
 
 
 class PageNode:
@@ -112,12 +73,13 @@ class PageNode:
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/notices (vb_msgs/NoticeArray)
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/drivers (vb_msgs/DriverState)
         /virtual_borders/voice/level (std_msgs/Float32), /diagnostics (diagnostic_msgs/DiagnosticArray)
+        /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, and so what is offered and claimed
         /tf, /tf_static (tf2_msgs/TFMessage): the robots' and the cameras' poses
         <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): while a browser shows them
         /<camera>/image_raw/compressed (sensor_msgs/CompressedImage): the same
         /<camera>/camera_info (sensor_msgs/CameraInfo): the same
     Published topics:
-        /virtual_borders/stop (std_msgs/Bool): true for stop, false for resume; robots hear it without any other node.
+        /virtual_borders/stop (vb_msgs/Stop): on stop; robots hear it without any other node.
         /virtual_borders/study_events (vb_msgs/StudyEvent): the operator's marks and notes.
         /virtual_borders/notices (vb_msgs/NoticeArray): address and code, for the smart display, while nobody draws.
     Services called:
@@ -126,6 +88,7 @@ class PageNode:
         /virtual_borders/update_border (vb_msgs/UpdateBorder), /virtual_borders/remove_border (vb_msgs/RemoveBorder)
         /virtual_borders/rename_border (vb_msgs/RenameBorder)
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
+        /virtual_borders/send_robot (vb_msgs/SendRobot)
         /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger)
     Parameters:
         config/page.yaml
@@ -138,6 +101,10 @@ class PageNode:
         self._history = EventHistory(Path(params.events_file).expanduser())
         self._grid: Optional[GridMap] = None
         self._borders: Dict[str, VirtualBorder] = {}
+        self._border_list: Optional[VirtualBorderArray] = None
+        self._offer: Optional[Offer] = None  # None: nobody has said what is connected
+        self._stoppable = False  # whether a robot has obeyed Stop since this node was started
+        self._frames: Dict[str, str] = {}  # of the robots, by name
         self._shown_borders: Optional[Dict[str, Dict[str, Any]]] = None
         self._marks: Dict[str, str] = {}
         self._answered: Any = None
@@ -145,7 +112,8 @@ class PageNode:
         self._invites: Optional[NoticePublisher] = None
         self._level_at = -1e9
         self._spots: Dict[str, Any] = {}
-        self._poses: Dict[str, List[Optional[float]]] = {}
+        self._wrong_codes, self._wrong_told = 0, _WRONG_CODES
+        self._poses: Dict[str, List[Optional[float]]] = {}  # by robot
         self._notices_due = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
         self._told = NoticeListener(self._notices_due.set)
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
@@ -156,17 +124,20 @@ class PageNode:
             self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
         )
         self._actions = ActionHandler(
-            self._borders.get, lambda: self._connected(names.STATE), self._on_study, self._invitation
+            self._borders.get,
+            lambda: self._connected(names.STATE),
+            lambda: self._stoppable or self._connected(names.DRIVERS),
+            self._on_study,
+            self._invitation,
         )
         self._view.put("events", self._history.shown())
         self._recall_study()
         self._subscribe()
         self._serve()
-        # wall time goes on when simulated time stops; each looks on its own, as an answer of the manager may take long
+        # wall time goes on when simulated time stops
         looks = (
             (node.WakeTimer(_POSE_PERIOD), self._look_at_robots),
             (node.WakeTimer(_HEALTH_PERIOD), self._look_at_health),
-            (node.WakeTimer(_HEALTH_PERIOD), self._actions.repeat_stop),
             (self._notices_due, self._show_notices),
         )
         self._beats = [beat for beat, _ in looks]
@@ -178,13 +149,21 @@ class PageNode:
         params = self._params
         local = access.is_loopback(params.address)
         codes = Path(params.codes_file).expanduser()
-        self._keys = None if local else access.load_codes(codes)
+        secrets = [codes, *(codes.with_name(name) for name in (_SESSIONS, "page.key"))]
+        node.keep_private(Path(params.events_file).expanduser(), *([] if local else secrets))
+        self._codes = None if local else access.load_codes(codes)
+        sessions = None if self._codes is None else access.Sessions(self._codes, codes.with_name(_SESSIONS))
         backend = Backend(
-            self._actions.carry_out, self._bounds, self._camera_images.camera_jpeg, self._camera_images.floor_webp
+            self._actions.carry_out,
+            self._actions.command,
+            self._on_wrong_code,
+            self._bounds,
+            self._camera_images.camera_jpeg,
+            self._camera_images.floor_webp,
         )
         self._server = PageServer(
             params,
-            self._keys,
+            sessions,
             self._view,
             self._images,
             backend,
@@ -229,6 +208,7 @@ class PageNode:
                 (names.SPOTS, LaserSpot, self._on_spot, {"queue_size": 20, **small}),
                 (names.DETECTORS, DetectorStatus, self._on_detector, {"queue_size": 20}),
                 (names.DRIVERS, DriverState, self._on_driver, {"queue_size": 20}),
+                (names.ROBOTS, RobotStatusArray, self._on_robots, {"queue_size": 1, **small}),
                 (names.VOICE_LEVEL, Float32, self._on_level, {"queue_size": 1}),
                 ("/diagnostics", DiagnosticArray, self._on_diagnostics, {"queue_size": 20}),
             )
@@ -249,29 +229,28 @@ class PageNode:
         self._grid = prior
         base = images.draw_map(prior)
         self._images.put("map", base)
-        restricted = ""
+        restricted = None
         if posterior is not None and posterior.same_geometry(prior):
-            image = images.draw_restricted(prior, posterior)
-            self._images.put("restricted", image)
-            restricted = image.name
-        rows, columns = prior.shape
-        origin = [rounded(value, 5) for value in prior.origin]
-        self._view.put(
-            "map",
-            {
-                "picture": base.name,
-                "restricted": restricted,
-                "rows": rows,
-                "columns": columns,
-                "resolution": rounded(prior.resolution, 6),
-                "origin": origin,
-                "cells": base.cells,
-                "floor": images.floor_cells(prior) if self._params.cameras else 0,
-            },
-        )
+            restricted = images.draw_restricted(prior, posterior)
+            self._images.put("restricted", restricted)
+        self._view.put("map", images.map_section(prior, base, restricted, bool(self._params.cameras)))
+
+    def _on_robots(self, message: RobotStatusArray) -> None:
+        found = offer(connections_from_message(message))
+        with self._lock:
+            self._frames = {robot.robot: robot.frame for robot in message.robots}
+            changed, self._offer = found != self._offer, found
+        # a Stop does not go from under a finger because a driver is just being started again
+        self._stoppable = self._stoppable or "stop" in found.commands
+        stop = ("stop", "resume") if self._stoppable and "stop" not in found.commands else ()
+        self._view.put("offer", ros_view.offer_section(found, message, stop))
+        self._view.put("drives", ros_view.drives_section(message))
+        if changed and self._border_list is not None:
+            self._on_borders(self._border_list)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        section = ros_view.borders_section(message)
+        self._border_list = message
+        section = ros_view.borders_section(message, self._offer)
         shown = {border["id"]: border for border in section["list"]}
         with self._lock:
             self._marks = mark_borders(self._marks, list(shown))
@@ -288,8 +267,8 @@ class PageNode:
         section = ros_view.state_section(message)
         self._state_at = time.monotonic()
         self._view.put("state", section)
-        self._invite(section["name"] == "default")
-        if section["name"] == "default":
+        self._invite(section["name"] == DEFAULT.name)
+        if section["name"] == DEFAULT.name:
             self._view.put("progress", None)
         last = section["last"]
         answered = (last["command"], last["at"], last["code"])
@@ -305,12 +284,12 @@ class PageNode:
 
     def _invite(self, idle: bool) -> None:
         """Shows address and code on the smart display: people in the room may command by voice and pointer, too."""
-        if self._invites is not None and self._keys is not None:
-            values = {"address": self._addresses[0], "code": getattr(self._keys, self._params.show_code)}
+        if self._invites is not None and self._codes is not None:
+            values = {"address": self._addresses[0], "code": getattr(self._codes, self._params.show_code)}
             self._invites.set([Notice(_INVITATION, values=values)] if idle else [])
 
     def _on_progress(self, message: BorderProgress) -> None:
-        idle = (self._view.get("state") or {}).get("name", "default") == "default"
+        idle = (self._view.get("state") or {}).get("name", DEFAULT.name) == DEFAULT.name
         self._view.put("progress", None if idle else ros_view.progress_section(message))
 
     def _on_preview(self, message: BorderPreview) -> None:
@@ -352,23 +331,15 @@ class PageNode:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         with self._lock:
             for status in message.status:
-                # rospy's level is a byte or a number, by version
-                level = status.level if isinstance(status.level, int) else status.level[0]
-                values = messages.mapping_from_values(status.values)
-                entry = {
-                    "name": status.name[:80],
-                    "level": level,
-                    "message": status.message[:200],
-                    "code": values.pop("code", ""),
-                    "values": values,
-                }
-                self._diagnostics[status.name] = (time.monotonic(), entry)
+                self._diagnostics[status.name] = (time.monotonic(), ros_view.diagnostics_entry(status))
 
     # ------------------------------------------------------------- periodic checks
     def _look_at_robots(self) -> None:
         if not self._server.browsers:
             return
-        for frame in self._params.robots:
+        with self._lock:
+            frames = dict(self._frames)
+        for robot, frame in frames.items():
             try:
                 pose = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), 0.0)
             except CodedError:
@@ -376,10 +347,10 @@ class PageNode:
             x, y, yaw = pose2d_from_transform(pose)
             if not np.isfinite([x, y, yaw]).all():
                 continue
-            old = self._poses.get(frame)
+            old = self._poses.get(robot)
             if old is None or np.hypot(x - old[0], y - old[1]) > 0.005 or abs(np.sin((yaw - old[2]) / 2.0)) > 0.005:
-                self._poses[frame] = [rounded(x), rounded(y), rounded(yaw)]
-        self._view.put("robots", {frame.rpartition("/")[0]: pose for frame, pose in self._poses.items()})
+                self._poses[robot] = [rounded(x), rounded(y), rounded(yaw)]
+        self._view.put("robots", dict(self._poses))
 
     def _look_at_health(self) -> None:
         now = time.monotonic()
@@ -432,6 +403,12 @@ class PageNode:
         self._view.put("study", {"participant": self._actions.participant, "condition": self._actions.condition})
 
     # ------------------------------------------------------------- for the server
+    def _on_wrong_code(self, address: str) -> None:
+        self._wrong_codes += 1
+        if self._wrong_codes == self._wrong_told:
+            self._wrong_told *= 2
+            self._tell("page_event_wrong_codes", {"count": str(self._wrong_codes), "address": address})
+
     def _bounds(self) -> Optional[Bounds]:
         grid = self._grid
         if grid is None:
@@ -440,9 +417,9 @@ class PageNode:
         return Bounds(tuple(corners.min(axis=0)), tuple(corners.max(axis=0)))
 
     def _invitation(self) -> Dict[str, Any]:
-        if self._keys is None:
+        if self._codes is None:
             return {"addresses": self._addresses}
-        return {"addresses": self._addresses, "viewer": self._keys.viewer, "operator": self._keys.operator}
+        return {"addresses": self._addresses, "viewer": self._codes.viewer, "operator": self._codes.operator}
 
 
 def _own_addresses() -> List[str]:

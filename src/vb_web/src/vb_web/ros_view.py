@@ -9,23 +9,22 @@ import base64
 from typing import Any, Dict, Iterable, List, Optional
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState
-from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import LaserSpot, RobotStatusArray, VirtualBorder, VirtualBorderArray
 
 from vb_core import sentences
 from vb_core.notices import Notice
+from vb_core.offer import Offer, unkept
 from vb_core.ros.messages import mapping_from_values, points_from_array
+from vb_core.zones import ZONES, zone_of
 from vb_web import images
 from vb_web.action_requests import Draft
 from vb_web.view import rounded
 
 KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
-ZONES = {"keep_out": VirtualBorder.KEEP_OUT, "avoid": VirtualBorder.AVOID, "slow": VirtualBorder.SLOW}
 _KIND_NAMES = {value: key for key, value in KINDS.items()}
-_ZONE_NAMES = {value: key for key, value in ZONES.items()}
-# delta of a zone that robots avoid: a detour is taken where it is cheap, the zone is crossed where it is the only path
-AVOID_OCCUPANCY = 0.75
 
 
 def centimeters(points: Iterable[Point]) -> List[int]:
@@ -53,6 +52,7 @@ def state_section(message: InteractionState) -> Dict[str, Any]:
         "available_commands": list(message.available_commands),
         "stopped": bool(message.stopped),
         "stopped_by": message.stopped_by,
+        "stop_number": message.stop_number,
         "ends_in_s": max(0, int(ends)),
         "confirm": bool(message.confirm_save),
         "outcome": message.last_outcome,
@@ -121,22 +121,54 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
         "in_force": bool(border.in_force),
         "reason": border.reason,
         "schedule": border.schedule,
-        "zone": _ZONE_NAMES.get(border.zone, "keep_out"),
+        "zone": zone_of(border.zone).name,
         "max_speed": rounded(border.max_speed, 2),
         "area": rounded(border.area_m2, 2),
         "robots": list(border.robots),
     }
 
 
-def borders_section(message: VirtualBorderArray) -> Dict[str, Any]:
-    """Converts all borders."""
+def _with_unkept(section: Dict[str, Any], found: Optional[Offer]) -> Dict[str, Any]:
+    """Adds to a border's section who does not keep it, in `unkept`, if that is known."""
+    told = unkept(found, section["zone"], section["robots"]) if found is not None and section["in_force"] else None
+    return {**section, "unkept": {"code": told[0], "values": told[1]} if told else None}
+
+
+def borders_section(message: VirtualBorderArray, found: Optional[Offer] = None) -> Dict[str, Any]:
+    """Converts all borders. `found`: what is connected, if that is known."""
     return {
         "revision": int(message.revision),
+        "map_id": message.map_id,
         "map_name": message.map_name,
         "unconfirmed": bool(message.needs_confirmation),
         "available_commands": list(message.available_commands),
-        "list": [border_section(border) for border in message.borders],
+        "list": [_with_unkept(border_section(border), found) for border in message.borders],
         **coded_sentence(message),
+    }
+
+
+def offer_section(found: Offer, message: RobotStatusArray, more: Iterable[str] = ()) -> Dict[str, Any]:
+    """Converts what is offered and told of the robots; `more`: further commands to offer."""
+    return {
+        "state": found.state,
+        "interaction": bool(message.interaction),
+        "commands": [*found.commands, *more],
+        "zones": list(found.zones),
+        "goes": list(found.goes),
+        "robots": [robot.robot for robot in message.robots],
+        "lines": [
+            {"robot": line.robot, "severity": int(line.severity), "code": line.code, "values": dict(line.values)}
+            for line in found.lines
+        ],
+    }
+
+
+def drives_section(message: RobotStatusArray) -> Dict[str, Any]:
+    """Converts where robots are going: goal and path, by robot."""
+    return {
+        robot.robot: {"goal": centimeters([robot.goal]), "path": centimeters(robot.path)}
+        for robot in message.robots
+        if robot.has_goal
     }
 
 
@@ -153,6 +185,19 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
         "hz": rounded(message.rate_hz, 0),
         "ms": rounded(message.latency_ms, 0),
         "spots": int(message.spots),
+    }
+
+
+def diagnostics_entry(status: DiagnosticStatus) -> Dict[str, Any]:
+    """Converts one status of a diagnostics message."""
+    values = mapping_from_values(status.values)
+    return {
+        "name": status.name[:80],
+        # rospy's level is a byte or a number, by version
+        "level": status.level if isinstance(status.level, int) else status.level[0],
+        "message": status.message[:200],
+        "code": values.pop("code", ""),
+        "values": values,
     }
 
 
@@ -186,11 +231,9 @@ def apply_draft(draft: Draft, border: VirtualBorder) -> VirtualBorder:
     border.kind = KINDS[draft.kind]
     border.seed = Point(float(draft.seed[0]), float(draft.seed[1]), 0.0)
     zone = ZONES[draft.zone]
-    if zone != VirtualBorder.AVOID:
-        border.occupancy = 1.0
-    elif border.occupancy in (0.0, 1.0):
-        border.occupancy = AVOID_OCCUPANCY
-    border.zone = zone
-    border.max_speed = draft.max_speed if zone == VirtualBorder.SLOW else 0.0
-    border.schedule, border.enabled = draft.schedule, draft.enabled
+    if not zone.soft or border.occupancy in (0.0, 1.0):
+        border.occupancy = zone.occupancy
+    border.zone = zone.number
+    border.max_speed = draft.max_speed if zone.limits_speed else 0.0
+    border.schedule, border.enabled, border.robots = draft.schedule, draft.enabled, list(draft.robots)
     return border

@@ -1,34 +1,48 @@
 """Sends commands to the interaction; every input method uses this.
 
-Each command has an id, so that sending it again does no harm, and a time after which it must not be carried out:
-a person who was told "does not answer" does not expect it a minute later.
+Each command has an id, so that sending it again does no harm, and a time after which it must not be carried out, counted
+from when the person gave it: nobody expects what they pressed a minute ago. It names the newest stop that its sender knew
+of when it was given: a stop that came since makes it void.
 """
 
 from __future__ import annotations
 
+import math
+import threading
+import time
 import uuid
-from typing import Any, Callable, Optional
+from collections import deque
+from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
 
 import rospy
 
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import node, services
+from vb_core.vocabulary import STOP
+from vb_msgs.msg import InteractionState, Stop
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 MANAGER = "$interaction_manager"
-_STOP = "stop"
+VALIDITY = 5.0  # [s] from when it was given: a command that waited longer for a busy manager surprises people
+RESPONSE_TIMEOUT = 15.0  # [s] longer than the manager waits for other nodes, so that its answer arrives
+_MOST_WAITING = 10  # commands of one person
 
 
-def make_request(command: str, source: str, validity: float, uncertain: bool = False) -> CommandRequest:
+def make_request(
+    command: str, source: str, validity: float, uncertain: bool = False, seen_stop: str = ""
+) -> CommandRequest:
     """Makes the request for a command, with a unique id and a time at which it expires.
 
     Args:
         source: the input method that sends it.
         validity: [s] from now on, ROS time.
         uncertain: whether it may have been misunderstood.
+        seen_stop: number of the newest stop that the person knew of, see vb_msgs/Command.
     """
-    request = CommandRequest(command=command, source=source, id=uuid.uuid4().hex, uncertain=uncertain)
+    request = CommandRequest(
+        command=command, source=source, id=uuid.uuid4().hex, uncertain=uncertain, seen_stop=seen_stop
+    )
     now = rospy.get_rostime()
     # before simulated time has begun there is no time to expire at
     if not now.is_zero():
@@ -36,7 +50,17 @@ def make_request(command: str, source: str, validity: float, uncertain: bool = F
     return request
 
 
-def send(request: CommandRequest, service_timeout: float = 1.0, response_timeout: float = 12.0) -> CommandResponse:
+def read_stop_number(timeout: float) -> str:
+    """Returns the number of the newest stop, for a program that gives one command; "" if no state comes within [s]."""
+    try:
+        return rospy.wait_for_message(names.STATE, InteractionState, timeout).stop_number
+    except rospy.ROSException:
+        return ""
+
+
+def send(
+    request: CommandRequest, service_timeout: float = 1.0, response_timeout: float = RESPONSE_TIMEOUT
+) -> CommandResponse:
     """Sends a command, and again if its answer is lost, for instance because the manager restarts.
 
     Raises:
@@ -51,51 +75,106 @@ def send(request: CommandRequest, service_timeout: float = 1.0, response_timeout
 
 
 class CommandSender:
-    """Sends commands one after the other from a separate thread; `stop` waits for no other.
+    """Sends what people command: each person's commands one after the other, `stop` at once; robots hear it directly.
+
+    Nothing overtakes a stop: what the same person says next waits for its answer. People do not wait for each other.
 
     Args:
-        source: who sends them, for the record.
-        on_answer: called from that thread with the command's `context`, and either the answer or the error.
-        service_timeout, response_timeout: [s] wall time, how long the manager and its answer are waited for.
-        size: how many may wait.
+        source: who gives the commands, for the record, where `put` names nobody else.
+        on_answer: called from another thread with the command, its `context`, and either the answer or the error.
     """
 
     def __init__(
         self,
         source: str,
         on_answer: Callable[[CommandRequest, Any, Optional[CommandResponse], Optional[CodedError]], None],
-        service_timeout: float = 1.0,
-        response_timeout: float = 12.0,
-        size: int = 10,
     ) -> None:
         self._source = source
         self._on_answer = on_answer
-        self._service_timeout, self._response_timeout = service_timeout, response_timeout
-        self._waiting: node.Queue = node.Queue(size)
-        self._urgent: node.Queue = node.Queue(size)
-        for line in (self._waiting, self._urgent):
-            node.Worker(line, self._send_item)
+        self._lock = threading.Lock()
+        self._unanswered: Dict[str, List[threading.Event]] = {}  # by person
+        self._stop_numbers: Deque[Tuple[float, str]] = deque(
+            [(-math.inf, "")], maxlen=64
+        )  # since when [s] each is known
+        self._stop: Optional[rospy.Publisher] = None
 
-    def put(self, command: str, context: Any = None, uncertain: bool = False) -> bool:
-        """Queues a command; returns False if too many wait already and it is dropped.
+    def connect(self) -> None:
+        """Listens to the state and reaches the robots, once the node is registered."""
+        self._stop = rospy.Publisher(names.STOP, Stop, queue_size=5)
+        rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1, tcp_nodelay=True)
+
+    def stop_is_heard(self) -> bool:
+        """Returns whether anybody hears a stop directly."""
+        return self._stop is not None and self._stop.get_num_connections() > 0
+
+    def _on_state(self, message: InteractionState) -> None:
+        if message.stop_number != self._stop_numbers[-1][1]:
+            self._stop_numbers.append((time.monotonic(), message.stop_number))
+
+    def put(
+        self,
+        command: str,
+        context: Any = None,
+        uncertain: bool = False,
+        given: float = math.inf,
+        source: str = "",
+        seen_stop: Optional[str] = None,
+        identity: str = "",
+        carry_out: Callable[[CommandRequest], Any] = send,
+    ) -> bool:
+        """Sends a command when its turn comes; returns False if too many of this person wait and it is dropped.
 
         Args:
             context: handed on to `on_answer`.
+            given: [s] of the monotonic clock, when the person gave it, at the latest now.
+            source: who gives it.
+            seen_stop: number of the newest stop that the person was shown; None: that was known here when it was given.
+            identity: of this command, if it has one already and may come twice.
+            carry_out: returns the answer or raises a `CodedError`: the manager's, unless it is another node's to give.
         """
-        request = make_request(command, self._source, self._service_timeout + self._response_timeout, uncertain)
-        line = self._urgent if command == _STOP else self._waiting
-        return line.put((request, context))
+        given, source = min(given, time.monotonic()), source or self._source
+        if seen_stop is None:
+            seen_stop = next(number for since, number in reversed(self._stop_numbers) if since <= given)
+        request = make_request(command, source, VALIDITY - (time.monotonic() - given), uncertain, seen_stop)
+        request.id = identity or request.id
+        if command == STOP and self._stop is not None:
+            self._stop.publish(Stop(id=request.id, source=source))
+        answered = threading.Event()
+        with self._lock:
+            before = self._unanswered.setdefault(source, [])
+            # other commands leave room for as many stops
+            if len(before) >= (2 * _MOST_WAITING if command == STOP else _MOST_WAITING):
+                return False
+            waits_for = [] if command == STOP else list(before)
+            before.append(answered)
+        node.start_thread(self._deliver, request, context, given, waits_for, answered, carry_out)
+        return True
 
-    def close(self) -> None:
-        """Ends the threads."""
-        self._waiting.close()
-        self._urgent.close()
-
-    def _send_item(self, item: Any) -> None:
-        request, context = item
+    def _deliver(
+        self,
+        request: CommandRequest,
+        context: Any,
+        given: float,
+        waits_for: List[threading.Event],
+        answered: threading.Event,
+        carry_out: Callable[[CommandRequest], Any],
+    ) -> None:
+        for earlier in waits_for:
+            earlier.wait()
+        answer, error = None, None
         try:
-            answer = send(request, self._service_timeout, self._response_timeout)
-        except CodedError as error:
-            self._on_answer(request, context, None, error)
-            return
-        self._on_answer(request, context, answer, None)
+            if request.command != STOP and time.monotonic() - given > VALIDITY:
+                raise CodedError("expired", command=f"$command_{request.command}")
+            answer = carry_out(request)
+        except CodedError as fault:
+            error = fault
+        finally:
+            self._release(request.source, answered)
+        self._on_answer(request, context, answer, error)
+
+    def _release(self, source: str, answered: threading.Event) -> None:
+        answered.set()
+        with self._lock:
+            self._unanswered[source].remove(answered)
+            if not self._unanswered[source]:
+                del self._unanswered[source]

@@ -5,69 +5,40 @@ cv_bridge would do the same, but it loads a second OpenCV, with video and geogra
 
 from __future__ import annotations
 
-import re
 import sys
-from typing import Tuple
 
+import cv2
 import numpy as np
 import rospy
 from sensor_msgs.msg import CompressedImage, Image
 
 from vb_core.errors import CodedError
-
-# sensor_msgs/image_encodings.h: name to numpy's type and number of channels
-_ENCODINGS = {
-    "rgb8": ("u1", 3),
-    "bgr8": ("u1", 3),
-    "rgba8": ("u1", 4),
-    "bgra8": ("u1", 4),
-    "mono8": ("u1", 1),
-    "rgb16": ("u2", 3),
-    "bgr16": ("u2", 3),
-    "rgba16": ("u2", 4),
-    "bgra16": ("u2", 4),
-    "mono16": ("u2", 1),
-    "yuv422": ("u1", 2),
-    "yuv422_yuy2": ("u1", 2),
-}
-_BAYER = re.compile(r"bayer_(rggb|bggr|gbrg|grbg)(8|16)")
-_GENERAL = re.compile(r"(8|16|32|64)([USF])(?:C([1-9][0-9]?))?")
-_KINDS = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32S": "i4", "32F": "f4", "64F": "f8"}
-
-
-def _format(encoding: str) -> Tuple[np.dtype, int]:
-    """Returns the type and number of a pixel's channels."""
-    kind, channels = _ENCODINGS.get(encoding, ("", 1))
-    bayer, general = _BAYER.fullmatch(encoding), _GENERAL.fullmatch(encoding)
-    if bayer:
-        kind = "u1" if bayer.group(2) == "8" else "u2"
-    elif general:
-        kind, channels = _KINDS.get(general.group(1) + general.group(2), ""), int(general.group(3) or 1)
-    if not kind:
-        raise CodedError("bad_image", f"cannot read an image with the unknown encoding '{encoding}'")
-    return np.dtype(kind), channels
+from vb_core.image_format import encoding_of
 
 
 def array_from_image(message: Image) -> np.ndarray:
     """Returns an image's pixels as they are, (H, W) or (H, W, C); copies only where the byte order requires it.
+
+    Of nv12 and nv21 they are (3/2 H, W): colours are below the brightness.
 
     Raises:
         CodedError: "bad_image" for an empty image, an unknown encoding, or too few bytes.
     """
     if message.height == 0 or message.width == 0:
         raise CodedError("bad_image", "the image is empty")
-    dtype, channels = _format(message.encoding)
-    dtype = dtype.newbyteorder(">" if message.is_bigendian else "<")
+    encoding = encoding_of(message.encoding)
+    channels, height = encoding.channels, encoding.rows(message.height)
+    dtype = encoding.dtype.newbyteorder(">" if message.is_bigendian else "<")
     row = message.width * channels * dtype.itemsize
     step = message.step
-    if step < row or len(message.data) < step * (message.height - 1) + row:
+    if step < row or len(message.data) < step * (height - 1) + row:
         raise CodedError(
             "bad_image",
             f"cannot read an image with encoding '{message.encoding}': {message.width} x {message.height} pixels need"
             f" rows of {row} bytes, it has {len(message.data)} bytes in rows of {step}",
         )
     strides = (step, channels * dtype.itemsize, dtype.itemsize)
-    pixels = np.ndarray((message.height, message.width, channels), dtype, bytes(message.data), strides=strides)
+    pixels = np.ndarray((height, message.width, channels), dtype, bytes(message.data), strides=strides)
     if not dtype.isnative:
         pixels = pixels.astype(dtype.newbyteorder("="))
     return pixels[:, :, 0] if channels == 1 else pixels
@@ -79,8 +50,6 @@ def array_from_compressed_image(message: CompressedImage) -> np.ndarray:
     Raises:
         CodedError: "bad_image" if it cannot be decoded.
     """
-    import cv2  # only a compressed image needs it
-
     try:
         image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # no bytes at all, or too many pixels for OpenCV

@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import ctypes
 import inspect
+import socket
 import sys
 import threading
 import time
@@ -12,9 +13,11 @@ from pathlib import Path
 from typing import Any, Callable, Deque, Generic, Iterable, List, Optional, TypeVar
 
 import rosgraph
+import rosgraph.network
 import rospy
 from rospy.impl.paramserver import get_param_server_cache
 
+from vb_core import files
 from vb_core.errors import CodedError
 
 T = TypeVar("T")
@@ -86,6 +89,31 @@ def wait_for_publishers(subscribers: Iterable[rospy.Subscriber], timeout: float)
             return False
         rospy.rostime.wallsleep(0.05)
     return True
+
+
+def is_gone(master: rosgraph.Master, name: str) -> bool:
+    """Returns whether nobody answers at a registered node's address: the master lists killed nodes too.
+
+    A node that hangs is there: it may go on at any time.
+    """
+    try:
+        host, port = rosgraph.network.parse_http_host_and_port(master.lookupNode(name))
+        socket.create_connection((host, port), timeout=1.0).close()
+    except (ConnectionRefusedError, rosgraph.MasterException):
+        return True
+    except (OSError, ValueError):
+        return False
+    return False
+
+
+def keep_private(*paths: Path) -> None:
+    """Takes from others the right to read files, as `files.keep_private`, and logs which ones they could.
+
+    Raises:
+        CodedError: "file_not_private".
+    """
+    for path in filter(files.keep_private, paths):
+        rospy.logwarn("%s: others could read %s; from now on only its owner can", rospy.get_name(), path)
 
 
 def shut_down_with_error(error: CodedError) -> None:

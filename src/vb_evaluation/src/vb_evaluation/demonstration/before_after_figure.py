@@ -5,11 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Mapping, Optional
 
+import matplotlib
 import numpy as np
 
 from vb_core.geometry import chain_length
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_evaluation.report.charts import BLUE, GRAY, GREEN, ORANGE, VERMILION, plt
+from vb_evaluation.report.colors import BLUE, GRAY, GREEN, ORANGE, VERMILION
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt  # noqa: E402  (the backend must be chosen before)
 
 SHADES = {"unknown": (209, 209, 209), "free": (255, 255, 255), "occupied": (38, 38, 38), "restricted": (236, 174, 140)}
 

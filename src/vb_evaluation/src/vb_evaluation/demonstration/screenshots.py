@@ -20,7 +20,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterator, List, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -44,7 +44,7 @@ from vb_msgs.srv import AddBorder, AddBorderRequest
 from vb_sim.room import floor_plan
 from vb_sim.room.world import Scenario, World, load_world
 
-SIZES = ((1920, 1080), (1280, 720))
+SIZE = (1280, 720)
 PLAN = "/move_base/NavfnROS/plan"
 OFFSETS = 0.025 * np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # [m] by which cameras see the same spot elsewhere
 STEP, PERIOD = 0.015, 0.04  # [m] from one image to the next
@@ -76,18 +76,17 @@ def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> i
             stack.callback(rospy.signal_shutdown, "all pictures are taken")
             lab = StagedLab(world)
             stack.callback(lab.close)
-            for size in SIZES:
-                _take(lab, Path(folder, str(size[1])), top, size, given.out, given.language)
+            _take(lab, Path(folder), top, given.out, given.language)
     except CodedError as error:
         print(f"screenshots: {error}", file=sys.stderr)
         return 1
     return 0
 
 
-def _take(lab: "StagedLab", folder: Path, top: Path, size: Tuple[int, int], out: Path, language: str) -> None:
-    """Starts the system with a screen of this size, and takes all pictures."""
+def _take(lab: "StagedLab", folder: Path, top: Path, out: Path, language: str) -> None:
+    """Starts the system with a screen of its own, and takes all pictures."""
     with contextlib.ExitStack() as stack:
-        screen, os.environ["DISPLAY"] = start_screen(folder / "xvfb.txt", *size)
+        screen, os.environ["DISPLAY"] = start_screen(folder / "xvfb.txt", *SIZE)
         stack.callback(screen.stop)
         parts = top / "launch" / "parts"
         files = [parts / "borders.launch", parts / "feedback.launch"]
@@ -98,7 +97,7 @@ def _take(lab: "StagedLab", folder: Path, top: Path, size: Tuple[int, int], out:
             raise CodedError("not_ready", f"the system did not come up: {launched.tail()}")
         last: List[np.ndarray] = []
         for name in _play(lab, seen):
-            path = out / f"{name}_{size[1]}.png"
+            path = out / f"{name}_{SIZE[1]}.png"
             last = [still_picture(os.environ["DISPLAY"], path, last)]
             if shutil.which("convert"):  # a palette: a quarter of the size, and invisible in an image of flat colours
                 subprocess.run(["convert", str(path), "-strip", "-colors", "128", f"PNG8:{path}"], check=False)
@@ -193,7 +192,8 @@ def _send_command(seen: Observer, command: str, state: str) -> None:
     """Repeats a command until its state is reached, as a person would."""
 
     def accepted() -> bool:
-        commands.send(commands.make_request(command, "screenshots", TIMEOUT), TIMEOUT, TIMEOUT)
+        request = commands.make_request(command, "screenshots", TIMEOUT, seen_stop=seen.state.stop_number)
+        commands.send(request, TIMEOUT, TIMEOUT)
         return wait_until(lambda: seen.state.name == state, 10.0)
 
     _until(accepted, f"the state {state}")

@@ -1,4 +1,4 @@
-"""Writes the sections on what is behind the figures: order, people, assumptions, every run."""
+"""Writes the sections on what is behind the figures: order, people, the runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pandas
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, questionnaire
 from vb_evaluation.report.blocks import Block, Bullets, Grid, Text
-from vb_evaluation.report.data import RUNS, StudyResults, read_sheet
+from vb_evaluation.report.data import WARNINGS, StudyResults, read_sheet
 
 
 def order_section(study: StudyResults) -> List[Block]:
@@ -75,13 +75,7 @@ def participants_section(study: StudyResults) -> List[Block]:
                 "demographics",
                 {"question": "Question", "answers": f"Answers of {len(asked)} people"},
                 [
-                    {
-                        "question": column,
-                        "answers": "; ".join(
-                            f"{value}: {count}"
-                            for value, count in answers[answers != ""].value_counts().sort_index().items()
-                        ),
-                    }
+                    {"question": column, "answers": _summary(answers[answers != ""])}
                     for column, answers in asked.items()
                 ],
             )
@@ -97,6 +91,8 @@ def participants_section(study: StudyResults) -> List[Block]:
             }
             for answers in found.answers
         ]
+        effect_sizes.add_holm(rows[: len(questionnaire.STATEMENTS)])
+        effect_sizes.add_holm(rows[len(questionnaire.STATEMENTS) :])
         columns = {
             "statement": "Statement",
             "nrs": "Network robot system",
@@ -104,13 +100,14 @@ def participants_section(study: StudyResults) -> List[Block]:
             "shift": "Difference",
             "z": "Z",
             "p": "exact p",
+            "holm": "p (Holm)",
             "r": "r",
             "n": "People",
         }
         blocks += [
             Text(
                 "The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
-                "Wilcoxon signed-rank test."
+                "Wilcoxon signed-rank test; Holm over the statements and over the scales."
             ),
             Grid("questionnaire", columns, rows, {"z": 3}),
             Text(f"{questionnaire.QUESTION} Yes: {found.helped} of {found.asked}."),
@@ -118,45 +115,22 @@ def participants_section(study: StudyResults) -> List[Block]:
     return blocks
 
 
-def assumptions_section(study: StudyResults) -> List[Block]:
-    """Lists everything that was put in, with where it comes from."""
-    entries = study.meta.get("assumptions") or []
-    blocks: List[Block] = []
-    if study.meta.get("caveats"):
-        blocks.append(Bullets(study.meta["caveats"]))
-    if entries:
-        counts = pandas.Series([entry["source"] for entry in entries]).value_counts()
-        counted = ", ".join(
-            f"{counts.get(source, 0)} {source}" for source in ("paper", "data", "literature", "assumed")
-        )
-        blocks += [
-            Text(f"{len(entries)} figures: {counted}."),
-            Grid(
-                "assumptions",
-                {
-                    "key": "Figure",
-                    "value": "Value",
-                    "unit": "Unit",
-                    "range": "Plausible range",
-                    "source": "Source",
-                    "why": "Where from",
-                },
-                entries,
-                folded=True,
-                words="Every figure",
-            ),
-        ]
-    return blocks
+def _summary(answers: pandas.Series) -> str:
+    """Describes answers as the paper does: years and ratings by mean, standard deviation and range, others by counts."""
+    numbers = pandas.to_numeric(answers, errors="coerce")
+    if len(answers) > 1 and numbers.notna().all():
+        return f"M = {numbers.mean():.1f}, SD = {numbers.std():.1f}, {numbers.min():g} to {numbers.max():g}, n = {len(numbers)}"
+    return "; ".join(f"{value}: {count}" for value, count in answers.value_counts().sort_index().items())
 
 
 def runs_section(study: StudyResults) -> List[Block]:
-    """Lists every row."""
-    sheet = read_sheet(study.folder / RUNS, ()).loc[study.runs.index]
-    rows = [{**row, "line": line} for line, row in sheet.to_dict("index").items()]
+    """Says how a row is made again, and what measuring warned of."""
     blocks: List[Block] = []
     if study.meta.get("rerun"):
         blocks.append(
             Text(f"A row again, alone, with its own columns in place of the names in braces: {study.meta['rerun']}")
         )
-    blocks.append(Grid("runs", {column: column for column in sheet.columns}, rows, folded=True, words="All runs"))
+    if (study.folder / WARNINGS).is_file():
+        found = list(read_sheet(study.folder / WARNINGS, ("warning",)).warning)
+        blocks += [Text(f"What measuring the recordings warned of: {len(found)}.", caveat=True), Bullets(found)]
     return blocks

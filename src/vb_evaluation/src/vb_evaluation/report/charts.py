@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import base64
 import io
-from typing import Any, Dict, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, Sequence, Tuple
 
 import matplotlib
 import numpy as np
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402  (the backend must be chosen before)
-from matplotlib.lines import Line2D  # noqa: E402
 
+from vb_evaluation.report.colors import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILION  # noqa: E402
 from vb_evaluation.report.data import Cell, known  # noqa: E402
 from vb_evaluation.statistics import Interval  # noqa: E402
 
-# colours that colour-blind people can distinguish (Okabe and Ito)
-BLUE, ORANGE, GREEN, VERMILION, GRAY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
-SKY, PURPLE = "#56B4E9", "#CC79A7"
 STATE_COLORS = {"guide": ORANGE, "border": SKY, "seed": GREEN}
 # as in the paper: blue and red contours distinguish the methods
 METHOD_COLORS = {"nrs": BLUE, "robot_only": VERMILION}
@@ -144,60 +141,4 @@ def rates(groups: Sequence[Tuple[str, Sequence[Tuple[Cell, Interval]]]]) -> str:
     axis.set_ylim(0, 104)
     words = sorted(handles, key=lambda title: title == "the paper")
     figure.legend([handles[title] for title in words], words, loc="outside upper center", ncol=3, fontsize=9)
-    return _svg(figure)
-
-
-class Line(NamedTuple):
-    """A curve: a colour for its group, dashed for the second kind of a group; points that are not finite are omitted."""
-
-    group: str
-    kind: str
-    color: int
-    x: Sequence[float]
-    y: Sequence[Interval]
-
-
-@plt.rc_context(_STYLE)
-def lines(curves: Sequence[Line], x_label: str, y_label: str) -> str:
-    """Curves with their intervals as bands."""
-    figure, axis = plt.subplots(figsize=(PANEL_IN, 3.3))
-    handles: Dict[str, Any] = {}
-    kinds = [kind for kind in dict.fromkeys(curve.kind for curve in curves) if kind]
-    for curve in curves:
-        style = {
-            "color": SERIES[(curve.color + 2) % len(SERIES)],
-            "marker": MARKERS[curve.color % len(MARKERS)],
-            "ms": 5,
-            "lw": 1.8,
-        }
-        dash = "--" if curve.kind in kinds[1:] else "-"
-        axis.plot(curve.x, [y.estimate for y in curve.y], ls=dash, **style)
-        axis.fill_between(
-            curve.x, [y.low for y in curve.y], [y.high for y in curve.y], color=style["color"], alpha=0.13, lw=0
-        )
-        handles.setdefault(curve.group, Line2D([], [], **style))
-        if curve.kind:
-            handles.setdefault(curve.kind, Line2D([], [], color="#222222", ls=dash, lw=1.5))
-    axis.set_xlabel(x_label)
-    axis.set_ylabel(y_label)
-    figure.legend(
-        list(handles.values()), list(handles), loc="outside upper center", ncol=min(3, len(handles) or 1), fontsize=8.5
-    )
-    return _svg(figure)
-
-
-@plt.rc_context(_STYLE)
-def rank_bars(rows: Sequence[Tuple[str, Interval]], label: str, noise: float) -> str:
-    """Correlations with their intervals, drawn from top to bottom.
-
-    Args:
-        noise: band about 0 that the largest of as many correlations of pure chance stays in.
-    """
-    figure, axis = plt.subplots(figsize=(WIDTH_IN, 1.0 + 0.3 * len(rows)))
-    axis.axvspan(-noise, noise, color="#dddddd", alpha=0.6, lw=0)
-    for place, (_, rho) in enumerate(rows):
-        axis.barh(place, rho.estimate, height=0.55, color=ORANGE if rho.estimate > 0 else SKY)
-        axis.plot([rho.low, rho.high], [place, place], color="#222222", lw=1.2)
-    axis.axvline(0.0, color="#222222", lw=1)
-    _rows(axis, [name for name, _ in rows], label, fontsize=8.5)
     return _svg(figure)

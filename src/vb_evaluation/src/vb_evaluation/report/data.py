@@ -18,8 +18,8 @@ from vb_core.errors import CodedError
 from vb_evaluation.metrics import ERRORS
 from vb_evaluation.report import paper
 
-RUNS, CURVES, WORLDS, ALL_IMAGES = "runs.csv", "curves.csv", "worlds.csv", "all_images.csv"
-DRAWS, META = "draws.csv", "study.json"
+RUNS, WORLDS = "runs.csv", "worlds.csv"
+DRAWS, META, WARNINGS = "draws.csv", "study.json", "warnings.csv"
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
 KEY = ("participant", "scenario", "method", "seed")
@@ -27,9 +27,9 @@ KEY = ("participant", "scenario", "method", "seed")
 REQUIRED = (*KEY, "completed", *TIMES, "jaccard")
 MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
 # the columns that name a row beside KEY, by file
-CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), ALL_IMAGES: (), CURVES: ("sweep", "value"), WORLDS: ("draw",)}
+CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), WORLDS: ("draw",)}
 BASELINE = "robot_only"
-_FURTHER = ("order", "spots", "false_spots", "jaccard_enclosed", "too_bright")
+_FURTHER = ("order", "spots", "false_spots", "jaccard_enclosed", "too_bright", "helped", "problems")
 _FLAGS = {
     **dict.fromkeys(("yes", "y", "1", "true", "ja"), True),
     **dict.fromkeys(("no", "n", "0", "false", "nein"), False),
@@ -139,13 +139,13 @@ def known(table: pandas.DataFrame, column: str) -> np.ndarray:
 def pairs(
     table: pandas.DataFrame, column: str, methods: Tuple[str, str], completed: bool = False
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """Returns two (N,) samples of a column, one for each method, paired by participant.
+    """Returns two (N,) samples of a column, one for each method, paired by participant: means over each one's rows.
 
     Args:
         completed: uses only those who completed both.
     """
     rows = table[table[column].notna() & ((table.completed == 1) | (not completed))]
-    wide = rows.pivot_table(index="participant", columns="method", values=column, aggfunc="last")
+    wide = rows.pivot_table(index="participant", columns="method", values=column, aggfunc="mean")
     wide = wide.reindex(index=rows.participant.unique(), columns=list(methods)).dropna()
     return wide[methods[0]].to_numpy(float), wide[methods[1]].to_numpy(float)
 
@@ -204,13 +204,13 @@ def read_table(path: Path, required: Sequence[str], conditions: Sequence[str] = 
     """Reads a study's CSV file; measures that it lacks are unknown.
 
     Args:
-        conditions: columns that it must have too; of these "value" and "draw" are numbers in every row.
+        conditions: columns that it must have too; of these "draw" is a number in every row.
 
     Raises:
         CodedError: "bad_study" if a column is missing or a measure is neither a number nor empty.
     """
     table = read_sheet(path, (*required, *conditions))
-    for column in (*MEASURES, *_FURTHER, *({"value", "draw"} & set(conditions))):
+    for column in (*MEASURES, *_FURTHER, *({"draw"} & set(conditions))):
         text = table.get(column, pandas.Series("", table.index))
         numbers = pandas.to_numeric(text.str.lower().replace({"true": "1", "false": "0"}), errors="coerce").astype(
             float

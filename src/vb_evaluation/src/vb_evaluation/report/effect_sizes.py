@@ -18,12 +18,18 @@ def mean(values: np.ndarray) -> float:
     return float(np.mean(values)) if len(values) else float("nan")
 
 
-def shift(table: pandas.DataFrame, column: str, methods: Tuple[str, str], completed: bool = False) -> Interval:
+def shift(
+    table: pandas.DataFrame,
+    column: str,
+    methods: Tuple[str, str],
+    completed: bool = False,
+    confidence: float = statistics.CONFIDENCE,
+) -> Interval:
     """Computes the Hodges-Lehmann difference, without an interval where there are too few pairs for one of 90 %."""
     first, second = pairs(table, column, methods, completed)
     # 0.3 - 0.1 and 0.4 - 0.2 are a tie that floating point does not see
-    found = statistics.hodges_lehmann(np.round(first - second, 9))
-    return found if found.confidence >= 0.9 else Interval(found.estimate)
+    found = statistics.hodges_lehmann(np.round(first - second, 9), confidence)
+    return found if found.confidence >= 0.89 else Interval(found.estimate)
 
 
 def ratio(table: pandas.DataFrame, methods: Tuple[str, str], completed: bool = False) -> Interval:
@@ -32,10 +38,12 @@ def ratio(table: pandas.DataFrame, methods: Tuple[str, str], completed: bool = F
     return statistics.ratio_of_means(second, first)
 
 
-def mean_difference(table: pandas.DataFrame, column: str, methods: Tuple[str, str]) -> Interval:
-    """Computes the mean of the paired differences."""
+def mean_difference(
+    table: pandas.DataFrame, column: str, methods: Tuple[str, str], confidence: float = statistics.CONFIDENCE
+) -> Interval:
+    """Computes the mean of the differences, paired by participant, of each participant's mean."""
     first, second = pairs(table, column, methods)
-    return statistics.mean(first - second)
+    return statistics.mean(first - second, confidence)
 
 
 def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) -> List[Block]:
@@ -47,18 +55,20 @@ def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) ->
         samples = pairs(select(study.runs, scenario=scenario), column, study.comparison, completed)
         if len(samples[0]):
             rows.append({"scenario": study.scenario_title(scenario), **test_row(statistics.compare_paired(*samples))})
+    add_holm(rows)
     columns = {
         "scenario": "Scenario",
         "n": "Pairs",
         "z": "Z",
         "p": "exact p",
+        "holm": "p (Holm)",
         "r": "r",
         "rank_biserial": "rank-biserial",
         "shift": f"Difference {f'[{unit}]' if unit else ''}",
     }
     words = (
         "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity correction), "
-        "exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference."
+        "exact p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference. Holm: corrected over this table."
     )
     return [Grid(f"test_{column}", columns, rows, {"z": 3, "shift": 3}, words=words)] if rows else []
 
@@ -69,7 +79,14 @@ def test_row(found: statistics.PairedComparison) -> dict:
         "n": found.n,
         "z": found.test.z,
         "p": statistics.format_p(found.test.p_exact),
+        "p_value": found.test.p_exact,
         "r": found.r,
         "rank_biserial": found.rank_biserial,
         "shift": found.shift,
     }
+
+
+def add_holm(rows: List[dict]) -> None:
+    """Adds to the rows of one family of tests, each with its `p_value`, what Holm's method makes of it."""
+    for row, p in zip(rows, statistics.holm([row["p_value"] for row in rows])):
+        row["holm"] = statistics.format_p(p)

@@ -25,8 +25,8 @@ HOLE = np.ones((7, 7), np.uint8)  # [cells] the union's outline does not go roun
 
 def draw_map(
     prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None, start: Optional[Sequence[float]] = None
-) -> str:
-    """Draws a ground truth, or what a person restricted against it, as a data URI.
+) -> bytes:
+    """Draws a ground truth, or what a person restricted against it, as a PNG.
 
     Args:
         prior: the physical map.
@@ -53,9 +53,7 @@ def draw_map(
         tip = (start[0] + 0.55 * np.cos(start[2]), start[1] + 0.55 * np.sin(start[2]))
         ends = np.round((prior.world_to_grid(np.array([start[:2], tip])) + 0.5) * scale).astype(int)
         cv2.arrowedLine(image, *ends.tolist(), EXCESS, 2 * scale, cv2.LINE_AA, tipLength=0.4)
-    return data_uri(
-        cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes(), "image/png"
-    )
+    return cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
 
 
 def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[str]]:
@@ -73,7 +71,8 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
         title = study.scenario_title(scenario)
         try:
             truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
-            images.append((draw_map(prior, truth, start=study.meta.get("robot_start")), f"{title}: ground truth"))
+            asked = draw_map(prior, truth, start=study.meta.get("robot_start"))
+            images.append((data_uri(asked, "image/png"), f"{title}: ground truth"))
             for method in study.methods:
                 row = nearest_to_median(study, scenario, method)
                 if row is None:
@@ -88,7 +87,7 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
                     )
                 images.append(
                     (
-                        draw_map(prior, truth, drawn),
+                        data_uri(draw_map(prior, truth, drawn), "image/png"),
                         f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}",
                     )
                 )

@@ -11,6 +11,10 @@ from vb_evaluation.report.blocks import Block, Bullets, Figure, Grid, Text
 from vb_evaluation.report.data import ERRORS, STATES, StudyResults, known, pairs, select
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
+# measure: words, margin, sign that makes larger better, digits. One cell of the map is 2.5 cm; .05 is about twice the .028
+# that the paper calls not notable in practice
+MARGINS = {"jaccard": ("Jaccard index", 0.05, 1.0, 3), "error_mean_cm": ("mean boundary error [cm]", 2.5, -1.0, 1)}
+POINTS = 10  # of completeness [percentage points]
 _WHICH = {"scenario": "Scenario", "method": "Method"}
 
 
@@ -56,7 +60,54 @@ def summary_section(study: StudyResults) -> List[Block]:
         f"{', which the section on plausible worlds is about' if study.has_worlds else ''}.",
         caveat=True,
     )
-    return [grid] if study.people else [grid, caveat]
+    return [grid, *not_worse_blocks(study)] if study.people else [grid, caveat, *not_worse_blocks(study)]
+
+
+def not_worse_blocks(study: StudyResults) -> List[Block]:
+    """Says whether the method is worse than the baseline by a margin or more (the paper's hypotheses 3 and 4)."""
+    rows: List[Dict[str, Any]] = []
+    for scenario in study.scenarios:
+        here = select(study.runs, scenario=scenario)
+        for column, (words, margin, sign, digits) in MARGINS.items():
+            first, second = pairs(here, column, study.comparison, True)
+            interval = effect_sizes.shift(here, column, study.comparison, True, 0.9).scaled(sign)
+            low, high = sorted((interval.low, interval.high))
+            rows.append(
+                {
+                    "scenario": study.scenario_title(scenario),
+                    "measure": words,
+                    "gain": statistics.Interval(interval.estimate, low, high, interval.confidence).text(digits),
+                    "margin": f"{margin:g}",
+                    "reading": "not worse" if low > -margin else ("worse" if high < -margin else "open"),
+                    "equivalent": "yes" if low > -margin and high < margin else "no",
+                    "n": len(first),
+                    "p_value": statistics.not_worse_p(sign * (first - second), margin),
+                }
+            )
+    for column in MARGINS if study.people else ():
+        effect_sizes.add_holm([row for row in rows if row["measure"] == MARGINS[column][0]])
+    points = effect_sizes.mean_difference(study.runs, "completed", study.comparison, 0.9).scaled(100.0)
+    reading = "not worse" if points.low > -POINTS else ("worse" if points.high < -POINTS else "open")
+    rows.append(
+        {
+            "scenario": "all",
+            "measure": "completed [points], by participant",
+            "gain": points.text(0),
+            "margin": f"{POINTS}",
+        }
+    )
+    rows[-1].update(
+        reading=reading, equivalent="yes" if reading == "not worse" and points.high < POINTS else "no", n=""
+    )
+    columns = {"scenario": "Scenario", "measure": "Measure", "gain": "Gain [90 %]", "margin": "Margin"}
+    columns.update(reading="Reading", equivalent="Equivalent", n="Pairs")
+    if study.people:
+        columns["holm"] = "p (Holm)"
+    words = (
+        "Gains: positive is better. Not worse: the 90 % interval lies above minus the margin, which is a one-sided test at "
+        "5 %; equivalent: within both margins (two one-sided tests). Accuracy: who completed both."
+    )
+    return [Grid("not_worse", columns, rows, words=words)]
 
 
 def error_section(study: StudyResults) -> List[Block]:
@@ -204,4 +255,46 @@ def completeness_section(study: StudyResults) -> List[Block]:
         *([] if study.people else [caveat]),
         Figure([(charts.rates(groups), "Completed runs")], wide=True),
         Grid("completeness", columns, rows, {"share": 0, "paper": 1}),
+        *_who_completed(study),
+        *_what_became(study),
     ]
+
+
+def _who_completed(study: StudyResults) -> List[Block]:
+    """Compares who completed with which method, in each scenario."""
+    if len(study.methods) < 2:
+        return []
+    rows: List[Dict[str, Any]] = []
+    for scenario in study.scenarios:
+        found = statistics.compare_completed(
+            *pairs(select(study.runs, scenario=scenario), "completed", study.comparison)
+        )
+        p = found.pop("p")
+        rows.append({"scenario": study.scenario_title(scenario), **found, "p": statistics.format_p(p), "p_value": p})
+    columns = {
+        "scenario": "Scenario",
+        "both": "With both",
+        "first": f"Only {paper.method_title(study.methods[0]).lower()}",
+    }
+    columns.update(second=f"Only {paper.method_title(study.methods[-1]).lower()}", neither="With neither")
+    if study.people:
+        effect_sizes.add_holm(rows)
+        columns.update(p="p (McNemar, exact)", holm="p (Holm)")
+    return [Grid("who_completed", columns, rows)]
+
+
+def _what_became(study: StudyResults) -> List[Block]:
+    """Counts what became of the runs; help and problems are those that the experimenter noted."""
+    if "outcome" not in study.runs:
+        return []
+    there = list(dict.fromkeys(study.runs.outcome))
+    rows = []
+    for title, cells in study.cells():
+        for cell in cells:
+            counts = {name: int((cell.runs.outcome == name).sum()) for name in there}
+            noted = {name: int((cell.runs[name] > 0).sum()) for name in ("helped", "problems")}
+            rows.append({"scenario": title, "method": cell.title, **counts, **noted})
+    columns = {**_WHICH, **{name: name.replace("_", " ").capitalize() for name in there}}
+    if study.people:
+        columns.update(helped="With help", problems="With a problem of the system")
+    return [Grid("outcomes", columns, rows)]

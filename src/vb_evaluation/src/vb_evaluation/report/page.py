@@ -28,17 +28,10 @@ SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
     ("completeness", "Completeness", outcomes.completeness_section),
     ("paper", "Beside the paper", paper_comparison.paper_comparison_section),
     ("worlds", "Plausible worlds", sensitivity.plausible_worlds_section),
-    ("curves", "Curves", sensitivity.curves_section),
-    ("all_images", "Every image searched", sensitivity.all_images_section),
     ("order", "Order", background.order_section),
     ("experience", "People and their experience", background.participants_section),
-    ("assumptions", "What was assumed, and where the simulation is too optimistic", background.assumptions_section),
-    ("runs", "Every run", background.runs_section),
+    ("runs", "The runs", background.runs_section),
 )
-_SIZES = {
-    "quick": "A quick run, to check that everything works: one person, hence no intervals.",
-    "default": "The default size: `make study SIZE=full` also says which assumption decides, has curves, and takes some hours.",
-}
 
 
 def write_report(folder: Path) -> Path:
@@ -82,7 +75,7 @@ def notices(study: StudyResults) -> List[str]:
         if study.people
         else (
             f"This is a simulation: {count} simulated people, {len(study.runs)} runs. No person took part. The figures follow "
-            "from the assumptions that are listed below; they predict nothing about people, and user experience is not examined."
+            "from the assumptions in config/assumptions.yaml; they predict nothing about people, and user experience is not examined."
         )
     ]
     made = [f"{name} {study.meta[name]}" for name in ("revision", "command", "machine", "date") if study.meta.get(name)]
@@ -92,8 +85,6 @@ def notices(study: StudyResults) -> List[str]:
         found.append(
             f"{study.meta['deviating']} runs were not done in the planned condition and are left out; runs.csv has them."
         )
-    if study.meta.get("size") in _SIZES:
-        found.append(_SIZES[study.meta["size"]])
     if study.missing:
         found.append(
             f"Missing runs ({len(study.missing)}): {'; '.join(study.missing[:12])}. Means take the runs that are there, "

@@ -13,25 +13,6 @@ from vb_evaluation.report.paper import PAPER
 from vb_evaluation.statistics import Interval
 
 METHODS = ("nrs", "robot_only")
-# by how a quantity's name begins: why ours is above the paper's, why below
-_WHY = {
-    "speed-up": (
-        "The paper's people lost time with both methods alike (thinking, looking, talking), which makes a ratio smaller; here only the "
-        "assumed reactions, looks and words cost time.",
-        "The paper gives no times by method, so it is not known which state makes the difference; the hand's and the robot's speed are "
-        "inputs here.",
-    ),
-    "Jaccard": (
-        "The simulated lab or its people are too optimistic here: tape, aim, localisation and calibration errors are assumed, the "
-        "paper's truth was drawn by hand over a laser map, and extraction is this project's.",
-        "The people here mean, aim or close the line worse than the paper's did, or the map's errors are larger.",
-    ),
-    "completed": (
-        "The share of mistakes is assumed.",
-        "The share of mistakes is assumed, and a person here gives up after a fixed number of tries.",
-    ),
-    "Border": ("The border is drawn at assumed speeds.", "The border is drawn at assumed speeds."),
-}
 
 
 def paper_comparison_section(study: StudyResults) -> List[Block]:
@@ -51,7 +32,6 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
         "here": "Here [95 %]",
         "difference": "Here minus paper",
         "reading": "Reading",
-        "why": "Why, as far as known",
     }
     return [
         Text(f"{paper.CITATION}. It measured 15 people in a real lab."),
@@ -61,15 +41,6 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
             f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse."
         ),
         Grid("beside_the_paper", columns, rows),
-        Text(
-            "Spot cleaning's index can be read in two ways. As the index of the restricted floor (all but 3.2 of 40 m\u00b2), the "
-            "paper's .878 would need a border that is more than a metre off everywhere. As the index of the 3.2 m\u00b2 that its "
-            'people drew round, it needs about 11 cm. The paper\'s maps colour "the area to be specified", which makes the second '
-            "reading likelier; both are given. The paper's people had a heap of paper snippets and no line to follow; marks on the "
-            "floor are easier. In room exclusion .971 is some 30 cm along the doorway's line, or a hand-drawn ground truth that "
-            "ends 1 cm before the walls on average; then the index says nothing about people. Both methods had nearly the same "
-            "index (.971, .974), which makes the second likelier."
-        ),
         Text(
             "The paper prints no intervals. Its figures come from 15 people and are uncertain themselves, so fewer figures really "
             'differ than the table says. With few participants our intervals are wide, too, and "same" says little.',
@@ -108,7 +79,6 @@ def _compare(
     reading = "same" if low - tolerance <= published <= high + tolerance else ("better" if above else "worse")
     if math.isnan(ours.estimate):
         reading = "unknown"
-    why = next((words[not above] for start, words in _WHY.items() if quantity.startswith(start)), "")
     return {
         "scenario": study.scenario_title(scenario),
         "quantity": quantity,
@@ -116,5 +86,4 @@ def _compare(
         "here": ours.text(digits),
         "difference": f"{ours.estimate - published:+.{digits}f}".replace("-", "\N{MINUS SIGN}"),
         "reading": reading,
-        "why": why if reading in ("better", "worse") and not study.people else "",
     }

@@ -12,6 +12,7 @@ import datetime
 import os
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import List, Optional
 
@@ -19,13 +20,13 @@ from rich.console import Console
 
 from vb_core.errors import CodedError
 from vb_evaluation.provenance import repository_top
-from vb_evaluation.report.data import ALL_IMAGES, CURVES, RUNS, WORLDS
+from vb_evaluation.report.data import RUNS, WORLDS
 from vb_evaluation.study import campaign, config, plan
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 RERUN = (
     "python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} --seed {seed}; "
-    "for curves.csv with --sweep {sweep} --value {value}, for worlds.csv with --draw {draw}"
+    "for worlds.csv with --draw {draw}"
 )
 
 
@@ -59,21 +60,19 @@ def _parser() -> argparse.ArgumentParser:
     every = command("all", _all, "every run that has not been done yet")
     every.add_argument("--out", type=Path, default=out)
     every.add_argument(
-        "--size", choices=plan.SIZES, default="default", help="quick: one person; full: curves, and all worlds"
+        "--size", choices=plan.SIZES, default="default", help="quick: one person; full: 15 people, and all worlds"
     )
-    every.add_argument(
-        "--only", choices=[Path(file).stem for file in (RUNS, CURVES, WORLDS, ALL_IMAGES)], help="one part alone"
-    )
+    every.add_argument("--only", choices=[Path(file).stem for file in (RUNS, WORLDS)], help="one part alone")
     every.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    every.add_argument("--scheduler", default="", help="address of a Dask scheduler, for instance tcp://10.0.0.1:8786")
     every.add_argument("--fresh", action="store_true", help="throws away what is in the folder")
     one = command("run", _run, "one run alone")
     one.add_argument("--participant", type=int, required=True)
     one.add_argument("--scenario", required=True)
     one.add_argument("--method", required=True)
-    one.add_argument("--sweep", help="with --value: a row of curves.csv")
-    one.add_argument("--value", type=float)
     one.add_argument("--draw", type=int, help="a row of worlds.csv")
+    one.add_argument(
+        "--all-images", action="store_true", help="searches every image: with --compare, what that changes"
+    )
     one.add_argument("--compare", type=Path, help="the study's CSV file: says whether its row is the same")
     return parser
 
@@ -91,7 +90,7 @@ def _all(given: argparse.Namespace, console: Console) -> int:
         signal.signal(number, _interrupt)
     study = config.load(given.config, given.seed)
     jobs = plan.jobs(study, given.size, f"{given.only}.csv" if given.only else None)
-    counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, ALL_IMAGES, WORLDS, CURVES)}
+    counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, WORLDS)}
     console.print(", ".join(f"{count} runs for {file}" for file, count in counts.items()))
     facts = {
         **campaign.made_by(),
@@ -99,30 +98,16 @@ def _all(given: argparse.Namespace, console: Console) -> int:
         "size": given.size,
         "rerun": RERUN + (f" --config {given.config}" if given.config else ""),
     }
-    failed = campaign.run_jobs(
-        study, jobs, given.out, max(1, given.processes), given.fresh, facts, console, given.scheduler
-    )
+    failed = campaign.run_jobs(study, jobs, given.out, max(1, given.processes), given.fresh, facts, console)
     console.print(f"written to {given.out}")
     return 1 if failed else 0
 
 
 def _run(given: argparse.Namespace, console: Console) -> int:
     study = config.load(given.config, given.seed)
-    among = plan.main_jobs(study, given.participant)
-    if given.draw is not None:
-        among = plan.world_jobs(study)
-    elif given.sweep:
-        among = plan.curve_jobs(study, given.sweep)
-    job = plan.find(
-        among,
-        participant=given.participant,
-        scenario=given.scenario,
-        method=given.method,
-        sweep=given.sweep,
-        value=given.value,
-        draw=given.draw,
-    )
-    row, _ = campaign.row_of(study, job)
+    among = plan.main_jobs(study, given.participant) if given.draw is None else plan.world_jobs(study)
+    job = plan.find(among, participant=given.participant, scenario=given.scenario, method=given.method, draw=given.draw)
+    row, _ = campaign.row_of(study, replace(job, thorough=given.all_images))
     writer = csv.DictWriter(sys.stdout, campaign.columns(job.file), lineterminator="\n")
     writer.writeheader()
     writer.writerow(row)
@@ -133,7 +118,8 @@ def _run(given: argparse.Namespace, console: Console) -> int:
         found = [
             line for line in csv.DictReader(stream) if all(line[name] == str(value) for name, value in key.items())
         ]
-    differing = [name for name, value in row.items() if not found or found[0][name] != str(value)]
+    # a file that an earlier version wrote may lack a column
+    differing = [name for name, value in row.items() if not found or found[0].get(name, str(value)) != str(value)]
     console.print(f"the row in {given.compare} differs: {', '.join(differing)}" if differing else "the row is the same")
     return 1 if differing else 0
 

@@ -48,26 +48,6 @@ def varied_assumptions(study: Study) -> Dict[str, Assumption]:
     return {key: entry for key, entry in load_assumptions().items() if entry.range and _get(study, key) is not None}
 
 
-def table(study: Study) -> List[Dict[str, str]]:
-    """Lists key, value, unit, range, source and reason of each, for the report."""
-    rows = []
-    for key, entry in load_assumptions().items():
-        value = _get(study, key)
-        if value is not None:
-            words = f"× {entry.range[0]:g} to {entry.range[1]:g}" if entry.range else ""
-            rows.append(
-                {
-                    "key": key,
-                    "value": str(value),
-                    "unit": entry.unit,
-                    "range": words,
-                    "source": entry.source,
-                    "why": entry.why,
-                }
-            )
-    return rows
-
-
 def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
     """Draws a Latin hypercube: for each of `count` worlds a factor for each assumption, even on a logarithmic scale.
 

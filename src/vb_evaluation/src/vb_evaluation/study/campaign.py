@@ -1,13 +1,11 @@
-"""Carries out the runs of a study, on this computer or on a cluster, and can be interrupted at any time.
+"""Carries out the runs of a study, and can be interrupted at any time.
 
 Every run is a function of its job alone: it is computed by one worker, which gets the configuration with it and returns
-the row and the map. So neither the number of workers nor their order nor an interruption changes a row, and workers
-need no shared disk. joblib distributes the jobs, to processes or to the workers of a Dask scheduler.
+the row and the map. So neither the number of workers nor their order nor an interruption changes a row.
 """
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import platform
@@ -16,7 +14,7 @@ import traceback
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Sequence, Tuple
 
 import joblib
 import numpy as np
@@ -32,8 +30,9 @@ from rich.progress import (
 )
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import OCCUPIED, GridMap
-from vb_core.map_files import write_map
+from vb_core.grid_map import FREE, OCCUPIED, GridMap
+from vb_core.map_files import read_map, write_map
+from vb_evaluation.metrics import restricted_cells
 from vb_evaluation.provenance import repository_top, revision
 from vb_evaluation.report.data import CONDITIONS, DRAWS, KEY, REQUIRED, RUNS, WORLDS, write_table
 from vb_evaluation.study import assumptions
@@ -54,22 +53,7 @@ PACKAGES = (
     "vb_voice_wizard",
     "vb_sim",
 )
-CAVEATS = (
-    "Simulated people know the system and its commands from the first run; they neither learn nor tire.",
-    "How unevenly people draw is taken from strokes that people drew freely on screens. Nobody has measured it with a laser pointer "
-    "on a floor. Along a visible edge people may be more accurate, or, because of the distance, less accurate.",
-    "Room exclusion is more optimistic than the paper: with the hand alone and perfect cameras the median index is .996; the paper's "
-    "people had .971. That would be an error of some 30 cm along the doorway, or a hand-drawn ground truth that ends 1 cm before the "
-    "walls: one cell (2.5 cm) along all walls costs .07 (bench/extraction/hand.py). Both methods had nearly the same index "
-    "(.971, .974), which makes the ground truth the likelier cause.",
-    "Spot cleaning is more optimistic than the paper: its people had a heap of paper snippets in front of them and no line; these "
-    "people see marks on the floor. The paper's .878 and .906 are 8 to 12 cm along the whole line; here people are 2 cm off.",
-    "Marks on the floor, the map, the cameras' calibration and the localisation are wrong by assumed amounts.",
-    "Ceiling cameras and the robot's camera send only images in which the true spot can be, and some others.",
-    "The live system's own nodes run, with the launch file's parameters. Processor and network are represented by fixed delays of "
-    "commands, spots, saving and extraction, and take no other time.",
-    "The lab is one room, rebuilt from the paper's description. What the description leaves open is assumed and not varied.",
-)
+AREAS = "areas.npz"
 
 
 @dataclass(frozen=True)
@@ -114,20 +98,17 @@ def run_jobs(
     fresh: bool = False,
     facts: Optional[Mapping[str, Any]] = None,
     console: Optional[Console] = None,
-    scheduler: str = "",
     work: Optional[Work] = None,
 ) -> int:
     """Carries out the remaining runs; returns how many failed because of a fault in the program.
 
     Args:
-        processes: of this computer; with a scheduler how many runs are handed out ahead.
         fresh: throws away what is in the folder.
         facts: for study.json.
-        scheduler: address of a Dask scheduler; its workers must have this project.
         work: what a worker does with a job, instead of a run.
 
     Raises:
-        CodedError: "other_study", "other_columns", "no_scheduler".
+        CodedError: "other_study", "other_columns".
         KeyboardInterrupt: after it was said what is done.
     """
     console = console or Console(highlight=False, soft_wrap=True)
@@ -142,23 +123,18 @@ def run_jobs(
     waiting = [job for job in jobs if not results.has(job)]
     if len(waiting) < len(jobs):
         console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
-    # the few longest first, as others would wait for one that came last; then the study itself, person by person, so
-    # that what an interrupted study has is balanced
-    waiting.sort(key=lambda job: (not job.thorough, job.file != RUNS, job.file))
-    # where a curve changes nothing, its run is one of the study itself
-    alike: Dict[str, List[Job]] = {}
-    for job in waiting:
-        alike.setdefault(job.run, []).append(job)
+    # the study itself first, person by person, so that what an interrupted study has is balanced
+    waiting.sort(key=lambda job: job.file != RUNS)
     failed = 0
     try:
         with _progress(console) as bar:
-            ticker = bar.add_task("study", total=len(alike))
-            for outcome in _carry_out(study, [one[0] for one in alike.values()], processes, scheduler, work or _work):
+            ticker = bar.add_task("study", total=len(waiting))
+            for outcome in _carry_out(study, waiting, processes, work or _work):
                 if outcome.row is None:
                     failed += 1
                     console.print(f"failed: {outcome.job.words}: {outcome.fault}", markup=False)
                 else:
-                    results.keep(outcome, alike[outcome.job.run])
+                    results.keep(outcome)
                 bar.update(ticker, advance=1, description=outcome.job.words)
     except KeyboardInterrupt:
         # what is on the disk: an interruption may come while a row is written
@@ -169,6 +145,7 @@ def run_jobs(
         )
         raise
     results.sort(jobs)
+    pack_areas(folder)
     return failed
 
 
@@ -189,12 +166,11 @@ class _Results:
         """Returns whether a job's row is there."""
         return self._name(job) in self._files[job.file].rows
 
-    def keep(self, outcome: Outcome, jobs: Sequence[Job]) -> None:
-        """Writes a run's map and the rows of all jobs that the run belongs to."""
+    def keep(self, outcome: Outcome) -> None:
+        """Writes a run's row, and the map of a main run."""
         if outcome.grid is not None and outcome.row.get("map"):
             write_map(self._folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
-        for job in jobs:
-            self._files[job.file].append({**outcome.row, **job.columns(self._seed)})
+        self._files[outcome.job.file].append(outcome.row)
 
     def sort(self, jobs: Sequence[Job]) -> None:
         """Brings each file's rows into the order of the jobs."""
@@ -202,21 +178,10 @@ class _Results:
             rows.write([self._name(job) for job in jobs if job.file == file])
 
 
-def _carry_out(study: Study, jobs: Sequence[Job], processes: int, scheduler: str, work: Work) -> Iterator[Outcome]:
+def _carry_out(study: Study, jobs: Sequence[Job], processes: int, work: Work) -> Iterator[Outcome]:
     """Yields the outcomes, as they come."""
-    if not jobs:
-        return
-    with contextlib.ExitStack() as stack:
-        if scheduler:
-            try:
-                from distributed import Client
-
-                stack.enter_context(Client(scheduler, timeout="20s"))
-            except (ImportError, OSError, ValueError) as error:
-                raise CodedError("no_scheduler", f"there is no Dask scheduler at {scheduler}: {error}") from None
-            stack.enter_context(joblib.parallel_config(backend="dask"))
-        parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)
-        yield from parallel(joblib.delayed(work)(study.document, study.sources, job) for job in jobs)
+    parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)
+    yield from parallel(joblib.delayed(work)(study.document, study.sources, job) for job in jobs)
 
 
 def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> Outcome:
@@ -246,7 +211,7 @@ def _progress(console: Console) -> Progress:
 def configuration(study: Study) -> str:
     """Returns what identifies studies whose rows must not be mixed: configuration and program.
 
-    How many participants there are, and which curves, is left out: rows of some are rows of all.
+    Rows of some participants are rows of all.
     """
     parts = [
         study.hash,
@@ -281,8 +246,6 @@ def about(study: Study) -> Dict[str, Any]:
         "world": study.world.name,
         "robot_start": study.world.robots[0].start_pose(),
         "scenarios": {key: study.world.scenario(key).title for key in study.design.scenarios},
-        "assumptions": assumptions.table(study),
-        "caveats": list(CAVEATS),
     }
 
 
@@ -293,6 +256,17 @@ def made_by() -> Dict[str, str]:
         "command": " ".join(["python3 -m vb_evaluation.study", *sys.argv[1:]]),
         "machine": f"{os.cpu_count()} processors, {platform.machine()}, Python {platform.python_version()}",
     }
+
+
+def pack_areas(folder: Path) -> None:
+    """Writes areas.npz: (H, W) bool by name, the free floor, each truth, and what each main run restricted.
+
+    Small enough to be published beside the rows, so that others recompute every index without this program.
+    """
+    physical = read_map(folder / "maps" / "physical.yaml")
+    others = sorted(path for path in (folder / "maps").glob("*.yaml") if path.stem != "physical")
+    areas = {path.stem: restricted_cells(physical, read_map(path)) for path in others}
+    np.savez_compressed(folder / AREAS, floor=physical.data == FREE, **areas)
 
 
 def write_truths(study: Study, physical: Path, truth: Path) -> None:

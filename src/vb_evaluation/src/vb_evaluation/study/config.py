@@ -44,7 +44,6 @@ class Design(Parameters):
     full_participants: int = param(15, low=1, high=1000)
     scenarios: list = param(["room", "carpet", "corner"])
     methods: list = param(["nrs", "robot_only"])
-    all_images_share: float = param(0.1, low=0.0, high=1.0)
     worlds: int = param(200, low=0, high=100000)
     usual_worlds: int = param(20, low=0, high=100000)
 
@@ -84,10 +83,14 @@ class Study:
         model = read_section(self.sources["models"], "participant", ParticipantModel)
         return Population(self.document["participants"], model).draw(self.streams(participant))
 
-    def marks(self, scenario: str) -> Tuple[float, float, float]:
-        """Draws (dx, dy) [m] and turn [rad] by which the marks on the floor are off the map: the same for all participants."""
+    def marks(self, participant: int, scenario: str) -> Tuple[float, float, float]:
+        """Draws (dx, dy) [m] and turn [rad] by which the marks on the floor are off the map.
+
+        They are laid again for each participant, so that intervals over participants contain their chance too; both
+        methods have the same.
+        """
         settings = self.document.get("marks") or {}
-        rng = np.random.default_rng([self.design.seed, zlib.crc32(scenario.encode()), zlib.crc32(b"marks")])
+        rng = self.streams(participant)(f"marks {scenario}")
         dx, dy, turn = (draw(f"marks/{key}", settings.get(key, 0.0), rng) for key in ("offset", "offset", "turn"))
         return dx, dy, math.radians(turn)
 
@@ -153,7 +156,7 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
 
 def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
     """Makes the study of a document and of the files that it names, checked; see `Study`."""
-    known = ("design", "timing", "participants", "marks", "curves")
+    known = ("design", "timing", "participants", "marks")
     for key in document:
         if key not in known:
             raise ParameterError(str(key), f"unknown key of a study; known are world, models, {', '.join(known)}")
@@ -174,7 +177,7 @@ def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) 
         read_camera_models(sources["models"]),
     )
     study.traits(1)  # a mistake in a distribution is found now, not in the tenth run
-    study.marks("")
+    study.marks(1, "")
     return study
 
 

@@ -1,4 +1,4 @@
-"""Plans the runs of a study: main runs, curves, plausible worlds, and repetitions with every image searched.
+"""Plans the runs of a study: main runs and plausible worlds.
 
 Use it to see what a study consists of before it is run. `runner.run(study, job.task)` carries out one of the runs,
 `make study` all.
@@ -12,12 +12,12 @@ Use it to see what a study consists of before it is run. `runner.run(study, job.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Dict, List, Mapping, Optional
 
 from vb_core.errors import CodedError
 from vb_evaluation.design import order_runs
-from vb_evaluation.report.data import ALL_IMAGES, CURVES, KEY, RUNS, WORLDS
+from vb_evaluation.report.data import KEY, RUNS, WORLDS
 from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.result import RunTask
@@ -31,10 +31,10 @@ class Job:
 
     Attributes:
         file: which CSV file its row goes to.
-        changes: of the configuration, for curves and worlds; see `Study.changed`.
+        changes: of the configuration, for worlds; see `Study.changed`.
         conditions: columns that say what was changed.
         order: the run's place among its participant's runs, from 1; 0 if there is no such order.
-        thorough: whether every image is searched.
+        thorough: whether every image is rendered and searched as a whole; else only where the true spot can be seen.
     """
 
     task: RunTask
@@ -50,11 +50,6 @@ class Job:
         return {**dict(zip(KEY, (task.participant, task.scenario, task.method, seed))), **self.conditions}
 
     @property
-    def run(self) -> str:
-        """Identifies the run itself: equal for jobs that differ only in name."""
-        return repr((self.task, sorted(self.changes.items()), self.thorough))
-
-    @property
     def words(self) -> str:
         """Which run it is, for people."""
         changed = [str(value) for value in self.conditions.values()]
@@ -66,7 +61,7 @@ def jobs(study: Study, size: str, only: Optional[str] = None) -> List[Job]:
 
     Args:
         size: "quick" shows that all works; "default" answers the paper's questions with intervals; "full" also says
-            which assumption decides, and has the curves.
+            which assumption decides.
         only: the name of one file.
     """
     design = study.design
@@ -76,9 +71,7 @@ def jobs(study: Study, size: str, only: Optional[str] = None) -> List[Job]:
         "full": (design.full_participants, design.worlds),
     }[size]
     main = main_jobs(study, participants)
-    found = (
-        main + all_images_jobs(study, main) + world_jobs(study, worlds) + (curve_jobs(study) if size == "full" else [])
-    )
+    found = main + world_jobs(study, worlds)
     return [job for job in found if only in (None, job.file)]
 
 
@@ -92,22 +85,6 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
             order_runs(participant, design.scenarios, design.methods, design.seed), 1
         )
     ]
-
-
-def all_images_jobs(study: Study, main: List[Job]) -> List[Job]:
-    """Lists some of the main runs again, equally many of each scenario and method at random, with every image searched.
-
-    At a share of a tenth it is one of each ten participants; more participants leave the others' runs as they were.
-    """
-    share = study.design.all_images_share
-    size = round(1.0 / share) if share else 0
-
-    def drawn(task: RunTask) -> bool:
-        block, place = divmod(task.participant - 1, size)
-        # the label seeds the draw: with another one other runs would be repeated
-        return int(study.streams(block)(f"ungated {task.scenario} {task.method}").integers(size)) == place
-
-    return [replace(job, file=ALL_IMAGES, thorough=True) for job in main if size and drawn(job.task)]
 
 
 def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
@@ -124,24 +101,6 @@ def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
             assumptions.draw_worlds(study, study.design.worlds, study.design.seed)[:first], 1
         )
         for method in study.design.methods
-    ]
-
-
-def curve_jobs(study: Study, only: Optional[str] = None) -> List[Job]:
-    """Lists the curves' runs: the study's first participants under changed conditions; `only` selects one curve."""
-    curves, design = study.document.get("curves") or {}, study.design
-    return [
-        Job(
-            RunTask(participant, scenario, method),
-            CURVES,
-            point.get("changes", {}) if method in point.get("methods", design.methods) else {},
-            {"sweep": point["sweep"], "value": point["value"]},
-        )
-        for point in curves.get("points", [])
-        if only in (None, point["sweep"])
-        for scenario in point.get("scenarios", design.scenarios)
-        for participant in range(1, int(curves.get("participants", 1)) + 1)
-        for method in design.methods
     ]
 
 

@@ -29,7 +29,7 @@ from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import replaced
-from vb_fusion.extraction import GrowingBorder
+from vb_fusion import live_extraction
 from vb_msgs.msg import LabState, LaserSpot, VirtualBorderArray
 from vb_sim.room import floor_plan
 from vb_sim.robot.costmap import Costmap, CostmapParams
@@ -53,16 +53,6 @@ WITHOUT = ("display_markers", "feedback", "lab_monitor", "map_recorder")
 LAB_NODES = ("lab_simulator", "ceiling_cameras", "robot_camera", "map_server")  # of this run's own making
 _LONGEST_END_NS = 600 * 10**9
 LAUNCH = "launch/simulation.launch"
-
-
-class _NoState:
-    """A lab that need not survive its process."""
-
-    def read(self) -> None:
-        """Returns None: nothing was left."""
-
-    def write(self, _document: Dict[str, Any]) -> None:
-        """Keeps nothing."""
 
 
 class _RunRecorder:
@@ -125,7 +115,11 @@ class LiveRun:
         self._seed = study.run_seed(task.participant)
         self._prior = floor_plan.physical_map(self._world)
         self.scenario = personal_scenario(
-            self._world, self._world.scenario(task.scenario), self._traits, self._prior, study.marks(task.scenario)
+            self._world,
+            self._world.scenario(task.scenario),
+            self._traits,
+            self._prior,
+            study.marks(task.participant, task.scenario),
         )
         self._models: CameraModels = replace(study.cameras, body=self._traits.body)
         self._cache, self._thorough = _kept_cache(), thorough
@@ -160,15 +154,17 @@ class LiveRun:
             "state": "",
         }
         import_nodes(repository_top() / LAUNCH, arguments, (*WITHOUT, *LAB_NODES))
-        extracted = GrowingBorder.chain
+        extracted = live_extraction.extract_chain
 
-        def chain(drawing: GrowingBorder) -> Any:
+        def chain(*drawn: Any) -> Any:
             try:
-                return extracted(drawing)
+                return extracted(*drawn)
             finally:
                 scheduler.wait(int(timing.extraction_s * 1e9))
 
-        with tempfile.TemporaryDirectory() as state, graph.installed(), replaced({GrowingBorder: {"chain": chain}}):
+        with tempfile.TemporaryDirectory() as state, graph.installed(), replaced(
+            {live_extraction: {"extract_chain": chain}}
+        ):
             watching: List[_RunRecorder] = []
             graph.start(Node("/study", {}), lambda: (watching.append(_RunRecorder(self._robots)), watch()))
             start_launch(
@@ -200,9 +196,7 @@ class LiveRun:
     # ------------------------------------------------------------- the simulated lab's nodes
     def _lab_nodes(self, cameras: Tuple[str, ...]) -> Dict[str, Callable[[], Any]]:
         def lab_simulator() -> None:
-            LabSimulatorNode(
-                self._lab, parameters.read(LabSimulatorParams), self._study.models["localisation"], True, _NoState()
-            )
+            LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams), self._study.models["localisation"], True)
 
         def ceiling_cameras() -> None:
             idle_every = 1 if self._thorough else self._study.timing.idle_every

@@ -1,11 +1,15 @@
 """Plans, runs, measures and reports a study with people; docs/how-to/run-a-study.md shows how.
 
+rosrun vb_evaluation study_kit power
 rosrun vb_evaluation study_kit plan --participants 15 --out ~/study/protocol.csv
 rosrun vb_evaluation study_kit forms ~/study/forms
 rosrun vb_evaluation study_kit run p01 --protocol ~/study/protocol.csv
 rosrun vb_evaluation study_kit measure ~/study/protocol.csv --ground-truth ~/study/ground_truth --out ~/study/results
+rosrun vb_evaluation study_kit judge ~/study/results
 rosrun vb_evaluation study_kit replay ~/study/p01_1_nrs_carpet
 rosrun vb_evaluation study_kit report ~/study/results
+rosrun vb_evaluation study_kit export ~/study/results --out ~/shared
+rosrun vb_evaluation study_kit delete p07 --protocol ~/study/protocol.csv
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
+import secrets
 import sys
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional
@@ -21,7 +26,8 @@ from rich.console import Console
 
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
-from vb_evaluation.study_kit import conduct, forms, measure, protocol
+from vb_evaluation import statistics
+from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, protocol
 from vb_evaluation.study_kit.ground_truth import read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.report.page import write_report
@@ -56,11 +62,13 @@ def _parser() -> argparse.ArgumentParser:
         sub.set_defaults(run=run)
         return sub.add_argument
 
+    argument = command("power", _power, "say how many participants are needed, by the size of the effect")
+    argument("--tests", type=int, default=3, help="in a family, for instance one for each scenario")
     argument = command("plan", _plan, "draw the order of methods and scenarios and write an empty protocol")
     argument("--participants", type=int, default=15)
     argument("--scenarios", nargs="+", default=["room", "carpet", "corner"])
     argument("--methods", nargs="+", default=["nrs", "robot_only"])
-    argument("--seed", type=int, default=1)
+    argument("--seed", type=int, help="of the order; default: drawn, so that nobody can foresee it")
     argument("--out", type=_path, default=Path("protocol.csv"))
     argument = command(
         "forms",
@@ -89,11 +97,45 @@ def _parser() -> argparse.ArgumentParser:
         "report", lambda given: print(write_report(given.folder)), "write the report of a study's folder"
     )
     argument("folder", type=_path)
+    argument = command("judge", _judge, "write pictures of what was drawn, for somebody who does not know the method")
+    argument("results", type=_path)
+    argument("--study", type=_path, help="the protocol's folder; default: the one that holds the results")
+    argument = command("export", _export, "write a copy without anything that tells who somebody is")
+    argument("results", type=_path)
+    argument("--out", type=_path, required=True)
+    argument = command("delete", _delete, "delete a participant's recordings and answers for good")
+    argument("participant")
+    argument("--protocol", type=_path, default=Path("protocol.csv"))
     return parser
 
 
+def _power(given: argparse.Namespace) -> None:
+    _console.print(
+        f"pairs for a power of {statistics.POWER:.0%} of a two-sided Wilcoxon test, alpha {statistics.ALPHA} in a family of "
+        f"{given.tests}, by the effect d_z (mean difference over the differences' standard deviation):"
+    )
+    for effect in (0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5):
+        _console.print(f"  {effect:.1f}: {statistics.people_needed(effect, given.tests)}")
+
+
+def _judge(given: argparse.Namespace) -> None:
+    print(blind.write(given.study or given.results.parent, given.results))
+
+
+def _export(given: argparse.Namespace) -> None:
+    for path in privacy.export(given.results, given.out):
+        print(path)
+
+
+def _delete(given: argparse.Namespace) -> None:
+    for words in privacy.delete(given.protocol, given.participant):
+        print(f"deleted: {words}")
+    print("measure the study again: its results still contain the participant")
+
+
 def _plan(given: argparse.Namespace) -> None:
-    protocol.write(given.out, protocol.plan(given.participants, given.scenarios, given.methods, given.seed))
+    seed = secrets.randbelow(10**9) if given.seed is None else given.seed
+    protocol.write(given.out, protocol.plan(given.participants, given.scenarios, given.methods, seed))
     conduct.write_template(given.out.parent)
     print(given.out)
 
@@ -113,6 +155,10 @@ def _run(given: argparse.Namespace) -> None:
     else:
         start, keys = conduct.roslaunch, conduct.read_keys()
     run = conduct.conduct_run(planned, start, keys, say)
+    if planned.last:
+        _console.print(
+            f"that was the last run: hand out questionnaire_{planned.questionnaire}_first.html", markup=False
+        )
     if "ended" not in run:
         raise CodedError("unfinished", f"the run was not ended: {planned.folder} is kept, --again does the run again")
     print(planned.folder)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import datetime
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Tuple
 
@@ -49,12 +49,17 @@ class NextRun:
         folder: for its recording; does not exist yet.
         command: starts the system.
         cameras: ceiling cameras of this condition.
+        last: whether it is the participant's last one.
+        questionnaire: the method that the participant began with; the questionnaire begins with it too, so that its order
+            is as balanced as that of the methods.
     """
 
     entry: protocol.Entry
     folder: Path
     command: Tuple[str, ...]
     cameras: Tuple[str, ...]
+    last: bool = False
+    questionnaire: str = ""
 
     def describe(self) -> Dict[str, Any]:
         """Returns what run.yaml says of the run."""
@@ -121,7 +126,7 @@ def next_run(path: Path, participant: str, again: bool = False, **asked: Optiona
                 planned=getattr(entry, name),
                 asked=value,
             )
-    return _planned(path, entry)
+    return replace(_planned(path, entry), last=entry == mine[-1], questionnaire=mine[0].method)
 
 
 def _planned(path: Path, entry: protocol.Entry) -> NextRun:

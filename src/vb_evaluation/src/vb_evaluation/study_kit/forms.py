@@ -13,17 +13,13 @@ from vb_evaluation.report.paper import METHOD_TITLES
 
 TEMPLATES = Path(__file__).resolve().parents[3] / "config" / "forms"
 DEMOGRAPHICS: Tuple[Tuple[str, str, Sequence[str]], ...] = (
-    ("age", "Age group", ("18-24", "25-34", "35-49", "50-64", "65 and over", "no answer")),
+    ("age", "Age in years", ()),
     ("gender", "Gender", ("female", "male", "another", "no answer")),
     ("hand", "Hand that holds the pointer", ("right", "left")),
     ("sight", "Glasses or lenses worn today", ("yes", "no")),
     ("colours", "Trouble telling red from green", ("yes", "no", "no answer")),
     ("pointers", "How often do you use a laser pointer?", ("never", "seldom", "monthly", "weekly")),
-    (
-        "robots",
-        "How often do you use a service robot, for instance a vacuum cleaner?",
-        ("never", "seldom", "monthly", "weekly"),
-    ),
+    ("experience", "Experience with robots, from 1 (no experience) to 5 (highly experienced)", tuple("12345")),
 )
 
 
@@ -36,15 +32,20 @@ def write(folder: Path) -> List[Path]:
     pages = jinja2.Environment(loader=jinja2.FileSystemLoader(str(TEMPLATES)), autoescape=True, trim_blocks=True)
     asked = {
         "demographics": DEMOGRAPHICS,
-        "methods": [METHOD_TITLES[method] for method in questionnaire.METHODS],
         "statements": questionnaire.STATEMENTS,
         "pairs": questionnaire.UEQ_S,
         "question": questionnaire.QUESTION,
     }
     contents = {
-        **{path.name: path.read_text(encoding="utf-8") for path in sorted(TEMPLATES.glob("*.md"))},
+        **{path.name: path.read_text(encoding="utf-8") for path in sorted(TEMPLATES.glob("*.[mc][ds]*"))},
+        "demographics.html": pages.get_template("demographics.html.j2").render(asked),
+        # half of the people are asked about one method first, half about the other
         **{
-            name: pages.get_template(f"{name}.j2").render(asked) for name in ("demographics.html", "questionnaire.html")
+            f"questionnaire_{first}_first.html": pages.get_template("questionnaire.html.j2").render(
+                methods=[METHOD_TITLES[name] for name in sorted(questionnaire.METHODS, key=lambda name: name != first)],
+                **asked,
+            )
+            for first in questionnaire.METHODS
         },
         "demographics.csv": ",".join(["participant", *(name for name, _, _ in DEMOGRAPHICS)]) + "\n",
         "questionnaire.csv": ",".join(questionnaire.columns() + questionnaire.ueq_columns()) + "\n",

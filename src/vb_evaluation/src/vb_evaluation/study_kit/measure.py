@@ -12,10 +12,10 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_atomically, write_map
 from vb_evaluation import metrics
-from vb_evaluation.study_kit import protocol
+from vb_evaluation.study_kit import blind, protocol
 from vb_evaluation.study_kit.ground_truth import find_ground_truths
 from vb_evaluation.study_kit.recording import Recording
-from vb_evaluation.report.data import META, REQUIRED, RUNS, read_meta, write_table
+from vb_evaluation.report.data import META, REQUIRED, RUNS, WARNINGS, read_meta, write_table
 
 _TIMES = ("guide", "border", "seed", "total")
 COLUMNS = (
@@ -25,8 +25,11 @@ COLUMNS = (
     "as_planned",
     "revision",
     "map",
+    "outcome",
     "saved",
     "seed_correct",
+    "helped",
+    "problems",
     "recording",
     "interaction",
     "note",
@@ -65,12 +68,15 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     write_map(maps / "physical", physical)
     for scenario, truth in truths.items():
         write_map(maps / f"truth_{scenario}", physical.with_data(np.where(truth, 100, physical.data).astype(np.int8)))
+    judged = blind.read(protocol_file.parent)
     rows, notes = [], []
     for entry in entries:
-        row, words = _row(entry, recordings[entry.recording], physical, truths[entry.scenario], maps)
+        noted = judged.get(entry.recording, entry.completed)
+        row, words = _row(entry, noted, recordings[entry.recording], physical, truths[entry.scenario], maps)
         rows.append(row)
         notes += words
     write_table(out / RUNS, COLUMNS, rows)
+    write_table(out / WARNINGS, ["warning"], [{"warning": note} for note in notes])
     for name in ("questionnaire.csv", "demographics.csv"):
         if (protocol_file.parent / name).is_file():
             write_atomically(out / name, (protocol_file.parent / name).read_bytes())
@@ -80,10 +86,16 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     return notes
 
 
-def last_attempt(folder: Path) -> Path:
-    """Returns a run's newest recording: <folder>, or the highest <folder>_2, _3, ... of a run that was done again."""
+def attempts(folder: Path) -> List[Path]:
+    """Lists a run's recordings, oldest first: <folder>, and <folder>_2, _3, ... of a run that was done again."""
     again = [path for path in folder.parent.glob(f"{folder.name}_*") if path.name[len(folder.name) + 1 :].isdigit()]
-    return max(again, key=lambda path: int(path.name[len(folder.name) + 1 :]), default=folder)
+    again.sort(key=lambda path: int(path.name[len(folder.name) + 1 :]))
+    return [path for path in (folder, *again) if path.exists()]
+
+
+def last_attempt(folder: Path) -> Path:
+    """Returns a run's newest recording, the one that counts; the folder itself if there is none."""
+    return (attempts(folder) or [folder])[-1]
 
 
 def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
@@ -105,11 +117,34 @@ def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
     return found
 
 
+def outcome_of(begun: bool, planned: bool, saved: bool, seed_right: bool, noted: Optional[bool]) -> str:
+    """Says what became of a run; every table is made from this.
+
+    not_started     no interaction was begun: the system's failure, nobody's result
+    not_as_planned  in another condition than planned: left out
+    completed       saved, the seed in the ground truth, and nobody who judged it said otherwise
+    judged_failed   the same, but judged not to be what was asked for
+    wrong_seed      saved, with the seed on the wrong side
+    not_saved       given up, cancelled, or broken off
+    disputed        judged as completed, though nothing was saved or the seed is wrong: not completed
+
+    Args:
+        noted: what judge or experimenter said; None for nothing.
+    """
+    if not begun:
+        return "not_started"
+    if not planned:
+        return "not_as_planned"
+    if saved and seed_right:
+        return "judged_failed" if noted is False else "completed"
+    return "disputed" if noted else ("wrong_seed" if saved else "not_saved")
+
+
 def _row(
-    entry: protocol.Entry, recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
+    entry: protocol.Entry, noted: Optional[bool], recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
 ) -> Tuple[Dict[str, Any], List[str]]:
     """Makes a run's row. Each interaction of its recording is an attempt at it; there may be none, or several."""
-    attempts = recording.interactions
+    interactions = recording.interactions
     row: Dict[str, Any] = {
         "participant": entry.participant,
         "scenario": entry.scenario,
@@ -119,19 +154,23 @@ def _row(
         "order": entry.order or "",
         "revision": recording.session.get("revision", ""),
         "as_planned": 1,
-        "completed": 0,
+        "outcome": "not_started",
         "saved": 0,
         "seed_correct": 0,
+        "helped": recording.count("h"),
+        "problems": recording.count("p"),
     }
     where = f"{entry.participant}, {entry.scenario}, {entry.method}"
-    if not attempts:
-        return row, [f"{where}: nothing was begun in this recording"]
+    if not interactions:
+        return row, [
+            f"{where}: nothing was begun in this recording, so it counts for nothing: can the run be done again?"
+        ]
     wrong = deviations(entry, recording)
     notes = [f"{where}: not as planned, left out of the analysis: {words}" for words in wrong]
     # an attempt that was cancelled took its time too, as in the simulated study
-    times = {f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in attempts), 3) for name in _TIMES}
-    row.update(times, as_planned=int(not wrong), interaction=attempts[-1].id)
-    made = recording.result(attempts[-1])
+    times = {f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in interactions), 3) for name in _TIMES}
+    row.update(times, as_planned=int(not wrong), interaction=interactions[-1].id)
+    made = recording.result(interactions[-1])
     if made is not None:
         posterior, border = made
         if not posterior.same_geometry(physical):
@@ -146,15 +185,15 @@ def _row(
             map=f"maps/{name}.yaml",
             seed_correct=int(seed_is_right(border.seed, physical, truth)),
         )
-    noted = entry.completed if entry.completed is not None else recording.run.get("completed")
-    row["completed"] = int(noted if noted is not None else row["saved"] and row["seed_correct"])
-    if noted and made is None:
-        notes.append(f"{where}: noted as completed, but nothing was saved")
-    elif noted is not None and bool(row["seed_correct"]) != noted:
-        notes.append(
-            f"{where}: noted as {'completed' if noted else 'not completed'}, but the seed point lies "
-            f"{'within' if row['seed_correct'] else 'outside'} the ground truth"
-        )
+    if noted is None:
+        noted = recording.run.get("completed")
+    row["outcome"] = outcome_of(True, not wrong, bool(row["saved"]), bool(row["seed_correct"]), noted)
+    row["completed"] = int(row["outcome"] == "completed")
+    if row["outcome"] == "disputed":
+        missing = "the seed point lies outside the ground truth" if row["saved"] else "nothing was saved"
+        notes.append(f"{where}: noted as completed, but {missing}: counts as not completed")
+    elif row["outcome"] == "judged_failed":
+        notes.append(f"{where}: noted as not completed, but saved with the seed point within the ground truth")
     return row, notes
 
 

@@ -89,6 +89,10 @@ class Recording:
         """What was planned and noted; empty if the recording was not made by study_kit run."""
         return self._yaml(RUN)
 
+    def count(self, key: str) -> int:
+        """Counts how often the experimenter pressed a key."""
+        return sum(event.get("key") == key for event, _ in _lines(self.folder / EVENTS))
+
     def _yaml(self, name: str) -> Mapping[str, Any]:
         try:
             found = yaml.safe_load((self.folder / name).read_text(encoding="utf-8"))

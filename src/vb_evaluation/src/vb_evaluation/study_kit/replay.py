@@ -242,7 +242,7 @@ def replay(recording: Recording, images: bool = False) -> ReplayResult:
             f"{recording.folder}: no images were recorded: record with record_images:=raw or compressed",
         )
     result = ReplayResult(cameras={camera: CameraCounts() for camera in topics.values()} if images else {})
-    launches = [("borders.launch", {"state": "", "robot_frame": "", "record": "false"})]
+    launches = [("borders.launch", {"state": "", "robot_frames": "", "record": "false"})]
     if ceiling:
         launches.append(
             ("perception.launch", {"cameras": " ".join(ceiling), "robots": " ".join(robot or "/" for robot in robots)})

@@ -19,7 +19,7 @@ import rospy.msg
 
 from vb_core.errors import CodedError
 from vb_evaluation.virtual_ros.scheduler import Scheduler
-from vb_evaluation.virtual_ros.stand_ins import WaitQueue, StandIns, replaced
+from vb_evaluation.virtual_ros.stand_ins import StandIns, WaitQueue, master_stand_ins, replaced
 
 LOG = logging.getLogger("vb_evaluation.nodes")
 _LEVELS = {
@@ -237,8 +237,7 @@ class Graph:
             rospy.rostime: {"wallsleep": lambda seconds: self.scheduler.wait(int(max(seconds, 0.0) * 1e9))},
             rospy.timer: {"sleep": self.sleep},
             rospy.core: {"is_shutdown": lambda: self.scheduler.closed},
-            # tf2_ros asks there whether it must offer a service for debugging
-            rosgraph.masterapi.Master: {"lookupService": lambda *_: ""},
+            rosgraph.masterapi.Master: master_stand_ins(self._topics, self.services),
         }
 
 
@@ -249,7 +248,7 @@ class Publisher:
     """rospy.Publisher."""
 
     def __init__(self, graph: Graph, name: str, data_class: type, *_: Any, latch: bool = False, **__: Any) -> None:
-        self._graph = graph
+        self._graph, self.node = graph, graph.node
         self.resolved_name = self.name = graph.node.resolve(name)
         self.data_class, self.type = data_class, data_class._type
         self._header = {"callerid": graph.node.name, "topic": self.resolved_name, "type": self.type}
@@ -309,7 +308,8 @@ class Subscriber:
         queue_size: Optional[int] = None,
         **_: Any,
     ) -> None:
-        self.resolved_name = self.name = graph.node.resolve(name)
+        self.node = graph.node
+        self.resolved_name = self.name = self.node.resolve(name)
         self.kind, self._callback, self._extra = data_class, callback, callback_args
         size = queue_size if queue_size is not None and queue_size > 0 else None
         self._queue: Deque[_Delivery] = deque(maxlen=size)

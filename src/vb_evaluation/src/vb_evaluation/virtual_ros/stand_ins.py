@@ -8,7 +8,7 @@ import sys
 import threading as real_threading
 import time as real_time
 from collections import deque
-from typing import Any, Callable, Deque, Dict, Iterator, Optional, Tuple
+from typing import Any, Callable, Deque, Dict, Iterator, List, Mapping, Optional, Tuple
 
 import greenlet
 
@@ -301,3 +301,33 @@ def replaced(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
     finally:
         for target, name, value in before:
             setattr(target, name, value)
+
+
+def master_stand_ins(topics: Mapping[str, Any], services: Mapping[str, Any]) -> Dict[str, Callable[..., Any]]:
+    """Returns what a ROS master's proxy answers; the real one, if there is one, knows another graph.
+
+    Args:
+        topics: by name, with `publishers` and `subscribers`; services: by name. All of them know their `node`.
+    """
+
+    def system_state(_master: Any) -> List[List[Tuple[str, List[str]]]]:
+        publishers = {name: topic.publishers for name, topic in topics.items()}
+        subscribers = {name: topic.subscribers for name, topic in topics.items()}
+        offered = {name: [service] for name, service in services.items()}
+        return [
+            [(name, [user.node.name for user in users]) for name, users in by_name.items() if users]
+            for by_name in (publishers, subscribers, offered)
+        ]
+
+    def topic_types(_master: Any) -> List[Tuple[str, str]]:
+        return [(name, topic.publishers[0].type) for name, topic in topics.items() if topic.publishers]
+
+    def no_address(*_: Any) -> str:  # which is_gone takes for "there"; tf2_ros asks for a service that helps to debug
+        return ""
+
+    return {
+        "getSystemState": system_state,
+        "getTopicTypes": topic_types,
+        "lookupNode": no_address,
+        "lookupService": no_address,
+    }

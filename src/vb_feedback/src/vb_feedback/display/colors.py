@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Dict, Sequence, Tuple
 
+from vb_core.vocabulary import STATES
+
 Color = Tuple[float, float, float]
 
 
@@ -24,10 +26,6 @@ WHITE = rgb(255, 255, 255)
 GRAY = rgb(150, 150, 150)
 PALE = rgb(200, 205, 212)
 CRIMSON = rgb(150, 10, 20)
-MAGENTA = rgb(225, 80, 160)
-
-# the person's state at a glance, on the LED and in the large letters on dark ground
-STATE: Dict[str, Color] = {"default": WHITE, "border": ORANGE, "seed": SKY_BLUE, "guide": MAGENTA}
 
 # the LED alone, and it means the same everywhere
 STOPPED = rgb(255, 0, 0)
@@ -39,7 +37,7 @@ _OTHERS: Sequence[Color] = (ORANGE, SKY_BLUE, YELLOW, PURPLE, BLUE, GREEN, VERMI
 
 def state_color(name: str) -> Color:
     """Returns the colour of a state by its name; grey for a state that is not known."""
-    return STATE.get(name, GRAY)
+    return rgb(*bytes.fromhex(STATES[name].color[1:])) if name in STATES else GRAY
 
 
 def light_color(name: str) -> Color:

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import unicodedata
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import List, Sequence, Tuple
 
 import numpy as np
 from anyascii import anyascii
+from PIL import ImageFont
 
 from vb_core.errors import CodedError
 from vb_feedback.display.rviz_fonts import is_drawn
@@ -117,22 +119,9 @@ def fit_view(extent: Box, aspect: float) -> Layout:
 
 
 # ----------------------------------------------------------------- letters
-# advance widths of Liberation Sans, RViz's font, in thousandths of its size, from "!" on
-_WIDTHS = tuple(
-    map(
-        int,
-        (
-            "278 355 556 556 889 667 191 333 333 389 584 278 333 278 278 556 556 556 556 556 556 556 556 556 "
-            "556 278 278 584 584 584 556 1015 667 667 722 722 667 611 778 722 278 500 667 556 833 722 778 "
-            "667 778 722 667 611 722 667 944 667 667 611 278 278 278 469 556 333 556 556 500 556 556 278 556 "
-            "556 222 222 500 222 833 556 556 556 556 333 500 278 556 500 722 500 500 500 334 260 334 584"
-        ).split(),
-    )
-)
-_SPACE = 310
-_MARKS = dict(zip("\u00b2\u00b3\u00b7\u2018\u2019\u201a\u201c\u201d\u201e", [333] * 3 + [222] * 3 + [333] * 3))
-_MARKS.update({"\u00df": 611, "\u2013": 556, "\u2014": 1000, "\u2026": 1000, "\u20ac": 556})
-_WIDE, _NARROW = 1015, 660  # the widest Greek and Cyrillic capital; hardly a small letter is wider, few marks are
+_FONT_FILE = "LiberationSans-Regular.ttf"  # RViz's font; on a computer without RViz Pillow's is about as wide
+_FINENESS = 1000  # [px] size in which letters are measured
+_SPACE = 0.31  # [sizes] RViz's own is wider than the font's, see `place_words`
 # the font's size in heights of RViz's text markers: measured on words of 4 to 11 letters, 0.83 to 0.84
 _FONT = 0.84
 
@@ -151,23 +140,23 @@ def _transliterated(letter: str) -> str:
     return " " if kind.startswith(("C", "Z")) else anyascii(letter) or "_"
 
 
-def _width(letter: str) -> int:
-    """Returns advance width in thousandths of the font's size; an accent does not change it."""
-    if letter in _MARKS:
-        return _MARKS[letter]
-    base = unicodedata.normalize("NFKD", letter)[0]
-    index = ord(base) - 33
-    if letter == " ":
-        return _SPACE
-    if 0 <= index < len(_WIDTHS):
-        return _WIDTHS[index]
-    return _WIDE if base.isupper() else _NARROW
+@lru_cache(maxsize=None)
+def _font() -> ImageFont.FreeTypeFont:
+    try:
+        return ImageFont.truetype(_FONT_FILE, _FINENESS)
+    except OSError:
+        return ImageFont.load_default(_FINENESS)
+
+
+@lru_cache(maxsize=2000)
+def _width(letter: str) -> float:
+    """Measures a letter's advance in sizes of the font; RViz sets each alone, without kerning."""
+    return _SPACE if letter == " " else _font().getlength(letter) / _FINENESS
 
 
 def text_width(text: str, size: float) -> float:
     """Measures the width [m] of a line of text in letters of `size` [m]; of the longest of several lines."""
-
-    return size * _FONT * max((sum(map(_width, line)) for line in text.split("\n")), default=0) / 1000.0
+    return size * _FONT * max((sum(map(_width, line)) for line in text.split("\n")), default=0.0)
 
 
 def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, float, float]]:

@@ -9,6 +9,7 @@ from typing import List, Optional, Sequence, Tuple
 
 from vb_core import notices, sentences
 from vb_core.grid_map import GridMap
+from vb_core.vocabulary import STATES
 from vb_feedback.display.text_panel import PanelNotice
 
 # more sentences cannot be read from across the room, and letters would get too small
@@ -55,7 +56,7 @@ def coverage_notices(
         robots: whether there is a robot that can be sent.
         held: what other nodes say; the dispatcher and the interaction manager know better.
     """
-    if state not in ("border", "seed") or cameras_seeing_spot or lost is None:
+    if state not in STATES or not STATES[state].collects or cameras_seeing_spot or lost is None:
         return []
     if any(notice.code in _ABOUT_THE_SPOT for notice in held):
         return []

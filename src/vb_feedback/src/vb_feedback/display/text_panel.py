@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import List, Tuple
 
 from vb_core import sentences
+from vb_core.vocabulary import DEFAULT, STATES, spoken_form
 from vb_feedback.display import colors
 from vb_feedback.display.colors import Color
 from vb_feedback.display.layout import LINE, Layout, fit_texts, text_height, text_width, transliterate
@@ -79,13 +80,13 @@ def _panel(layout: Layout, content: PanelContent) -> List[Shape]:
         )
         line("state", content.words("display_stopped"), 0.08, TITLE, colors.BLACK)
     else:
-        title = content.words("state_" + content.state if content.state in colors.STATE else "display_not_ready")
+        title = content.words("state_" + content.state if content.state in STATES else "display_not_ready")
         line("state", title, 0.08, TITLE, colors.state_color(content.state))
-    if content.state not in ("", "default"):
+    if content.state not in ("", DEFAULT.name):
         line("elapsed", clock(content.elapsed_s), 0.185, CLOCK, colors.PALE)
     if content.commands:
         line("say", content.words("display_say"), 0.253, LABEL, colors.PALE)
-        rows = [command.replace("_", " ") for command in content.commands]
+        rows = [spoken_form(command) for command in content.commands]
         rows[MAX_COMMANDS - 1 :] = [", ".join(rows[MAX_COMMANDS - 1 :])]  # the last of them is "stop": never left out
         for number, text in enumerate(filter(None, rows)):
             line(f"say/{number}", text, 0.333 + 0.089 * number, COMMAND, colors.WHITE)

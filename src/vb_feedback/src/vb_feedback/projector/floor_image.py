@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from vb_core.grid_map import GridMap
+from vb_core.vocabulary import DEFAULT
 from vb_feedback.display import colors
 from vb_feedback.display.colors import Color
 from vb_feedback.projector.projector_calibration import ProjectorCalibration, markers
@@ -37,7 +38,7 @@ class FloorContent:
         region: what save would restrict, above 0; None: nothing. Ignored when contents are compared.
     """
 
-    state: str = "default"
+    state: str = DEFAULT.name
     borders: Tuple[Border, ...] = ()
     drawing: Drawing = Drawing()
     spot: Optional[Tuple[float, float]] = None
@@ -75,7 +76,7 @@ class FloorImage:
         cv2.max(canvas, self._drawing(content), dst=canvas)
         size = (self.calibration.width, self.calibration.height)
         image = cv2.warpPerspective(canvas, self._to_image, size, flags=cv2.INTER_LINEAR)
-        if content.state != "default":
+        if content.state != DEFAULT.name:
             self._frame(image, self._shade(colors.state_color(content.state), 0.6))
         return image
 

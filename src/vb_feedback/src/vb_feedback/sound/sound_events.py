@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from typing import List, Optional
 
-TICK = "tick"
-SUCCESS = "success"
-ERROR = "error"
-STOPPED = "stopped"
-QUESTION = "question"
+from vb_core.sounds import ERROR, QUESTION, STOPPED, SUCCESS, TICK
+from vb_core.vocabulary import DEFAULT, STATES
 
 TICK_PERIOD = 0.5  # [s] at 25 spots a second one tick for each would be a buzz
 # codes of answers that are a question, not an error
@@ -61,7 +58,7 @@ class SoundEvents:
             if stopped and not self._stopped:
                 sounds.append(STOPPED)
             elif name != self._state:
-                sounds.append(SUCCESS if name == "default" and outcome == "saved" else name)
+                sounds.append(SUCCESS if name == DEFAULT.name and outcome == "saved" else name)
             elif answer != self._answer and not success:
                 sounds.append(QUESTION if code in _QUESTIONS else ERROR)
             if ending and not self._ending:
@@ -71,7 +68,7 @@ class SoundEvents:
 
     def on_spot(self, now: float) -> List[str]:
         """Returns a tick for a spot at a time [s], if spots are wanted and the last tick is long enough ago."""
-        if self._state not in ("border", "seed"):
+        if self._state not in STATES or not STATES[self._state].collects:
             return []
         if self._last_tick is not None and 0.0 <= now - self._last_tick < TICK_PERIOD:
             return []

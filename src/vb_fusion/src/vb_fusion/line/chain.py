@@ -30,6 +30,7 @@ class BorderChain:
         gap: [m] between the ends where the drawing left them.
         left_out: (L, 2) [m] drawn spots that belong to no part of the chain.
         left_out_spots: how many these are.
+        unseen: [m] the longest piece of the chain between two spots that nobody saw.
         stages: the point sets between the stages, for figures.
     """
 
@@ -41,6 +42,7 @@ class BorderChain:
     values: Dict[str, str] = field(default_factory=dict)
     left_out: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)), repr=False, compare=False)
     left_out_spots: int = 0
+    unseen: float = 0.0
     stages: Dict[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
 
     @property

@@ -22,6 +22,7 @@ from shapely.validation import make_valid
 from vb_core import geometry
 from vb_fusion.stroke.observations import TREMOR
 
+CURLED = ("open_wide", "open_flat")  # codes of lines whose ends came near each other
 MAX_OPENING_RATIO = 0.5  # opening in widths of the figure: the end is nearer to the start than to the figure's far side
 
 
@@ -44,12 +45,13 @@ class Closure:
     values: Dict[str, str] = field(default_factory=dict)
 
 
-def classify_closure(points: np.ndarray, kind: str = "auto") -> Closure:
+def classify_closure(points: np.ndarray, kind: str = "auto", tremor: float = TREMOR) -> Closure:
     """Decides whether a line is a polygon or a separating curve.
 
     Args:
         points: (M, 2) [m], the line as drawn, M >= 2.
         kind: "auto" for the rule, "polygon" or "curve" to override it.
+        tremor: [m] what is narrower encloses nothing.
     """
     points = np.asarray(points, dtype=float)
     end = len(points) - 1
@@ -72,7 +74,7 @@ def classify_closure(points: np.ndarray, kind: str = "auto") -> Closure:
         width = 2.0 * make_valid(Polygon(cut)).area / (kept + gap) if len(cut) > 2 else 0.0
         if gap * _closing_turn(cut, gap, 0.1 * kept) > width * 180.0:
             code = "open_wide"
-        elif width < TREMOR:
+        elif width < tremor:
             code = "open_flat"
         else:
             code = "closed_trimmed" if last - first < end else "closed_gap"

@@ -10,19 +10,19 @@ from __future__ import annotations
 import numpy as np
 
 from vb_fusion.line.resampling import ResampledStroke
-from vb_fusion.resumable_loop import ResumableLoop
-from vb_fusion.stroke.observations import TREMOR
 
-MIN_CORNER_MISFIT = 1.5 * TREMOR**3  # [m^3] squared distance times length that a corner must explain
+CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
+LONGEST_BEND = 1.5  # of its chord is a curved side's way at most; half a circle's is 1.57
+LEAST_SPIKE = 2.0  # tremors that the pen goes there and back: what is shorter may be noise
+HELD = 0.3  # tremors of line that hold a vertex where it is; where its sides turn, the samples outweigh it
 
 
-def fit_line(stroke: ResampledStroke, joined: bool, loop: ResumableLoop) -> np.ndarray:
+def fit_line(stroke: ResampledStroke, joined: bool) -> np.ndarray:
     """Fits straight sides to a stroke.
 
     Args:
         stroke: what is fitted.
         joined: whether the line continues from its last vertex to the first.
-        loop: the loop of the call before, of the same drawing.
 
     Returns:
         The line's vertices (M, 2) [m].
@@ -30,18 +30,18 @@ def fit_line(stroke: ResampledStroke, joined: bool, loop: ResumableLoop) -> np.n
     x, y = (stroke.points - stroke.points[0]).T
     terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
     sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
-    starts = _divide(stroke, sums, loop)
+    starts = _divide(stroke, sums)
     if joined and len(starts) > 3:
         # the side in which the drawing began and ended is one side
         last, first = sums[:, -1] - sums[:, starts[-1]], sums[:, starts[1]]
         away = np.linalg.norm(stroke.points[[-1, 0, starts[1] - 1]] - stroke.points[starts[-1]], axis=1)
-        goes_on = (np.diff(away) > -2.0 * TREMOR).all()
-        if goes_on and _misfit(last + first) < _misfit(last) + _misfit(first) + MIN_CORNER_MISFIT:
+        goes_on = (np.diff(away) > -2.0 * stroke.tremor).all()
+        if goes_on and _misfit(last + first) < _misfit(last) + _misfit(first) + CORNER_MISFIT * stroke.tremor**3:
             starts = starts[1:]
     return _fit_vertices(stroke, starts, joined and len(starts) > 2)
 
 
-def _divide(stroke: ResampledStroke, sums: np.ndarray, loop: ResumableLoop) -> np.ndarray:
+def _divide(stroke: ResampledStroke, sums: np.ndarray) -> np.ndarray:
     """Divides a stroke into sides; returns the first sample of each."""
     x, y = stroke.points.T
     count = len(x)
@@ -49,22 +49,25 @@ def _divide(stroke: ResampledStroke, sums: np.ndarray, loop: ResumableLoop) -> n
     # what is usual is rounded, so that it seldom changes while a line grows
     usual = 2.0 ** np.round(np.log2(np.median(stroke.trust)))
     rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
-    corner = MIN_CORNER_MISFIT * np.clip(2.0 / rest, 0.25, 1.0)
+    corner = CORNER_MISFIT * stroke.tremor**3 * np.clip(2.0 / rest, 0.25, 1.0)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    first, states = loop.resume(np.column_stack([x, y, stroke.weights, corner]), 2)
-    best = np.append(0.0, states[:, 0])
-    for end in range(first + 1, count + 1):
-        cost = best[:end] + _misfit(sums[:, end, None] - sums[:, :end])
+    best, before = np.zeros(count + 1), np.zeros(count + 1, dtype=int)
+    starts = np.arange(0)
+    for end in range(1, count + 1):
+        starts = np.append(starts, end - 1)
+        explained = best[starts] + _misfit(sums[:, end, None] - sums[:, starts])
         # what goes back over itself is two sides
-        chord = np.hypot(x[:end] - x[end - 1], y[:end] - y[end - 1])
-        cost[arc[end - 1] - arc[:end] > 1.5 * chord + 4.0 * TREMOR] = np.inf
+        chord = np.hypot(x[starts] - x[end - 1], y[starts] - y[end - 1])
+        back = arc[end - 1] - arc[starts] > LONGEST_BEND * chord + 2.0 * LEAST_SPIKE * stroke.tremor
+        cost = np.where(back, np.inf, explained)
         start = int(cost.argmin())
-        best[end] = cost[start] + corner[end - 1]
-        states[end - 1] = best[end], start
-    starts = [int(states[-1, 1])]
-    while starts[-1] > 0:
-        starts.append(int(states[starts[-1] - 1, 1]))
-    return np.array(starts[::-1])
+        best[end], before[end] = cost[start] + corner[end - 1], starts[start]
+        # a side that explains less than a corner here begins where no later one does (PELT, Killick et al. 2012)
+        starts = starts[explained <= best[end] + 1e-9]
+    found = [int(before[count])]
+    while found[-1] > 0:
+        found.append(int(before[found[-1]]))
+    return np.array(found[::-1])
 
 
 def _misfit(sums: np.ndarray) -> np.ndarray:
@@ -100,5 +103,5 @@ def _fit_vertices(stroke: ResampledStroke, starts: np.ndarray, joined: bool) -> 
     off = ((at - vertices[ends[:, 0]]) * normal).sum(axis=1)
     # a corner that the samples leave open, between sides that hardly turn, stays where it is
     scaled = rows * stroke.weights[:, None]
-    move = np.linalg.solve(scaled.T @ rows + 0.3 * TREMOR * np.eye(2 * count), scaled.T @ off)
+    move = np.linalg.solve(scaled.T @ rows + HELD * stroke.tremor * np.eye(2 * count), scaled.T @ off)
     return vertices + move.reshape(-1, 2)

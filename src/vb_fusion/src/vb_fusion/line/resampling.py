@@ -11,9 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.resumable_loop import ResumableLoop
-from vb_fusion.stroke.observations import TREMOR
-
 
 @dataclass(frozen=True)
 class ResampledStroke:
@@ -22,62 +19,64 @@ class ResampledStroke:
     Attributes:
         points: (K, 2) [m].
         trust: (K,) how many spots each was made of, and how good they are.
+        tremor: [m] smaller details are none.
     """
 
     points: np.ndarray
     trust: np.ndarray
+    tremor: float
 
     @property
     def weights(self) -> np.ndarray:
         """(K,) [m] of the line that each sample represents."""
-        steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * TREMOR)
-        return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMOR
+        steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * self.tremor)
+        return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * self.tremor
 
 
-def resample_stroke(observations: np.ndarray, trust: np.ndarray, loop: ResumableLoop) -> ResampledStroke:
+def resample_stroke(observations: np.ndarray, trust: np.ndarray, tremor: float) -> ResampledStroke:
     """Resamples observations evenly along the stroke; what was drawn twice at the end is merged.
 
     Args:
         observations: (N, 2) [m], N >= 3, in order.
         trust: (N,) their weights.
-        loop: the loop of the call before, of the same drawing.
+        tremor: [m] between samples.
     """
     # what two cameras see in turn is not a movement: a mean over three observations
     wide = np.pad(np.column_stack([observations * trust[:, None], trust]), ((1, 1), (0, 0)), mode="edge")
     total = wide[:-2] + wide[1:-1] + wide[2:]
     calm = total[:, :2] / total[:, 2:]
-    first, states = loop.resume(calm, 1)
-    sample = states[:, 0]
-    # from the beginning of the last sample on
-    first = int(np.searchsorted(sample[:first], sample[first - 1])) if first else 0
-    number, seen, x, y = int(sample[first - 1]) + 1 if first else 0, 0, 0.0, 0.0
-    for row, (px, py) in enumerate(calm[first:].tolist(), start=first):
-        if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > TREMOR**2:
+    sample = np.empty(len(calm), dtype=int)
+    number, seen, x, y = 0, 0, 0.0, 0.0
+    for row, (px, py) in enumerate(calm.tolist()):
+        if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > tremor**2:
             number, seen, x, y = number + 1, 0, 0.0, 0.0
         seen, x, y = seen + 1, x + px, y + py
         sample[row] = number
-    stroke = _means(observations, trust, sample.astype(int))
+    stroke = _means(observations, trust, sample, tremor)
     # the line ends where the spot was seen first and last
     stroke.points[[0, -1]] = calm[[0, -1]]
     return _merge_repeats(stroke)
 
 
-def _means(points: np.ndarray, trust: np.ndarray, sample: np.ndarray) -> ResampledStroke:
+def _means(points: np.ndarray, trust: np.ndarray, sample: np.ndarray, tremor: float) -> ResampledStroke:
     total = np.bincount(sample, trust)
-    return ResampledStroke(np.column_stack([np.bincount(sample, trust * axis) / total for axis in points.T]), total)
+    places = np.column_stack([np.bincount(sample, trust * axis) / total for axis in points.T])
+    return ResampledStroke(places, total, tremor)
 
 
 def _merge_repeats(stroke: ResampledStroke) -> ResampledStroke:
     """Ends the stroke where it no longer reaches new floor: a line drawn twice is one line, seen twice as often."""
     at = stroke.points
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
-    earlier, later = cKDTree(at).query_pairs(2.0 * TREMOR, output_type="ndarray").T
+    earlier, later = cKDTree(at).query_pairs(2.0 * stroke.tremor, output_type="ndarray").T
     # the way between them is more than what a bend makes of it
-    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + TREMOR
+    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + stroke.tremor
     new = np.ones(len(at), dtype=bool)
     new[later[again]] = False
     # two samples beside the line may be an overshoot; three are new floor
     run = np.flatnonzero(new[:-2] & new[1:-1] & new[2:])
     kept = int(run[-1]) + 3 if len(run) else len(at)
+    if len(at) - kept < 4:
+        return stroke  # an end that comes back to the start closes a ring
     nearest = cKDTree(at[:kept]).query(at[kept:])[1]
-    return _means(at, stroke.trust, np.concatenate([np.arange(kept), nearest]))
+    return _means(at, stroke.trust, np.concatenate([np.arange(kept), nearest]), stroke.tremor)

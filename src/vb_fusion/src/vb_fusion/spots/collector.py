@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
-from typing import Dict, List, Optional
+from dataclasses import dataclass, replace
+from typing import Dict, List, Optional, Set
 
 import numpy as np
 
 from vb_core.parameters import Parameters, param
+from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
 
-BORDER = "border"
-SEED = "seed"
+CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more say that its clock was set back
+MAX_CLOCK_ERROR = 60.0  # [s] from which on a clock is off; smaller errors are check_lab's to name
 
 
 @dataclass(frozen=True)
@@ -42,25 +43,29 @@ COLUMNS = 6
 class SpotStore:
     """Stores spots in arrays of limited size.
 
-    When they are full, every other spot is dropped, so that memory is bounded and no part of the drawing is lost.
+    When they are full, every other spot of each camera is dropped, so that memory is bounded and neither a part of the
+    drawing nor a camera is lost.
     """
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._data = np.empty((min(256, limit), COLUMNS))
-        self.kept = 0
-        self.total = 0
+        self.clear()
 
     def append(self, spot: FloorSpot, camera: int) -> None:
         """Keeps a spot seen by camera number `camera`."""
         if self.kept == len(self._data):
-            rows = self._data[::2] if self.kept >= self._limit else self._data
+            rows = self._data if self.kept < self._limit else self._every_other()
             self._data = np.empty((min(2 * self.kept, self._limit), COLUMNS))
             self._data[: len(rows)] = rows
             self.kept = len(rows)
         self._data[self.kept] = (spot.stamp, spot.x, spot.y, spot.confidence, camera, spot.mobile)
         self.kept += 1
         self.total += 1
+
+    def _every_other(self) -> np.ndarray:
+        order = np.argsort(self._data[:, 4], kind="stable")
+        number = np.arange(len(order)) - np.searchsorted(self._data[order, 4], self._data[order, 4])
+        return self._data[np.sort(order[number % 2 == 0])]
 
     def clear(self) -> None:
         """Drops all."""
@@ -91,24 +96,31 @@ class Collector:
     """Collects spots in the states Border and Seed of one interaction.
 
     A change of state arrives late, and so do spots: what counts is the spot's own stamp against the stamps at
-    which states were entered. No clock is read.
+    which states were entered. Time is relative: a clock that is set back while somebody draws goes on as if it was not,
+    and a camera whose clock is off is left out and named.
     """
 
     def __init__(self, params: Optional[CollectorParams] = None) -> None:
         self._params = params or CollectorParams()
         self.interaction_id = ""
-        self.state = "default"
+        self.state = DEFAULT
         self.ignored: Counter = Counter()
         self._entered = -math.inf
         self._cameras: List[str] = []
         self._last_seen: Dict[str, float] = {}
-        self._stores = {BORDER: SpotStore(self._params.max_spots), SEED: SpotStore(self._params.max_spots)}
+        self.wrong_clocks: Set[str] = set()
+        # of each camera in this state [s]: by how much its clock was set back, its last stamp, and that as if it was not
+        self._set_back: Dict[str, float] = {}
+        self._previous: Dict[str, float] = {}
+        self._newest: Dict[str, float] = {}
+        self._stores = {
+            state.collects: SpotStore(self._params.max_spots) for state in STATES.values() if state.collects
+        }
 
-    def set_state(self, state: str, interaction_id: str, entered: float) -> bool:
+    def set_state(self, state: State, interaction_id: str, entered: float) -> bool:
         """Adopts a new state; returns whether a new interaction began.
 
         Args:
-            state: "default", "border", "seed" or "guide".
             interaction_id: empty in Default. What was collected is kept until another id comes.
             entered: [s] when the state was entered.
         """
@@ -117,42 +129,65 @@ class Collector:
             self.interaction_id = interaction_id
             self.ignored = Counter()
             self._cameras = []
+            self.wrong_clocks = set()
             for store in self._stores.values():
                 store.clear()
         if state != self.state or fresh:
             self.state, self._entered = state, entered
+            self._set_back, self._previous, self._newest = {}, {}, {}
         return fresh
 
-    def add(self, spot: FloorSpot) -> str:
-        """Adds a spot.
+    def add(self, spot: FloorSpot, now: float = math.nan) -> str:
+        """Adds a spot that arrives at a time [s].
 
         Returns:
-            "" if it was collected, else why it was ignored: "not_finite", "state" (no spots are wanted) or
-            "before_state" (it was seen before the state was entered).
+            "" if it was collected, else why it was ignored: "not_finite", "state" (no spots are wanted), "clock" (it
+            was seen after it arrives, or long before the camera's last one) or "before_state" (it was seen before the state was entered).
         """
-        reason = self._rejection_reason(spot)
+        reason = self._rejection_reason(spot, now)
         # a jump back of the clock must not leave a camera seeing for ever
         self._last_seen[spot.camera] = spot.stamp
         if reason:
             self.ignored[reason] += 1
             return reason
-        self.restore(self.state, spot)
+        self.restore(self.state.collects, spot)
         return ""
 
-    def restore(self, state: str, spot: FloorSpot) -> None:
-        """Adds a spot that was collected in "border" or "seed" before, whatever the state is now."""
-        if state not in self._stores:
+    def restore(self, part: str, spot: FloorSpot) -> None:
+        """Adds a spot that was collected for the "border" or the "seed" before, whatever the state is now."""
+        if part not in self._stores:
             return
         if spot.camera not in self._cameras:
             self._cameras.append(spot.camera)
-        self._stores[state].append(spot, self._cameras.index(spot.camera))
+        stamp = spot.stamp + self._find_set_back(spot)
+        self._newest[spot.camera] = stamp
+        self._stores[part].append(replace(spot, stamp=stamp), self._cameras.index(spot.camera))
 
-    def _rejection_reason(self, spot: FloorSpot) -> str:
+    def _find_set_back(self, spot: FloorSpot) -> float:
+        """Returns by how much [s] the clock of a spot's camera has been set back since the state was entered."""
+        known = self._set_back.get(spot.camera, 0.0)
+        back = self._newest.get(spot.camera, -math.inf) - spot.stamp
+        if back - known > CLOCK_STEP:
+            # clocks of one computer are set back together: the camera that saw the spot last knows by how much
+            known = max([back, *(other for other in self._set_back.values() if abs(other - back) < CLOCK_STEP)])
+            self._set_back[spot.camera] = known
+        return known
+
+    def _rejection_reason(self, spot: FloorSpot, now: float) -> str:
         if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
             return "not_finite"
-        if self.state not in self._stores:
+        if not self.state.collects:
             return "state"
-        if spot.stamp < self._entered - self._params.stamp_tolerance:
+        if spot.stamp > now + MAX_CLOCK_ERROR:
+            self.wrong_clocks.add(spot.camera)
+            return "clock"
+        previous = self._previous.get(spot.camera, -math.inf)
+        self._previous[spot.camera] = spot.stamp
+        if spot.stamp < previous - CLOCK_STEP:
+            return "clock"  # an old message, or the first one since the clock was set back
+        if spot.stamp + self._find_set_back(spot) < self._entered - self._params.stamp_tolerance:
+            if now - spot.stamp > MAX_CLOCK_ERROR:
+                self.wrong_clocks.add(spot.camera)
             return "before_state"
         return ""
 
@@ -170,9 +205,9 @@ class Collector:
     @property
     def counts(self) -> tuple:
         """(border spots, seed spots, ignored spots)."""
-        return self._stores[BORDER].total, self._stores[SEED].total, sum(self.ignored.values())
+        return self._stores[BORDER.collects].total, self._stores[SEED.collects].total, sum(self.ignored.values())
 
     def collection(self) -> Collection:
         """Returns what was collected so far."""
-        border, seed = self._stores[BORDER], self._stores[SEED]
+        border, seed = self._stores[BORDER.collects], self._stores[SEED.collects]
         return Collection(self.interaction_id, border.rows, seed.rows, list(self._cameras), border.total, seed.total)

@@ -9,7 +9,6 @@ A spot log that fails never stops the drawing: the failure is kept in `problem` 
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import List, Optional, Tuple
 
@@ -56,18 +55,12 @@ class SpotLog:
             if not entries:
                 self._file.write(json.dumps({"interaction_id": interaction_id}) + "\n")
                 self._file.flush()
-            # a process that was killed may have left half a line
-            elif not self._ends_with_newline():
+            else:  # a process that was killed may have left half a line
                 self._file.write("\n")
         except OSError as error:
             self._give_up(error)
         self._written = len(entries)
         return entries
-
-    def _ends_with_newline(self) -> bool:
-        with open(str(self._path), "rb") as file:
-            file.seek(-1, os.SEEK_END)
-            return file.read(1) == b"\n"
 
     def read(self, interaction_id: str) -> List[Entry]:
         """Reads the spots on record for an interaction; lines that cannot be read are left out."""

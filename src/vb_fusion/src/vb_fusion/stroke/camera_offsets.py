@@ -11,6 +11,7 @@ far more firmly than mobile ones, so that a robot that is lost does not move the
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
@@ -30,40 +31,43 @@ def remove_offsets(seen: Observations) -> Observations:
     """
     cameras = int(seen.cameras.max()) + 1
     moment = time_bins(seen.stamps)
-    second = np.where(seen.mobile, (moment - moment.min()) // 10 + 1, 0)
+    # unknowns exist only where something was seen
+    seconds, index = np.unique(moment[seen.mobile] // 10, return_inverse=True)
+    second = np.zeros(len(moment), dtype=int)
+    second[seen.mobile] = 1 + index
     offset = second * cameras + seen.cameras
-    unknown = (int(second.max()) + 1) * cameras
+    unknown = (len(seconds) + 1) * cameras
     # the observations of a moment follow one another
     row = np.cumsum(np.append(0, np.diff(moment) != 0))
     in_moment = csr_matrix((np.ones(len(row)), (row, offset)), shape=(int(row[-1]) + 1, unknown))
     share = diags(1.0 / np.bincount(row)) @ in_moment
     # each equation in units of its deviation: a difference as a hand trembles, an offset as the camera is placed
     robots = np.unique(seen.cameras[seen.mobile])
-    prior = _prior_weight(unknown, robots + cameras * np.arange(1, unknown // cameras)[:, None])
+    prior = _prior_weight(unknown, robots + cameras * np.arange(1, unknown // cameras)[:, None], np.diff(seconds))
     equations = diags(np.bincount(offset, minlength=unknown)) + prior - in_moment.T @ share
     apart = np.column_stack(
         [np.bincount(offset, axis, unknown) - share.T @ np.bincount(row, axis) for axis in seen.points.T]
     )
     # in tenths of a millimetre: what was placed before stays where it is while more is seen
     found = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 4)
-    return seen.moved(seen.points - found[offset])
+    return replace(seen, points=seen.points - found[offset])
 
 
-def _prior_weight(unknown: int, seconds: np.ndarray) -> csr_matrix:
-    """Weighs how firmly offsets are held: near zero, and a robot's near its values a second before and after.
+def _prior_weight(unknown: int, seconds: np.ndarray, pauses: np.ndarray) -> csr_matrix:
+    """Weighs how firmly offsets are held: near zero, and a robot's near its values of the second before that it saw.
 
     Args:
         unknown: number of offsets.
         seconds: (S, R) which of them are robots', one row per second.
+        pauses: (S - 1,) [s] from one of these seconds to the next.
     """
     before, after = seconds[:-1], seconds[1:]
     prior = (0.5 * TREMOR / LOCALIZATION_ERROR) ** 2
-    tie = prior / (1.0 - ERROR_CORRELATION**2)  # of an offset to its correlated part of a second before
+    same = np.broadcast_to(ERROR_CORRELATION ** pauses[:, None], before.shape)
+    tie = prior / (1.0 - same**2)  # of an offset to its correlated part of the second before
     held = np.ones(unknown)
     held[seconds[:1]] = prior
     held[after] = tie
-    held[before] += tie * ERROR_CORRELATION**2
-    pairs = csr_matrix(
-        (np.full(after.size, -tie * ERROR_CORRELATION), (before.ravel(), after.ravel())), shape=(unknown, unknown)
-    )
+    held[before] += tie * same**2
+    pairs = csr_matrix(((-tie * same).ravel(), (before.ravel(), after.ravel())), shape=(unknown, unknown))
     return diags(held) + pairs + pairs.T

@@ -7,7 +7,7 @@ thousand.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Optional, Sequence
 
 import numpy as np
@@ -16,6 +16,7 @@ from vb_fusion.line.chain import ExtractionError
 
 TREMOR = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
 LOCALIZATION_ERROR = 0.15  # [m] what a robot's pose may be off, differently every second
+BIN_PHASE = 0.031  # of a bin: images come at round intervals, so that a bin must not begin at a round time
 TIME_BIN = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
 MAX_COORDINATE = 1e5  # [m] from the origin: no floor is larger
 
@@ -44,22 +45,10 @@ class Observations:
         """Returns the observations where rows (N,) is true, or those with these indices."""
         return Observations(*(getattr(self, column.name)[rows] for column in fields(self)))
 
-    def concatenate(self, others: "Observations") -> "Observations":
-        """Returns these observations and then the others."""
-        names = [column.name for column in fields(self)]
-        return Observations(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in names))
-
-    def moved(self, points: np.ndarray) -> "Observations":
-        """Returns the same observations at other places (N, 2) [m]."""
-        return replace(self, points=points)
-
 
 def time_bins(stamps: np.ndarray) -> np.ndarray:
-    """Returns the number (N,) int of the time bin of each stamp [s].
-
-    Images come at round intervals, so a bin does not begin at a round time.
-    """
-    return np.floor(stamps / TIME_BIN + 0.031).astype(np.int64)
+    """Returns the number (N,) int of the time bin of each stamp [s]."""
+    return np.floor(stamps / TIME_BIN + BIN_PHASE).astype(np.int64)
 
 
 def make_observations(
@@ -68,15 +57,11 @@ def make_observations(
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
-    began: Optional[float] = None,
 ) -> Observations:
     """Makes one observation of each spot; rows that are not finite, or are off any floor, are left out.
 
     What the clock said does not matter, only the time since the drawing began: the same drawing gives the same border
     at any hour.
-
-    Args:
-        began: [s] the stamp from which the others count; None: the first spot's.
 
     Raises:
         ExtractionError: "bad_points" if the shapes do not fit.
@@ -103,11 +88,11 @@ def make_observations(
     trust = np.where(moving, TREMOR / LOCALIZATION_ERROR, 1.0) * trust
     times = np.zeros(count) if stamps is None else np.asarray(stamps, dtype=float)
     usable = (np.abs(array) <= MAX_COORDINATE).all(axis=1) & np.isfinite(times)
-    if began is None:
-        began = times[usable].min() if usable.any() else 0.0
+    began = times[usable].min() if usable.any() else 0.0
     # in microseconds: a double that counts seconds since 1970 knows them no better
     times = np.round(times - began, 6)
-    return Observations(array, times, known, trust, moving, np.ones(count, dtype=int)).select(usable)
+    found = Observations(array, times, known, trust, moving, np.ones(count, dtype=int))
+    return found if usable.all() else found.select(usable)
 
 
 def merge_observations(spots: Observations) -> Observations:
@@ -118,17 +103,32 @@ def merge_observations(spots: Observations) -> Observations:
     cell = np.floor(spots.points / TREMOR).astype(np.int64)
     cell -= cell.min(axis=0)
     width, height = (int(size) for size in cell.max(axis=0) + 1)
-    key = ((moment - moment.min()) * (int(spots.cameras.max()) + 1) + spots.cameras) * width * height
-    key += cell[:, 0] * height + cell[:, 1]
-    _, first, index = np.unique(key, return_index=True, return_inverse=True)
+    cameras = int(spots.cameras.max()) + 1
+    key = ((moment - moment.min()) * cameras + spots.cameras) * width * height + cell[:, 0] * height + cell[:, 1]
+    keys, index = np.unique(key, return_inverse=True)
     weights = np.bincount(index, spots.weights)
     x, y, times = (np.bincount(index, spots.weights * values) / weights for values in (*spots.points.T, spots.stamps))
     order = np.lexsort((y, x, times))
-    return Observations(
-        np.column_stack([x, y]),
-        times,
-        spots.cameras[first],
-        weights,
-        spots.mobile[first],
-        np.bincount(index, spots.spots).astype(int),
-    ).select(order)
+    mobile, counts = np.bincount(index, spots.mobile) > 0, np.bincount(index, spots.spots).astype(int)
+    camera = keys // (width * height) % cameras
+    return Observations(np.column_stack([x, y]), times, camera, weights, mobile, counts).select(order)
+
+
+def estimate_tremor(stroke: Observations) -> float:
+    """Estimates within which distance [m] of a stroke its observations lie: the hand's tremor, and what cameras err.
+
+    It is three standard deviations of the observations from the straight way between those a fifth of a second before
+    and after, in steps of a half power of two, so that it seldom changes while a line grows.
+    """
+    after = np.searchsorted(stroke.stamps, stroke.stamps + 2.0 * TIME_BIN)
+    before = np.searchsorted(stroke.stamps, stroke.stamps - 2.0 * TIME_BIN) - 1
+    inner = np.flatnonzero((before >= 0) & (after < len(after)))
+    one, other = before[inner], after[inner]
+    share = ((stroke.stamps[inner] - stroke.stamps[one]) / (stroke.stamps[other] - stroke.stamps[one]))[:, None]
+    off = stroke.points[inner] - (1.0 - share) * stroke.points[one] - share * stroke.points[other]
+    if len(inner) < 10:
+        return TREMOR
+    # half of the squares are below 2 ln 2 variances of an axis, of which the ends of the way add a half
+    deviation = np.sqrt(np.median((off**2).sum(axis=1)) / (3.0 * np.log(2.0)))
+    steps = np.round(2.0 * np.log2(max(3.0 * deviation, 1e-6) / TREMOR))
+    return float(TREMOR * 2.0 ** (0.5 * np.clip(steps, -2.0, 1.0)))

@@ -7,23 +7,57 @@ on its way. So what counts is light that is new at its place, and a jump costs a
 
 from __future__ import annotations
 
-from typing import Optional, Sequence, Tuple
+from dataclasses import dataclass
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_fusion.line.chain import ExtractionError
-from vb_fusion.resumable_loop import ResumableLoop
 from vb_fusion.stroke.observations import TIME_BIN, TREMOR, make_observations, merge_observations
 from vb_fusion.stroke.track import find_best_steps, find_places, trace_path
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
+SHORTEST_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people draw, is within HAND_RADIUS for so long
+LONGEST_BLINK = 0.5  # [s] light that stays is seen again within this: two images in a row missed at 5 a second
 MIN_SPOTS = 3
 NEW_PLACE_GAIN = 1.0  # weight of a place that was not seen before
-KNOWN_PLACE_GAIN = 0.2  # weight of a place that was seen before the seed was requested
+KNOWN_PLACE_GAIN = 0.2  # of one that was: a fifth, so that a second of new light outweighs five of old
 
 
-def extract_seed(
+@dataclass(frozen=True)
+class Dwell:
+    """A place (2,) [m] where the pointer dwelt, for how long [s].
+
+    Attributes:
+        known: light was seen there before; steady: a camera that does not move saw it.
+    """
+
+    point: np.ndarray
+    seconds: float
+    known: bool
+    steady: bool
+
+
+def extract_seed(points: np.ndarray, **known) -> np.ndarray:
+    """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last, (2,) float64 [m]; arguments as find_dwells."""
+    return choose_seed(find_dwells(points, **known)).point
+
+
+def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
+    """Chooses the last dwell, as the one that is meant.
+
+    To a camera that moves, whatever is bright is new. So what only such a camera saw must have lasted longer than what a
+    steady one saw before it.
+    """
+    chosen = dwells[0]
+    for dwell in dwells[1:]:
+        if dwell.steady or chosen.known or not chosen.steady or dwell.seconds > chosen.seconds:
+            chosen = dwell
+    return chosen
+
+
+def find_dwells(
     points: np.ndarray,
     *,
     stamps: Optional[Sequence[float]] = None,
@@ -31,8 +65,8 @@ def extract_seed(
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
     before: Optional[np.ndarray] = None,
-) -> np.ndarray:
-    """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last.
+) -> List[Dwell]:
+    """Finds the places where the pointer dwelt, in the order in which it left them; at least one.
 
     A place that was seen before already counts less: something bright, or the end of the border. The longer light has
     been at its place [s], the less it counts as new. Cameras that agree confirm each other.
@@ -40,9 +74,6 @@ def extract_seed(
     Args:
         points: (N, 2) [m], any order. Without stamps it is the place where most of them are.
         before: (K, 2) [m] spots that were seen before the seed was requested: the border's.
-
-    Returns:
-        (2,) float64 [m].
 
     Raises:
         ExtractionError: "no_spots", "no_seed" or "bad_points".
@@ -56,23 +87,49 @@ def extract_seed(
     places = None if stamps is None else find_places(seen)
     at = seen.points if places is None else places.points
     spot, earlier = _spots_of_floor(at)
-    gains, path = np.ones(len(at)), np.arange(len(at))
+    known, path = np.zeros(len(at), dtype=bool), np.arange(len(at))
     if before is not None and len(before) >= MIN_SPOTS:
         # balanced trees take longer to make than to ask
         floor = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
-        known = floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0]
-        gains[np.isfinite(known)] = KNOWN_PLACE_GAIN
+        known = np.isfinite(floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
     if places is not None:
-        gains *= places.cameras / (1.0 + TIME_BIN * earlier)
-        gain, previous = find_best_steps(at, places.stamps, gains, np.inf, NEW_PLACE_GAIN, ResumableLoop())
+        gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * places.cameras / (1.0 + TIME_BIN * earlier)
+        gain, previous = find_best_steps(places, gains, NEW_PLACE_GAIN)
         path = trace_path(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
-    dwelt = np.bincount(spot[path], gains[path])[spot[path]]
-    # on its way it dwells nowhere for half as long
-    last = int(np.argmax(dwelt)) if places is None else int(np.flatnonzero(dwelt >= 0.5 * dwelt.max())[-1])
-    middle = at[path[last]]
+    bins = np.zeros(len(path)) if places is None else places.bins[path]
+    steady = seen.points[~seen.mobile]
+    dwells = []
+    for last, count in _find_stays(spot[path], bins):
+        point = _middle(at[path], last)
+        of_steady = np.linalg.norm(steady - point, axis=1) <= HAND_RADIUS
+        dwells.append(Dwell(point, TIME_BIN * count, bool(known[path[last]]), int(of_steady.sum()) >= MIN_SPOTS))
+    return dwells
+
+
+def _find_stays(spot: np.ndarray, bins: np.ndarray) -> List[Tuple[int, int]]:
+    """Finds where light stayed: flashes that come again at one spot of floor, each for an instant, are no dwell.
+
+    Args:
+        spot, bins: (P,) the spot of floor and the time bin of each place of the pointer's track, in the order of time.
+
+    Returns:
+        (the last place, how many places) for each spot of floor with a stay of SHORTEST_DWELL, in the order of the last
+        places; if there is none, only the longest stay.
+    """
+    order = np.argsort(spot, kind="stable")
+    breaks = (np.diff(spot[order]) != 0) | (np.diff(bins[order]) * TIME_BIN > LONGEST_BLINK)
+    stays = np.split(order, np.flatnonzero(breaks) + 1)
+    held = [stay for stay in stays if len(stay) * TIME_BIN >= SHORTEST_DWELL] or [max(stays, key=len)]
+    counts = np.bincount(spot[np.concatenate(held)])
+    last = {spot[stay[-1]]: int(stay[-1]) for stay in held}
+    return sorted((place, int(counts[number])) for number, place in last.items())
+
+
+def _middle(at: np.ndarray, place: int) -> np.ndarray:
+    """Returns the middle (2,) of the places (P, 2) [m] within a hand's radius of one of them."""
+    middle = at[place]
     for _ in range(5):
-        inside = np.linalg.norm(at[path] - middle, axis=1) <= HAND_RADIUS
-        middle = at[path[inside]].mean(axis=0)
+        middle = at[np.linalg.norm(at - middle, axis=1) <= HAND_RADIUS].mean(axis=0)
     return middle
 
 

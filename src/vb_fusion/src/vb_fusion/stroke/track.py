@@ -4,7 +4,8 @@ The pointer is one thing that moves through time. What was seen within a moment 
 track is the sequence of places that explains the most floor with the least effort. In metres:
 
     gain  = the floor that a place adds: staying and coming back add nothing more, and what is there for longer than
-            MAX_DWELL counts less and less. Places that are passed at one speed add the path between them
+            MAX_DWELL counts less and less, unless its place has a trend over time: then it is a slow hand. Places that are
+            passed at one speed add the path between them
     cost  = distance^2 / (time * UNSEEN_SPEED) between places: a gap that was crossed at the speed of a hand is cheap, a
             pause is free. Hands flick, too: beyond a TREMOR the cost grows with the logarithm only, as the likelihood
             of an error with heavy tails does. So a rest behind a flick belongs to the stroke, and a stray does not pay
@@ -16,20 +17,24 @@ the other strokes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import List, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.resumable_loop import ResumableLoop
 from vb_fusion.stroke.observations import TIME_BIN, TREMOR, Observations, time_bins
 
 PLACE_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a place covers
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
-MAX_DROPOUT = 3.0 * TIME_BIN  # [s] within which a moving pointer is seen again
+MAX_DROPOUTS = 3.0  # usual intervals between moments within which a moving pointer is seen again
 MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
+MAX_CROWD = 3.0  # places of one moment that count in full: the pointer, a bright thing and a stray
+SHORTEST_STROKE = 1.5 * PLACE_WIDTH  # [m] of floor that a stroke explains
+LEAST_SEEN = 3  # places beyond an unseen step that are more than strays
+SEEN = 0.04  # [m] what a place gains where light moves: a slow hand is seen there often, a stray once
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
-# places of one moment, the strongest ones: looking back reaches further than MAX_DROPOUT, whatever glitters
+# places of one moment, the strongest ones: looking back reaches further than a dropout, whatever glitters
 MAX_SIMULTANEOUS_PLACES = 10
 
 
@@ -42,34 +47,12 @@ class Places:
     bins: np.ndarray  # (P,) int
     cameras: np.ndarray  # (P,) how many cameras saw each
 
-    def before(self, time_bin: int) -> "Places":
-        """Returns the places of earlier time bins."""
-        count = int(np.searchsorted(self.bins, time_bin))
-        return Places(self.points[:count], self.stamps[:count], self.bins[:count], self.cameras[:count])
-
-    def concatenate(self, others: "Places") -> "Places":
-        """Returns these places and then the others."""
-        return Places(
-            np.vstack([self.points, others.points]),
-            np.concatenate([self.stamps, others.stamps]),
-            np.concatenate([self.bins, others.bins]),
-            np.concatenate([self.cameras, others.cameras]),
-        )
-
-
-@dataclass(frozen=True)
-class PointerTrack:
-    """One stroke.
-
-    Attributes:
-        points: (K, 2) [m] the places of the track, in order of time.
-        observations: indices of the observations that belong to it.
-        gain: [m] of floor that it explains, less what its jumps cost.
-    """
-
-    points: np.ndarray
-    observations: np.ndarray
-    gain: float
+    @cached_property
+    def dropout(self) -> float:
+        """[s] within which a moving pointer is seen again: some of the intervals at which these cameras see anything."""
+        moments = np.unique(self.bins)
+        usual = float(np.median(np.diff(moments))) if len(moments) > 1 else 1.0
+        return MAX_DROPOUTS * TIME_BIN * usual
 
 
 def find_places(seen: Observations) -> Places:
@@ -93,34 +76,52 @@ def find_places(seen: Observations) -> Places:
     return Places(np.column_stack([x, y])[order], time[order], moment[order], np.bincount(witnesses)[order])
 
 
-def find_tracks(
-    seen: Observations, places: Places, widest_gap: float, shortest: float, loop: ResumableLoop
-) -> List[PointerTrack]:
-    """Finds the strokes that were drawn, the one that explains most first; none if there is none.
+def find_strokes(seen: Observations, places: Places, widest_gap: float) -> List[np.ndarray]:
+    """Finds the strokes that were drawn; returns the indices of the observations of each, in order of time.
 
     Args:
         seen: in order of time.
         places: what is at one place in them.
         widest_gap: [m] that may be missing between two places of one stroke.
-        shortest: [m] of floor that a stroke explains.
-        loop: the steps through places that were here before.
     """
-    points, stamps = places.points, places.stamps
-    gain, previous = find_best_steps(points, stamps, floor_gains(points, stamps), widest_gap, TREMOR, loop)
-    tracks: List[PointerTrack] = []
+    points, stamps, dropout = places.points, places.stamps, places.dropout
+    _, moment, crowd = np.unique(places.bins, return_inverse=True, return_counts=True)
+    # among many things seen at once, each is the less likely the pointer
+    floor = floor_gains(points, stamps, dropout) * np.minimum(1.0, MAX_CROWD / crowd[moment])
+    gain, previous = find_best_steps(places, floor, TREMOR)
+    strokes: List[np.ndarray] = []
     free = np.ones(len(points), dtype=bool)
     worth = gain
-    while len(tracks) < 8 and free.any():
+    while free.any():
         end = int(np.argmax(np.where(free, worth, -np.inf)))
-        if worth[end] < shortest:
+        if worth[end] < SHORTEST_STROKE:
             break
         line = trace_path(end, previous, free)
         free[line] = False
-        if len(line) > 1:
-            tracks.append(PointerTrack(points[line], _beside(seen, points[line], stamps[line]), float(worth[end])))
-            free[free] = cKDTree(points[line]).query(points[free])[0] > PLACE_WIDTH
-        worth = _from_branch(gain, previous, free)
-    return tracks
+        for piece in _divide(line, points[line], stamps[line], floor[line], dropout, widest_gap + TREMOR):
+            strokes.append(_beside(seen, points[piece], stamps[piece]))
+        free[free] = cKDTree(points[line]).query(points[free])[0] > PLACE_WIDTH
+        worth = gain - _before_branch(gain, floor, previous, free)
+    return strokes
+
+
+def _divide(
+    line: np.ndarray, at: np.ndarray, times: np.ndarray, floor: np.ndarray, dropout: float, widest: float
+) -> List[np.ndarray]:
+    """Divides a track, the indices of its places, into strokes: where nothing was seen over more than `widest` [m].
+
+    What is between two unseen steps and is not as much as a stroke, or seen again and again, is a stray: no stepping stone.
+    """
+    way, pause = np.hypot(*np.diff(at, axis=0).T), np.diff(times)
+    pieces = np.split(np.arange(len(line)), np.flatnonzero((way > PLACE_WIDTH) & (pause > dropout)) + 1)
+    pieces = [one for one in pieces if len(one) >= LEAST_SEEN or floor[one].sum() >= SHORTEST_STROKE]
+    strokes: List[np.ndarray] = []
+    for piece in pieces:
+        if strokes and np.hypot(*(at[piece[0]] - at[strokes[-1][-1]])) <= widest:
+            strokes[-1] = np.concatenate([strokes[-1], piece])
+        else:
+            strokes.append(piece)
+    return [line[stroke] for stroke in strokes]
 
 
 def _beside(seen: Observations, line: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -130,16 +131,17 @@ def _beside(seen: Observations, line: np.ndarray, times: np.ndarray) -> np.ndarr
     return first + np.flatnonzero(np.hypot(*(seen.points[first:last] - there).T) <= PLACE_WIDTH)
 
 
-def _from_branch(gain: np.ndarray, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Returns what (P,) the best track that ends at each place gains behind the last place that is not free."""
+def _before_branch(gain: np.ndarray, floor: np.ndarray, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Returns what (P,) the best track that ends at each place gained before its first free place in a row."""
     root = np.zeros(len(gain))
     for place, (before, is_free) in enumerate(zip(previous.tolist(), free.tolist())):
         if is_free and before >= 0:
-            root[place] = root[before] if free[before] else gain[before]
-    return gain - root
+            # the jump to another stroke is not that stroke's price
+            root[place] = root[before] if free[before] else gain[place] - floor[place]
+    return root
 
 
-def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
     """Returns the floor (P,) [m] that each place adds: all that see the same floor share it.
 
     Places count for the four nodes of a lattice about them, by how near they are: continuous in place.
@@ -158,17 +160,33 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     node = np.empty(len(order), dtype=np.int64)
     node[order] = np.cumsum(first) - 1
     company = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0)
-    # a place alone has, on average, 4/9 of its own company
-    new = 0.5 * PLACE_WIDTH / np.maximum(0.75 * company, 1.0)
-    # a thing that is not seen for longer than a MAX_DROPOUT was not there
-    there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, MAX_DROPOUT)))
-    stay = there[node].reshape(4, -1).max(axis=0)
-    gains = np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, MAX_DWELL / stay) ** 2
-    # in tenths of a millimetre, so that what stays for long has got its gain for good; never quite nothing
+    # along a line, company is on average two thirds of the places in a width: all of them add the line's length
+    new = PLACE_WIDTH / np.maximum(1.5 * company, 2.0)
+    # a thing that is not seen for longer than a dropout was not there
+    there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, dropout)))
+    moved = np.minimum(1.0, (_moved(points, stamps, shares, node) / PLACE_WIDTH) ** 2)
+    still = there * (1.0 - moved)
+    moving = SEEN * (moved[node] * shares).reshape(4, -1).sum(axis=0) * np.minimum(1.0, 0.5 * company)
+    stay = still[node].reshape(4, -1).max(axis=0)
+    gains = (np.maximum(new, _swept(points, stamps, dropout)) + moving) * np.minimum(
+        1.0, MAX_DWELL / np.maximum(stay, TIME_BIN)
+    ) ** 2
+    # in tenths of a millimetre, so that equal places are equal on every computer; never quite nothing
     return np.round(gains, 4) + 1e-5
 
 
-def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _moved(points: np.ndarray, stamps: np.ndarray, shares: np.ndarray, node: np.ndarray) -> np.ndarray:
+    """Returns by how much [m] the light at each node moved while it was there: a trend of place over time."""
+    total = np.maximum(np.bincount(node, shares), 1e-9)
+    t, x, y = (np.tile(values - values.mean(), 4) for values in (stamps, *points.T))
+    t = t - (np.bincount(node, shares * t) / total)[node]
+    spread = np.bincount(node, shares * t * t)
+    # an even movement lasts for the root of 12 standard deviations of its times
+    trend = [np.bincount(node, shares * t * axis) for axis in (x, y)]
+    return np.sqrt(12.0 / total / np.maximum(spread, 1e-12)) * np.hypot(*trend)
+
+
+def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
     """Returns the floor (P,) [m] between a place and its neighbours in time, where the three are passed at one speed.
 
     A quick hand is seen so seldom that the places alone are less than the line. Strays do not form such rows.
@@ -184,16 +202,14 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
             straight = np.exp(-((off / np.maximum(0.3 * way, TREMOR)) ** 2))
             # two places and one of them again are no row: the middle one is in the middle of the time
             row = np.maximum(way - TREMOR, 0.0) * straight * 4.0 * share * (1.0 - share)
-            row[(whole > MAX_DROPOUT) | (2.0 * way > UNSEEN_SPEED * whole)] = 0.0
+            row[(whole > dropout) | (2.0 * way > UNSEEN_SPEED * whole)] = 0.0
             # the row's ends too, where the stroke may begin or end
             for part, much in ((first, 0.5), (at, 1.0), (last, 0.5)):
                 swept[part] = np.maximum(swept[part], much * row)
     return swept
 
 
-def find_best_steps(
-    points: np.ndarray, stamps: np.ndarray, gains: np.ndarray, widest_gap: float, flick: float, loop: ResumableLoop
-) -> Tuple[np.ndarray, np.ndarray]:
+def find_best_steps(places: Places, gains: np.ndarray, flick: float) -> Tuple[np.ndarray, np.ndarray]:
     """Finds the best track that ends at each of the places (P, 2) [m].
 
     The cost of a jump beyond a flick grows with its logarithm.
@@ -201,23 +217,24 @@ def find_best_steps(
     Returns:
         (P,) what the track gains [m], and (P,) the place before; -1 where a track begins.
     """
-    first, states = loop.resume(np.column_stack([points, stamps, gains]), 2)
+    points, stamps, dropout = places.points, places.stamps, places.dropout
     count = len(points)
-    earlier = np.arange(first, count)[:, None] - np.arange(1, LOOK_BACK + 1)
+    earlier = np.arange(count)[:, None] - np.arange(1, LOOK_BACK + 1)
     origin = np.maximum(earlier, 0)
-    way = np.hypot(*(points[first:, None] - points[origin]).transpose(2, 0, 1))
-    time = stamps[first:, None] - stamps[origin]
-    possible = (earlier >= 0) & (time > 0.0) & ((way <= widest_gap + TREMOR) | (time <= MAX_DROPOUT))
-    effort = np.maximum(way - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, MAX_DROPOUT) * UNSEEN_SPEED)
+    way = np.hypot(*(points[:, None] - points[origin]).transpose(2, 0, 1))
+    time = stamps[:, None] - stamps[origin]
+    possible = (earlier >= 0) & (time > 0.0)
+    effort = np.maximum(way - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, dropout) * UNSEEN_SPEED)
     effort = flick * np.log1p(effort / flick)
     effort[~possible] = np.inf
-    best = states[:, 0]
-    for row, place in enumerate(range(first, count)):
-        value = best[origin[row]] - effort[row]
+    best, previous = gains.copy(), np.full(count, -1)
+    for place in range(count):
+        value = best[origin[place]] - effort[place]
         chosen = int(value.argmax())
-        goes_on = value[chosen] > 0.0
-        states[place] = gains[place] + (value[chosen] if goes_on else 0.0), origin[row, chosen] if goes_on else -1
-    return best, states[:, 1].astype(int)
+        if value[chosen] > 0.0:
+            best[place] += value[chosen]
+            previous[place] = origin[place, chosen]
+    return best, previous
 
 
 def trace_path(end: int, previous: np.ndarray, free: np.ndarray) -> np.ndarray:

@@ -1,14 +1,10 @@
-"""A printed ChArUco board on the floor: how it is printed, found in an image, and where its corners are in the map.
-
-Seen from above, the board's point P1 is its upper left corner and P2 its upper right one. The person lays them on two
-known places of the map.
-"""
+"""A printed ChArUco board: how it is printed, and found in an image."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import List, Sequence, Tuple
+from typing import List, Tuple
 
 import cv2
 import numpy as np
@@ -27,7 +23,7 @@ _EDGE_MM = 8.0  # printers leave a margin
 _MODULE_PX = 2.3  # a marker's modules cannot be told apart when they are smaller in the image
 _MODULES = 6  # of a marker of DICT_4X4, with its black border
 _MIN_CORNERS = 6
-_SQUARES = (5, 4)  # along P1 to P2, and across; large ones, as it is seen from the ceiling
+_SQUARES = (5, 4)  # large ones, as it is seen from the ceiling
 _MARKER_SHARE = 0.75  # of a square's side
 
 
@@ -61,7 +57,7 @@ class BoardParams(Parameters):
 
     @property
     def size(self) -> Tuple[float, float]:
-        """(width, height) [m]; the width is the distance of P1 and P2."""
+        """(width, height) [m]"""
         return _SQUARES[0] * self.square, _SQUARES[1] * self.square
 
     def opencv(self) -> "cv2.aruco.CharucoBoard":
@@ -76,7 +72,7 @@ class BoardView:
 
     Attributes:
         pixels: (N, 2) [px]
-        corners: (N, 2) [m] of the same corners on the board: x from P1 to P2, y from P1 to the lower edge.
+        corners: (N, 2) [m] of the same corners on the board, from its upper left corner to the right and down.
         ids: (N,)
     """
 
@@ -86,7 +82,7 @@ class BoardView:
 
 
 def draw_board(board: BoardParams, pixels_per_meter: float) -> np.ndarray:
-    """Draws the board without a margin, (H, W) uint8. The upper left pixel's own corner is P1."""
+    """Draws the board without a margin, (H, W) uint8."""
     width, height = (int(round(side * pixels_per_meter)) for side in board.size)
     return board.opencv().generateImage((width, height), marginSize=0, borderBits=1)
 
@@ -127,46 +123,6 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     return BoardView(pixels.reshape(-1, 2).astype(float), design.getChessboardCorners()[ids][:, :2].astype(float), ids)
 
 
-def merge_views(views: Sequence[BoardView]) -> BoardView:
-    """Merges several views of a board that did not move: each corner's median, of those seen in half of the views.
-
-    Raises:
-        CodedError: "no_board" without a view; "board_moved" if corners wander by more than a pixel.
-    """
-    if not views:
-        raise CodedError("no_board")
-    seen: dict = {}
-    for view in views:
-        for number, pixel, corner in zip(view.ids, view.pixels, view.corners):
-            seen.setdefault(int(number), (corner, []))[1].append(pixel)
-    kept = {number: entry for number, entry in sorted(seen.items()) if len(entry[1]) >= 0.5 * len(views)}
-    if len(kept) < _MIN_CORNERS:
-        raise CodedError("board_hidden", corners=len(kept), least=_MIN_CORNERS)
-    medians = np.array([np.median(pixels, axis=0) for _, pixels in kept.values()])
-    spread = [np.linalg.norm(pixels - median, axis=1).mean() for (_, pixels), median in zip(kept.values(), medians)]
-    if np.median(spread) > 1.0:
-        raise CodedError("board_moved")
-    return BoardView(medians, np.array([corner for corner, _ in kept.values()]), np.array(list(kept)))
-
-
-def corners_on_map(board: BoardParams, corners: np.ndarray, p1: Sequence[float], p2: Sequence[float]) -> np.ndarray:
-    """Returns a board's corners in the map, (N, 2) [m], with P1 and P2 at two places of the map [m].
-
-    Raises:
-        CodedError: "placement_mismatch" if the places are not as far apart as the points on the board.
-    """
-    p1, p2 = np.asarray(p1, dtype=float), np.asarray(p2, dtype=float)
-    distance, width = float(np.linalg.norm(p2 - p1)), board.size[0]
-    if not abs(distance - width) <= max(0.02, 0.02 * width):
-        raise CodedError("placement_mismatch", places=f"{100 * distance:.1f}", board=f"{100 * width:.1f}")
-    # seen from above with P1 at the left and P2 at the right, the board's y points towards the viewer
-    along = (p2 - p1) / distance
-    down = np.array([along[1], -along[0]])
-    middle = (p1 + p2) / 2.0
-    corners = np.asarray(corners, dtype=float).reshape(-1, 2)
-    return middle + (corners[:, :1] - width / 2.0) * along + corners[:, 1:] * down
-
-
 def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
     """Writes the board at true size as PDF or PNG, by the path's extension; returns instructions for its use.
 
@@ -198,8 +154,6 @@ def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
     page.set_xlim(0, width)
     page.set_ylim(height, 0)
     small = dict(fontsize=9, color="black", va="center")
-    page.text(left, top - 3.0, "◤ P1: this corner of the black and white pattern", ha="left", **small)
-    page.text(left + board_width, top - 3.0, f"P2, {board_width:.0f} mm from P1 ◥", ha="right", **small)
     below = top + board_height + 3.5
     page.plot([left, left + 100.0], [below, below], color="black", linewidth=0.8)
     page.text(
@@ -215,5 +169,5 @@ def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
         raise CodedError("bad_file", file=path, why=str(error)) from None
     return [
         f"wrote {path}: {paper}, {_SQUARES[0]} x {_SQUARES[1]} squares of {1e3 * board.square:.0f} mm",
-        f"Print it at 100 %. Check with a ruler: P1 to P2 is {board_width:.0f} mm. Glue it on something flat.",
+        f"Print it at 100 %. Check with a ruler: the pattern is {board_width:.0f} mm wide. Glue it on something flat.",
     ]

@@ -1,11 +1,10 @@
-"""A calibrated camera's file: its pose, which the launch file publishes, and what it was computed from."""
+"""A calibrated camera's file: its pose, which the launch file publishes, and as comments how well it is known."""
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, List, Mapping
+from typing import Mapping, Sequence
 
 import numpy as np
 import yaml
@@ -14,13 +13,9 @@ from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 
-if TYPE_CHECKING:  # a node that only publishes poses does without OpenCV
-    from vb_laser_detect.calibration.pose import Correspondences, PoseEstimate
-
 _HEAD = """\
 # Pose of the ceiling camera '{camera}' in the map, written by calibrate_camera.
-# launch/parts/perception.launch publishes it as a static transform from `parent` to `frame`. Only `camera`, `parent`,
-# `frame`, `translation`, `rotation` and `focal_px` are read; the rest says how good it is and what it came from.
+# launch/parts/perception.launch publishes it as a static transform from `parent` to `frame`.
 """
 
 
@@ -47,59 +42,29 @@ def calibration_path(folder: str, camera: str) -> Path:
     return Path(folder).expanduser() / f"{camera}.yaml"
 
 
-def make_document(
-    pose: CameraPose, estimate: PoseEstimate, observed: Correspondences, method: str, date: str
-) -> Mapping[str, Any]:
-    """Collects everything that a calibration file holds; lengths in metres unless the key says otherwise."""
-
-    def numbers(values: Any, digits: int) -> List[float]:
-        return [round(float(value), digits) for value in np.ravel(values)]
-
-    return {
-        "camera": pose.camera,
-        "parent": pose.parent,
-        "frame": pose.frame,
-        "translation": numbers(pose.T[:3, 3], 6),
-        "rotation": numbers(geometry.quaternion_from_rotation(pose.T[:3, :3]), 9),  # x, y, z, w
-        "focal_px": round(pose.focal, 3),
-        "date": date,
-        "method": method,
-        "error_px": {"rms": round(estimate.rms_px, 3), "max": round(float(estimate.errors_px[estimate.used].max()), 3)},
-        "error_cm": {
-            "rms": round(100 * estimate.rms_m, 3),
-            "max": round(100 * float(estimate.errors_m[estimate.used].max()), 3),
-        },
-        "uncertainty": {
-            "position_cm": numbers(100 * estimate.position_sigma, 3),
-            "angle_deg": numbers(np.degrees(estimate.angle_sigma), 4),
-            "floor_cm": {
-                "middle": round(100 * estimate.floor_sigma[0], 2),
-                "worst": round(100 * estimate.floor_sigma[1], 2),
-            },
-        },
-        "points": [
-            {
-                "pixel": numbers(pixel, 2),
-                "map": numbers(point, 4),
-                "error_cm": round(100 * float(error), 2) if np.isfinite(error) else None,
-                "used": bool(used),
-            }
-            for pixel, point, error, used in zip(observed.pixels, observed.points, estimate.errors_m, estimate.used)
-        ],
-    }
-
-
-def save(path: Path, content: Mapping[str, Any]) -> None:
+def save(path: Path, pose: CameraPose, report: Sequence[str]) -> None:
     """Writes a calibration file, atomically; the previous one is kept beside it as *.old.
+
+    Args:
+        report: lines that say when, how and how well it was found; they are kept as comments.
 
     Raises:
         CodedError: "cannot_write"
     """
     if path.exists():
         write_atomically(path.with_name(path.name + ".old"), path.read_bytes())
-    text = _HEAD.format(camera=content["camera"]) + yaml.safe_dump(
-        dict(content), sort_keys=False, default_flow_style=None, width=110
-    )
+    content = {
+        "camera": pose.camera,
+        "parent": pose.parent,
+        "frame": pose.frame,
+        "translation": [round(float(value), 6) for value in pose.T[:3, 3]],
+        "rotation": [
+            round(float(value), 9) for value in geometry.quaternion_from_rotation(pose.T[:3, :3])
+        ],  # x, y, z, w
+        "focal_px": round(pose.focal, 3),
+    }
+    text = _HEAD.format(camera=pose.camera) + "".join(f"#   {line}\n" for line in report)
+    text += yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110)
     write_atomically(path, text.encode("utf-8"))
 
 
@@ -130,15 +95,6 @@ def load(path: Path) -> CameraPose:
     if camera != path.stem:
         raise CodedError("calibration_of_other_camera", file=path, camera=camera)
     return CameraPose(camera, parent, frame, geometry.transform(rotation, translation), focal)
-
-
-def read_frames(folder: str) -> Dict[str, str]:
-    """Reads the frame of each camera that a calibration in the folder is for."""
-    frames = {}
-    for path in sorted(Path(folder).expanduser().glob("*.yaml")):
-        with contextlib.suppress(CodedError):
-            frames[path.stem] = load(path).frame
-    return frames
 
 
 def require_own_frame(camera: str, frame: str, frames: Mapping[str, str]) -> None:

@@ -56,11 +56,11 @@ class HeldSpot:
 
 
 class CalibrationSession:
-    """Places on the floor that a camera was shown: a spot on each, or a board's corners."""
+    """Places on the floor on which a camera was shown a spot."""
 
     def __init__(self, camera: CameraModel, params: PoseEstimationParams) -> None:
         self._camera, self._params = camera, params
-        self._placed: List[Tuple[np.ndarray, np.ndarray]] = []
+        self._placed: List[Tuple[Sequence[float], Sequence[float]]] = []
 
     def __len__(self) -> int:
         return len(self._placed)
@@ -68,19 +68,18 @@ class CalibrationSession:
     @property
     def observed(self) -> Correspondences:
         """All points so far."""
-        return Correspondences.placed(self._placed)
+        return Correspondences(*([one[i] for one in self._placed] for i in (0, 1)))
 
-    def add(self, pixels: np.ndarray, points: np.ndarray) -> None:
-        """Adds a place: a point's, or several points', (N, 2) in the image [px] and in the map [m].
+    def add(self, pixel: Sequence[float], point: Sequence[float]) -> None:
+        """Adds a place, (u, v) in the image [px] and (x, y) in the map [m].
 
         Raises:
             CodedError: "same_place" if the image shows it where it showed another one.
         """
-        pixels, points = (np.asarray(values, float).reshape(-1, 2) for values in (pixels, points))
         for earlier, known in self._placed:
-            if np.linalg.norm(pixels.mean(axis=0) - earlier.mean(axis=0)) < _SAME_PLACE_PX:
-                raise CodedError("same_place", place="({:.2f}, {:.2f})".format(*known.mean(axis=0)))
-        self._placed.append((pixels, points))
+            if math.dist(pixel, earlier) < _SAME_PLACE_PX:
+                raise CodedError("same_place", place="({:.2f}, {:.2f})".format(*known))
+        self._placed.append((pixel, point))
 
     def undo(self) -> bool:
         """Removes the last place; returns whether there was one."""
@@ -92,7 +91,7 @@ class CalibrationSession:
 
     def describe_progress(self) -> str:
         """Describes the result of the places so far, or what is missing, in one line."""
-        points = len(self.observed)
+        points = len(self)
         count = f"{len(self)} place{'' if len(self) == 1 else 's'}"
         if points < MIN_POINTS:
             return f"{count}; at least {MIN_POINTS} are needed"
@@ -132,6 +131,14 @@ def describe(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
     for point, error in zip(observed.points[~used], estimate.errors_m[~used]):
         lines.append(f"left out     ({point[0]:.3f}, {point[1]:.3f}): {100 * error:.0f} cm off")
     return lines
+
+
+def describe_points(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
+    """Describes each point that was measured, in lines, so that a calibration can be computed again."""
+    return [
+        f"({u:.2f}, {v:.2f}) px is ({x:.4f}, {y:.4f}) m, {100 * error:.2f} cm off"
+        for (u, v), (x, y), error in zip(observed.pixels, observed.points, estimate.errors_m)
+    ]
 
 
 def parse_numbers(text: str, count: int) -> Optional[List[float]]:

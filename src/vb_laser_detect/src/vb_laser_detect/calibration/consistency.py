@@ -32,15 +32,6 @@ class CameraConsistency:
     median: float
     p95: float
 
-    def describe(self) -> str:
-        """Describes the pair to a person, in one line."""
-        x, y = (100 * value for value in self.offset)
-        return (
-            f"{self.first} - {self.second}: {self.count} pairs, "
-            f"{self.second} is {x:+.1f} cm in x and {y:+.1f} cm in y of {self.first}; "
-            f"distance {100 * self.median:.1f} cm median, {100 * self.p95:.1f} cm 95th percentile"
-        )
-
 
 # a camera's usual interval between sightings, and one image that is lost; but no longer than a straight part of a slow
 # drawing lasts
@@ -82,22 +73,6 @@ def compare_cameras(sightings: Iterable[Sighting], min_common: int = 20) -> List
     if not found:
         raise CodedError("no_overlap", cameras=", ".join(sorted(tracks)), count=min_common)
     return found
-
-
-def find_suspect(pairs: Iterable[CameraConsistency], limit: float) -> str:
-    """Finds the camera to calibrate again; returns "" if that is not a single one.
-
-    It is the only one in every pair that disagrees, and in none that agrees.
-
-    Args:
-        pairs: as `compare_cameras` finds them.
-        limit: [m] a median above it is apart.
-    """
-    pairs = list(pairs)
-    apart = [{pair.first, pair.second} for pair in pairs if pair.median > limit]
-    agreeing = {name for pair in pairs if pair.median <= limit for name in (pair.first, pair.second)}
-    found = set.intersection(*apart) - agreeing if apart else set()
-    return found.pop() if len(found) == 1 else ""
 
 
 def _tracks(sightings: Iterable[Sighting]) -> Dict[str, np.ndarray]:

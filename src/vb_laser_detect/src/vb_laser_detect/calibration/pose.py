@@ -2,10 +2,7 @@
 
 Consensus over minimal sets of four points finds what fits together (RANSAC; Fischler and Bolles, 1981), each set solved
 by IPPE (Collins and Bartoli, 2014). Least squares over everything that fits gives the pose, and its covariance says how
-far off a spot on the floor can be. Input that does not determine a pose is refused.
-
-One idea for single points and for boards: what was measured is a placement, of one point or of many, whose points are
-off their places in the map together. The floor is the map's plane z = 0.
+far off a spot on the floor can be. Input that does not determine a pose is refused. The floor is the map's plane z = 0.
 """
 
 from __future__ import annotations
@@ -42,8 +39,7 @@ _MAX_FLOOR_SIGMA = 0.1  # [m] uncertainty on the floor, anywhere in the image
 class PoseEstimationParams(Parameters):
     """Accuracy of the person's measurements."""
 
-    point_sigma: float = param(0.015, "m", above=0.0, high=0.5, doc="of a point in the map that is measured by itself")
-    placement_sigma: float = param(0.005, "m", above=0.0, high=0.5, doc="of each of the two points of a board")
+    point_sigma: float = param(0.015, "m", above=0.0, high=0.5, doc="of a point in the map")
 
 
 @dataclass(frozen=True)
@@ -53,7 +49,6 @@ class Correspondences:
     Attributes:
         pixels: (N, 2) [px]
         points: (N, 2) [m], map frame.
-        placements: (N,) which points share one measured place, for instance the corners of a board laid once.
 
     Raises:
         CodedError: "bad_points" if they are not as many.
@@ -61,31 +56,16 @@ class Correspondences:
 
     pixels: np.ndarray
     points: np.ndarray
-    placements: np.ndarray
 
-    @staticmethod
-    def placed(parts: Sequence[Tuple[np.ndarray, np.ndarray]]) -> "Correspondences":
-        """Collects the points of several placements; each is (pixels, points)."""
-        pixels, points = ([np.asarray(part[i], float).reshape(-1, 2) for part in parts] for i in (0, 1))
-        if [len(part) for part in pixels] != [len(part) for part in points]:
+    def __post_init__(self) -> None:
+        for name in ("pixels", "points"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), float).reshape(-1, 2))
+        if len(self.pixels) != len(self.points):
             raise CodedError("bad_points")
-        none = [np.zeros((0, 2))]
-        return Correspondences(
-            np.vstack(none + pixels),
-            np.vstack(none + points),
-            np.repeat(np.arange(len(parts)), [len(part) for part in points]),
-        )
-
-    @staticmethod
-    def single(pixels: np.ndarray, points: np.ndarray) -> "Correspondences":
-        """Collects points that were measured one by one."""
-        if len(pixels) != len(points):
-            raise CodedError("bad_points")
-        return Correspondences.placed(list(zip(pixels, points)))
 
     def select(self, chosen: np.ndarray) -> "Correspondences":
         """Returns some of them, by indices or (N,) bool."""
-        return Correspondences(self.pixels[chosen], self.points[chosen], self.placements[chosen])
+        return Correspondences(self.pixels[chosen], self.points[chosen])
 
     def __len__(self) -> int:
         return len(self.points)
@@ -286,7 +266,9 @@ def _consensus(camera: CameraModel, observed: Correspondences) -> np.ndarray:
                 result.append((float((np.minimum(errors, 1.0) ** 2).sum()), pose, chosen))
         return sorted(result, key=lambda entry: entry[0])
 
-    best = ranked([chosen for _, _, chosen in ranked(_minimal_sets(observed), False)[:_PROMISING]], True)
+    # what the lens's model does not reach agrees with nothing
+    sets = [chosen for chosen in _minimal_sets(observed) if np.isfinite(rays[chosen]).all()]
+    best = ranked([chosen for _, _, chosen in ranked(sets, False)[:_PROMISING]], True)
     if not best:
         raise CodedError("no_consistent_pose", agreeing=0, points=len(observed), cm=f"{100 * _OUTLIER:.0f}")
     return best[0][1]
@@ -305,7 +287,7 @@ def _minimal_sets(observed: Correspondences) -> List[np.ndarray]:
 
 
 class _Fit:
-    """Least squares for the pose, weighted by the measurements' accuracy; a placement's points are off together.
+    """Least squares for the pose, weighted by the measurements' accuracy.
 
     Attributes:
         T_map_camera: (4, 4)
@@ -319,8 +301,7 @@ class _Fit:
         from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
 
         self._camera, self._observed, self._params, self._start = camera, observed, params, start
-        groups = [np.flatnonzero(observed.placements == number) for number in np.unique(observed.placements)]
-        self._placements = [(group, self._whitening(observed.points[group])) for group in groups]
+        self._whitening = self._whiten()
         # points that agree with the pose can still be off: soft_l1 gives those beyond 2 sigma less weight
         solution = least_squares(self._residuals, np.zeros(6), loss="soft_l1", f_scale=2.0, x_scale="jac")
         self.T_map_camera = _moved(start, solution.x)
@@ -333,21 +314,14 @@ class _Fit:
         seen = _project(self._camera, _moved(self._start, delta), self._observed.points)
         # a pose that has a point behind it must be worse than any other
         off = np.where(np.isfinite(seen), seen - self._observed.pixels, 1e4)
-        return np.concatenate([whitening @ off[group].ravel() for group, whitening in self._placements])
+        return np.einsum("nij,nj->ni", self._whitening, off).ravel()
 
-    def _whitening(self, points: np.ndarray) -> np.ndarray:
-        """Returns the matrix (2 N, 2 N) that makes a placement's errors in the image [px] independent, with deviation 1."""
-        from_middle = points - points.mean(axis=0)
-        if len(points) == 1:
-            shift, turn = self._params.point_sigma, 0.0
-        else:
-            shift = self._params.placement_sigma / math.sqrt(2.0)
-            turn = 2.0 * shift / max(0.05, float(np.ptp(points, axis=0).max()))
-        moves = [(shift, 0.0), (0.0, shift), turn * from_middle[:, ::-1] * (-1.0, 1.0)]
-        here = _project(self._camera, self._start, points)
-        moved = [_project(self._camera, self._start, points + move) - here for move in moves]
-        spread = np.nan_to_num(np.stack(moved)).reshape(3, -1)
-        return np.linalg.inv(np.linalg.cholesky(_PIXEL_SIGMA**2 * np.eye(2 * len(points)) + spread.T @ spread))
+    def _whiten(self) -> np.ndarray:
+        """Returns the matrices (N, 2, 2) that make each point's errors in the image [px] independent, with deviation 1."""
+        camera, pose, points = self._camera, self._start, self._observed.points
+        here, step = _project(camera, pose, points), self._params.point_sigma * np.eye(2)
+        moved = np.nan_to_num(np.stack([_project(camera, pose, points + move) - here for move in step], axis=2))
+        return np.linalg.inv(np.linalg.cholesky(_PIXEL_SIGMA**2 * np.eye(2) + moved @ moved.transpose(0, 2, 1)))
 
 
 def _refuse_if_ambiguous(

@@ -24,14 +24,14 @@ from vb_laser_detect.detection.blocks import (
     sample_blocks,
 )
 
-_DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
 _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
-_NOISE_TIME = 1.0  # [s] over which a block's noise is averaged
-_CYCLE_TIME = 1.0  # [s] every pixel is blended in once in this time
+_CYCLE_TIME = 1.0  # [s] every pixel is blended in once in this time, and a block's noise is averaged over it
 _ABSORPTION_TIME = 1.5  # [s] a change that lasts this long belongs to the background
+_BRIGHT = 99.0  # [%] of the background are darker than what counts as bright in it
 _WEIGHT = 0.25  # of a frame whenever a strip is blended in
 _KEYFRAME = 6  # [images] a moving camera's background is kept for: people walk on
 _KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe
+_BANDS = 0.1  # the rows' light differs by this part at least where lamps flicker
 _MARGIN = 24  # [px] around a region that is examined
 # half the rows must do, in half the time: spots cover several. In a Bayer image's pattern two neighbours hold all
 # colours
@@ -54,6 +54,7 @@ class Background:
         image: the background itself.
         reference: what an image is compared with where it is examined.
         blocks: their rows and columns.
+        bright: [grey levels] of the brightest surfaces in it.
         motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
     """
 
@@ -69,6 +70,7 @@ class Background:
         # at half size, the brightest of nine pixels each
         self._brightest: Optional[np.ndarray] = None
         self._images = 0  # since the keyframe, with motion
+        self._measure()
 
     def subtract_background(
         self, image: np.ndarray, motion: Optional[np.ndarray], half: Optional[np.ndarray] = None
@@ -80,19 +82,35 @@ class Background:
             half: the image at half size, if the camera is not.
 
         Returns:
-            Each block's largest rise above the background, (rows, columns) uint8; which became darker, bool.
+            Each block's largest rise above the background, and by how much a sample of it became darker, (rows, columns) uint8.
         """
         self.motion, self.reference = motion, self.image
         if motion is None:
             rise = block_maxima(image, self.image, _MOSAIC_ROWS if image.ndim == 2 else _COLOR_ROWS)
-            return rise, max_channel(cv2.subtract(self._sample, sample_blocks(image))) > _DARKER
+            return rise, max_channel(cv2.subtract(self._sample, sample_blocks(image)))
         # at half size moving it costs a quarter, and fractions of a pixel matter less: to the nearest one it is moved
         if self._brightest is None:
             self._brightest = cv2.dilate(halve(self.image), _SQUARE)
         self.reference = image.copy()
         shown = warp(self._brightest, _HALF @ motion @ np.diag((2.0, 2.0, 1.0)), half.copy(), cv2.INTER_NEAREST)
         darker = cv2.subtract(sample_blocks(cv2.erode(shown, _SQUARE), BLOCK // 2), sample_blocks(half, BLOCK // 2))
-        return block_maxima(half, shown, range(BLOCK // 2), BLOCK // 2), max_channel(darker) > _DARKER
+        return block_maxima(half, shown, range(BLOCK // 2), BLOCK // 2), max_channel(darker)
+
+    def subtract_bands(self, image: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
+        """Compares an image with the background in the light of each of its rows; None if all rows have the same.
+
+        Lamps that flicker light the rows of a rolling shutter one after the other.
+        """
+        now, before = (max_channel(sample).astype(np.float32) + 1.0 for sample in (sample_blocks(image), self._sample))
+        gains = np.median(now / before, axis=1)
+        if np.ptp(gains) < _BANDS * gains.mean():
+            return None
+        rows = np.interp(np.arange(len(image)), BLOCK * (np.arange(len(gains)) + 0.5) - 0.5, gains).astype(np.float32)
+        light = rows.reshape((-1, 1) + (1,) * (image.ndim - 2))
+        self.reference = cv2.convertScaleAbs(self.image * light)
+        darker = cv2.subtract(sample_blocks(self.reference), sample_blocks(image))
+        rise = block_maxima(image, self.reference, _MOSAIC_ROWS if image.ndim == 2 else _COLOR_ROWS)
+        return rise, max_channel(darker)
 
     def refine_reference(self, regions: Sequence[Region], image: np.ndarray) -> None:
         """Makes the reference of a moving camera exact around regions [px]; elsewhere it is the image itself."""
@@ -144,9 +162,9 @@ class Background:
         steady = ~(changed | spots)
         self._changed_s = cv2.copyTo(cv2.add(self._changed_s, dt), (changed & ~spots).view(np.uint8))
         self._noise_s += dt
-        if self._noise_s >= _NOISE_TIME / 8:
+        if self._noise_s >= _CYCLE_TIME / 8:
             # noise changes slowly: not updated with each image
-            weight, mask = 1.0 - math.exp(-self._noise_s / _NOISE_TIME), steady.view(np.uint8)
+            weight, mask = 1.0 - math.exp(-self._noise_s / _CYCLE_TIME), steady.view(np.uint8)
             values = rise.astype(np.float32)
             cv2.accumulateWeighted(values, self._noise, weight, mask)
             cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
@@ -159,7 +177,16 @@ class Background:
         self._take(image, steady, _WEIGHT, *(int(round(min(1.0, part) * len(steady))) for part in (first, self._strip)))
         if self._strip >= 1.0:
             self._strip = 0.0
+            self._measure()
         return False
+
+    def _measure(self) -> None:
+        """Notes how bright the room's brightest surfaces are; single lamps are less than a hundredth of the image."""
+        # the places in a Bayer image's pattern see different colours
+        corners = [(0, 0), (0, 1), (1, 0), (1, 1)] if self.image.ndim == 2 else [(0, 0)]
+        samples = [sample_blocks(self.image[top:, left:], 2 * BLOCK) for top, left in corners]
+        high, wide = samples[-1].shape[:2]
+        self.bright = float(np.percentile(np.max([max_channel(one)[:high, :wide] for one in samples], axis=0), _BRIGHT))
 
     def _begin_keyframe(self, image: np.ndarray, spots: np.ndarray) -> None:
         """Makes the image the background, except under spots."""
@@ -175,6 +202,7 @@ class Background:
             )
         self.image, self._sample = kept, sample_blocks(kept)
         self._brightest = self.motion = None
+        self._measure()
         self._changed_s[:], self._images = 0.0, 0
         self._noise[:], self._deviation[:], self._limit = self._noise.mean(), self._deviation.mean(), None
 

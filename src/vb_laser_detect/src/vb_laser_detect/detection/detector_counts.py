@@ -1,14 +1,41 @@
-"""Counts and rates of a detector, for its status message and diagnostics."""
+"""Counts and rates of a detector, and what it lacks, for its status message and diagnostics."""
 
 from __future__ import annotations
 
 import threading
 from collections import Counter, deque
-from typing import Any, Deque, Dict, Tuple
+from typing import Any, Deque, Dict, Optional, Tuple
 
 import numpy as np
 
 _WINDOW = 5.0  # [s]
+_SILENCE, _START = 3.0, 15.0  # [s] what was there and is missed; what never was: cameras and poses start one by one
+_FAULTS = {"no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}  # by what an image lacks
+
+
+class InputWatch:
+    """Tells people's code of what a detector lacks now, by its images. Not thread safe."""
+
+    def __init__(self) -> None:
+        self._complete = False  # whether an image lacked nothing before
+        self._image_at: Optional[float] = None
+        self._missing: Tuple[str, float] = ("", 0.0)  # what images lack, and since when [s]
+
+    def see_image(self, now: float, missing: str) -> None:
+        """Notes an image at a time [s], and the code of what is missing to place its spots; "" for nothing."""
+        self._image_at = now
+        if missing != self._missing[0]:
+            self._missing = missing, now
+        self._complete |= not missing
+
+    def fault(self, now: float) -> str:
+        """Returns what is wrong at a time [s]; "" also for a camera that never sent an image, which check_lab tells."""
+        if self._image_at is None:
+            return ""
+        if now - self._image_at > _SILENCE:
+            return "camera_silent"
+        lasting = now - self._missing[1] > (_SILENCE if self._complete else _START)
+        return _FAULTS.get(self._missing[0], "") if lasting else ""
 
 
 class DetectorCounts:

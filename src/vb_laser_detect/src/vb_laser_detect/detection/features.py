@@ -18,6 +18,7 @@ from vb_laser_detect.detection.blocks import Region, max_channel
 
 _EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
 _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
+_USUAL_DIAMETER = 24.0  # [px] of the largest spot whose outline is measured in single pixels
 _SHADOW = 0.5  # part of the light that a shadow leaves at least
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
@@ -47,11 +48,18 @@ class Blob:
 
 
 class ImageTraits(NamedTuple):
-    """Properties of a camera's images: diagonal [px], Bayer or not, and the brightest value that they show."""
+    """Properties of a camera's images.
+
+    Attributes:
+        diagonal: [px]
+        mosaic: whether they are Bayer images.
+        bright: [grey levels] what is bright in the room that it shows, at the exposure that it has: a spot's brightness is
+            measured by that.
+    """
 
     diagonal: float
     mosaic: bool
-    white: float = 255.0
+    bright: float = 190.0
 
 
 def measure(
@@ -139,17 +147,13 @@ def _light_of(
     now, before = _plane(now, channel), _plane(before, channel)
     # a shadow that passes over a spot leaves about half of the light; what hides the floor is an object
     hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
-    rim = cv2.subtract(cv2.dilate(mask, _SQUARE), cv2.erode(mask, _SQUARE))
-    slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
     return tint, {
-        "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.white),
-        "level": level / camera.white,
-        # of the outline, in the image and in the image and the reference together: a ghost's is in the reference
-        # alone; the longer it is, the less noise and a table's edge under the spot affect it
-        "edge": slope / max(1e-3, slope + slope_before) - 0.14 * min(1.0, max(0.0, diameter / 24.0 - 1.0)),
+        "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.bright),
+        "level": math.log(max(level, 1.0) / camera.bright),
+        "edge": _edge(mask, diameter, now, before),
         "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / max(1, cv2.countNonZero(ring)),
         # a light darkens no channel, paint does
-        "fall": max(0.0, float((floor - levels).max())) / camera.white,
+        "fall": max(0.0, float((floor - levels).max())) / camera.bright,
         "diameter": math.log(diameter / camera.diagonal),
         # many webcams make white of a spot, mosaics show its colour: only there it tells a single blob
         "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if camera.mosaic else math.nan,
@@ -254,6 +258,23 @@ def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
     # dilating with a disc would cost its area for each pixel, a hundred times more for a person's clothes
     away = cv2.distanceTransform(cv2.compare(blob, 0, cv2.CMP_EQ), cv2.DIST_L2, cv2.DIST_MASK_5)
     return cv2.inRange(away, gap + 0.5, gap + thick + 0.5)
+
+
+def _edge(mask: np.ndarray, diameter: float, now: np.ndarray, before: np.ndarray) -> float:
+    """Returns the slope of a blob's outline in the image, as a share of that in image and reference together.
+
+    A ghost's outline is in the reference alone. A large spot's slope is gentle beside the noise of single pixels: it is
+    measured where as many of them are averaged as make the spot as large as a usual one.
+    """
+    step = 1.0 / math.ceil(diameter / _USUAL_DIAMETER)
+    if step < 1.0:
+        mask, now, before = (
+            cv2.resize(one, None, fx=step, fy=step, interpolation=cv2.INTER_AREA) for one in (255 * mask, now, before)
+        )
+        mask = cv2.compare(mask, 127, cv2.CMP_GT)
+    rim = cv2.subtract(cv2.dilate(mask, _SQUARE), cv2.erode(mask, _SQUARE))
+    slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
+    return slope / max(1e-3, slope + slope_before)
 
 
 def _plane(image: np.ndarray, channel: int) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.detection import projection
 from vb_laser_detect.detection.robot_cylinders import RobotCylinder
-from vb_laser_detect.detector import Spot, SpotDetector
 from vb_laser_detect.detection.projection import FloorPoint, FloorProjection
 
 # a depth image (h, w), and its camera if that is known; (None, None) where there is none near the image's time
@@ -29,7 +28,6 @@ class ImageGeometry:
         pose: returns (4, 4) T_map_camera at the image's time; asked at most once. CodedError "no_transform" if unknown.
         projector: the camera's.
         depth: returns the depth image of that time; None: the floor is a plane.
-        stamp: the image's, in whatever form the caller keeps it: seconds as a float lose its nanoseconds.
         cylinders: returns what stood on the floor at that time; asked at most once, and only for a candidate.
     """
 
@@ -39,10 +37,8 @@ class ImageGeometry:
         pose: Callable[[], np.ndarray],
         projector: FloorProjection,
         depth: Optional[DepthAt] = None,
-        stamp: Any = None,
         cylinders: Callable[[], Sequence[RobotCylinder]] = tuple,
     ) -> None:
-        self.stamp = stamp
         self.unplaced: Optional[CodedError] = None
         self._camera, self._projector = camera, projector
         self._ask_pose, self._depth, self._ask_cylinders = pose, depth, cylinders
@@ -82,46 +78,3 @@ class ImageGeometry:
                 raise CodedError("on_robot")
             self._points[u, v] = point
         return self._points[u, v]
-
-    def rejection_at(self, u: float, v: float) -> str:
-        """Returns why no spot can be at a pixel, or ""."""
-        try:
-            self.point(u, v)
-        except CodedError as error:
-            return error.code
-        return ""
-
-
-def search(
-    detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optional[ImageGeometry], encoding: str = ""
-) -> List[Spot]:
-    """Searches one image; each spot's place is `frame.point(spot.u, spot.v)`.
-
-    The frames of earlier spots that this image confirmed are the tags in `detector.backfilled`.
-
-    Args:
-        stamp: [s] when the image was taken.
-        frame: None while camera or pose are unknown: sizes and speeds are judged in pixels then.
-        encoding: of the image, as in sensor_msgs/Image; empty: as `detector.encoding` says.
-    """
-    detector.encoding = encoding or detector.encoding
-    if frame is None:
-        detector.set_camera_pose(None)
-    else:
-        detector.set_camera_pose(frame.to_floor, frame.rejection_at)
-    detector.tag = frame
-    return detector.detect(image, stamp)
-
-
-def locate_confirmed(
-    detector: SpotDetector, spots: List[Spot], frame: Optional[ImageGeometry]
-) -> List[Tuple[ImageGeometry, Spot]]:
-    """Returns the spots that a search has confirmed, each with its own image's geometry, the oldest first.
-
-    Those of images without a known place are left out.
-
-    Args:
-        spots: what `search` found in the image of `frame`.
-    """
-    backfilled = [(earlier.tag, earlier.spot) for earlier in detector.backfilled if earlier.tag is not None]
-    return backfilled if frame is None else backfilled + [(frame, spot) for spot in spots]

@@ -21,12 +21,15 @@ from vb_laser_detect.detection.image_registration import ImageRegistration, is_s
 from vb_laser_detect.detection.tracking import Expected, Spot
 
 _MIN_WHITE = 128.0  # [grey levels] no camera's white is darker
-_MIN_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is smaller than a pixel
+_MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
+_MIN_CHANGE = 0.15  # of the same; what differs by less from the background is not examined, and becomes part of it
+_DARKEST, _BRIGHTEST = (
+    64.0,
+    0.75,
+)  # [grey levels], of white: in black and in white rooms too a spot is told by its light
 _SATURATED = 0.97
 _MAX_REGIONS = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
-_MAX_CHANGE = 0.3  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
-# the same for a moving camera whose motion is not known: otherwise everything that it passes would be examined
-_MAX_CHANGE_LOST = 0.12
+_MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
 
 
 class Proposal(NamedTuple):
@@ -50,7 +53,7 @@ class SearchedImage(NamedTuple):
         reference: what the image would show without a spot where it is examined, the same shape.
         proposals: the most promising first.
         rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker.
-        white: [grey levels] the brightest value so far.
+        bright: [grey levels] what is bright in this room, see `ImageTraits`.
     """
 
     image: np.ndarray
@@ -58,7 +61,7 @@ class SearchedImage(NamedTuple):
     proposals: Sequence[Proposal]
     rise: np.ndarray
     changed: np.ndarray
-    white: float
+    bright: float
 
     def change_elsewhere(self, u: float, v: float, diameter: float) -> float:
         """Measures how much else changed in the image, apart from a blob and its own light."""
@@ -80,7 +83,6 @@ class Proposer:
         self._registration = ImageRegistration() if params.moving_camera else None
         self._background: Optional[Background] = None
         self._motion = np.eye(3)  # from the background's pixels to the last image's
-        self._lost = False
         self._half: Optional[np.ndarray] = None
 
     def estimate_motion(self, image: np.ndarray) -> Optional[np.ndarray]:
@@ -90,7 +92,6 @@ class Proposer:
         self._half = halve(image)
         found, before = self._registration.motion_to(image, self._half), self._motion
         # while it is not known the camera is taken to be where it was
-        self._lost = found is None
         if found is None:
             return None
         self._motion = np.eye(3) if is_still(found, image.shape) else found
@@ -102,25 +103,31 @@ class Proposer:
         Args:
             expected: where spots should be.
         """
-        difference_threshold = self.params.difference_threshold
         if self._background is not None:
             still = np.array_equal(self._motion, np.eye(3))
-            rise, darker = self._background.subtract_background(image, None if still else self._motion, self._half)
-            hot = self._background.foreground_blocks(rise, difference_threshold)
-            limit = _MAX_CHANGE_LOST if self._lost else _MAX_CHANGE
+            rise, hot, darker = self._changes(
+                *self._background.subtract_background(image, None if still else self._motion, self._half)
+            )
+            banded = self._background.subtract_bands(image) if still and _much(hot, darker) else None
+            if banded is not None:
+                rise, hot, darker = self._changes(*banded)
         else:
             self.white = max(self.white, float(image.max()))
-        # a person close to the camera darkens much of the image too, and must not become its background
-        if self._background is None or max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) > limit * hot.size:
+        if self._background is None or _much(hot, darker):
             self._start(image, expected)
-            rise, darker = self._background.subtract_background(image, None)
-            hot = rise >= difference_threshold
+            rise, fall = self._background.subtract_background(image, None)
+            hot, darker = rise >= self._least_change, fall > self._least_change
         background = self._background
         proposals = self._rank(image, find_regions(rise, hot, 4 * _MAX_REGIONS), expected)
         background.refine_reference([one.region for one in proposals if not one.rejection], image)
         # while the camera moves, what became darker is taken from the image at once
         changed = hot if background.motion is not None else hot | darker
-        return SearchedImage(image, background.reference, proposals, rise, changed, self.white)
+        return SearchedImage(image, background.reference, proposals, rise, changed, self._bright)
+
+    def _changes(self, rise: np.ndarray, fall: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the blocks' rise, and which of them became brighter than noise does, and darker, bool."""
+        least = self._least_change
+        return rise, self._background.foreground_blocks(rise, least), fall > least
 
     def _rank(
         self, image: np.ndarray, found: Sequence[Tuple[Region, float]], expected: Sequence[Expected]
@@ -143,7 +150,7 @@ class Proposer:
         # most of what a person's clothes leave is found too large at once, and must not use up all places
         for region, level, _ in rated[: 2 * _MAX_REGIONS]:
             spot = next((one for one in expected if one.overlaps(region)), None)
-            proposals.append(Proposal(region, spot, "" if level >= _MIN_LEVEL * self.white else "too_dark"))
+            proposals.append(Proposal(region, spot, "" if level >= _MIN_LEVEL * self._bright else "too_dark"))
         # published ones, other expected ones, the rest
         return sorted(
             proposals, key=lambda one: 2 if one.rejection or one.expected is None else int(not one.expected.published)
@@ -166,6 +173,16 @@ class Proposer:
         if self._registration is not None:
             self._registration.set_keyframe()
 
+    @property
+    def _bright(self) -> float:
+        """What is bright in the room [grey levels]: between a dark picture's spot and white itself."""
+        return min(max(self._background.bright, _DARKEST), _BRIGHTEST * self.white)
+
+    @property
+    def _least_change(self) -> float:
+        """What has changed differs by more than this [grey levels]."""
+        return _MIN_CHANGE * self._bright
+
     def update_background(self, view: SearchedImage, spots: Sequence[Spot], elapsed: float) -> None:
         """Adds an image, except some spots.
 
@@ -177,3 +194,11 @@ class Proposer:
             held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + BLOCK)] = True
         if self._background.update(view.image, view.rise, view.changed, held, elapsed):
             self._begin()
+
+
+def _much(hot: np.ndarray, darker: np.ndarray) -> bool:
+    """Returns whether so much changed that nothing known holds any more.
+
+    A person close to the camera darkens much of the image too, and must not become its background.
+    """
+    return max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) > _MAX_CHANGE * hot.size

@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
-from statistics import median
-from typing import Any, Deque, List, NamedTuple, Optional, Sequence
+from typing import Deque, List, NamedTuple, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -19,16 +18,19 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from vb_laser_detect.detection.blocks import Region
+from vb_laser_detect.detection.places import PLACE_PX
+from vb_laser_detect.detection.projection import FloorPoint
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import ImageTraits, chroma
 
-_SLACK, _SLACK_PX = 0.05, 12.0  # [m] what noise alone may move a spot between two images
+_SLACK, _SLACK_PX = 0.05, PLACE_PX  # [m] what noise alone may move a spot between two images
 _MAX_SPEED = 8.0  # [m/s] of a spot on the floor: a wrist's flick
-# a spot may be hidden so long, a leg's time, and be missing in two images of any camera
-_GAP_TIME, _GAP_PERIODS = (0.25, 3.5)
+# a spot may be hidden so long, a leg's time or the dark half of a pointer's blinking, and be missing in two images of any
+# camera
+_GAP_TIME, _GAP_PERIODS = (0.35, 3.5)
 _RECALL_TIME = 1.0  # [s] older sightings of a spot confirmed late are not published
 _DIAGONAL = 5.0  # [m] without a pose an image's diagonal counts as this much
-_PERIODS = 15  # [images] whose median distance in time is the period
+_PERIODS = 15  # [images] whose mean distance in time is the period
 _VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
 # ... of a laser on a floor that is nearly white; the mean of white glints in Bayer images over half a second is less
 _PALE = 0.25
@@ -48,7 +50,9 @@ class Spot:
         track: number of the spot in this camera's images; it stays while the spot is followed.
         rejection: why it is not published, or "".
         tint: what `features.tint_of` said; None: without colour.
-        floor: (x, y) [m]; NaN where the pose is not known.
+        stamp: [s] when the image was taken.
+        place: on the floor; None if camera or pose are not known.
+        floor: (x, y) [m] where the ray meets the floor's plane, by which spots are told apart; NaN if that is not known.
     """
 
     u: float
@@ -58,15 +62,9 @@ class Spot:
     track: int = 0
     rejection: str = ""
     tint: Optional[np.ndarray] = field(default=None, compare=False)
+    stamp: float = 0.0
+    place: Optional[FloorPoint] = field(default=None, compare=False)
     floor: Sequence[float] = field(default=(math.nan, math.nan), compare=False)
-
-
-class BackfilledSpot(NamedTuple):
-    """A spot of an earlier frame that a later frame confirmed, with the earlier frame's time [s] and tag."""
-
-    spot: Spot
-    stamp: float
-    tag: Any
 
 
 class Expected(NamedTuple):
@@ -76,6 +74,7 @@ class Expected(NamedTuple):
         reach: [px] about its place (u, v).
         diameter: [px] that it had.
         published: it is one of those published.
+        rests: it has been where it is for a while: it may be a lamp.
     """
 
     u: float
@@ -83,6 +82,7 @@ class Expected(NamedTuple):
     reach: float
     diameter: float
     published: bool
+    rests: bool = False
 
     @property
     def widest(self) -> float:
@@ -116,7 +116,7 @@ class Track:
     Attributes:
         place: (4,) u, v [px] and x, y [m], the last ones, with their velocity per second.
         created: [s] when it was seen first.
-        dwell_position, dwelling_since: (2,) [px] from where it has hardly moved since then.
+        lit_s: [s] for how long there has been light where it is now.
         unpublished: what was seen before it was confirmed, the oldest first.
     """
 
@@ -124,15 +124,14 @@ class Track:
     place: np.ndarray
     stamp: float
     created: float
-    dwell_position: np.ndarray
-    dwelling_since: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(4))
     hits: int = 0
     diameter: float = 0.0
     confirmed: bool = False
     published: bool = False
+    lit_s: float = 0.0
     light: Optional[np.ndarray] = None  # the sum of its spots' tints
-    unpublished: List[BackfilledSpot] = field(default_factory=list)
+    unpublished: List[Spot] = field(default_factory=list)
 
 
 class SpotTracker:
@@ -140,7 +139,7 @@ class SpotTracker:
 
     Attributes:
         params: the detector's; they may be changed between images.
-        period: [s] from one image to the next, the median of the last ones; 0 before the second.
+        period: [s] from one image to the next, the mean of the last ones; 0 before the second.
     """
 
     def __init__(self, params: DetectorParams) -> None:
@@ -164,38 +163,44 @@ class SpotTracker:
         """
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
-            self.period = median(self._periods)
+            # of several images: some come in bursts; without the longest, which may be a pause
+            many = sorted(self._periods)[:-1] or self._periods
+            self.period = sum(many) / len(many)
         self._stamp, self._camera = stamp, camera
         gap = max(_GAP_TIME, _GAP_PERIODS * self.period)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         for track in self._tracks if motion is not None else ():
-            track.place[:2], track.dwell_position = cv2.perspectiveTransform(
-                np.array([[track.place[:2], track.dwell_position]]), motion
-            )[0]
+            track.place[:2] = cv2.perspectiveTransform(track.place[None, None, :2], motion)[0, 0]
         expected = [self._expect(track) for track in self._tracks if track.confirmed]
         return sorted(expected, key=lambda one: not one.published)
 
     def _expect(self, track: Track) -> Expected:
-        elapsed = self._stamp - track.stamp
+        elapsed = self._since(track)
         u, v = (track.place + track.velocity * elapsed)[:2].tolist()
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity[:2])
-        return Expected(u, v, reach, track.diameter, track.published)
+        return Expected(u, v, reach, track.diameter, track.published, track.lit_s > _STEP_TIME)
 
-    def update(self, spots: Sequence[Spot], tag: Any = None) -> List[Track]:
+    def update(self, spots: Sequence[Spot], lit_s: Sequence[float] = ()) -> List[Track]:
         """Adds the spots of the image that was begun, the most certain first; returns the track of each.
 
         Args:
-            tag: of the image, for spots that are backfilled.
+            lit_s: [s] for how long there has been light at each one's place.
         """
         tracks = self._assign(spots)
+        for track, seconds in zip(tracks, lit_s):
+            track.lit_s = seconds
         oldest = self._stamp - max(_RECALL_TIME, (self.params.confirm_frames + 1) * self.period)
         for spot, track in zip(spots, tracks):
             self._see(track, spot)
             track.unpublished = [earlier for earlier in track.unpublished if earlier.stamp >= oldest]
             if not track.confirmed:
-                track.unpublished.append(BackfilledSpot(replace(spot, track=track.number), self._stamp, tag))
+                track.unpublished.append(replace(spot, track=track.number))
         self._choose(tracks)
         return tracks
+
+    def _since(self, track: Track) -> float:
+        """Returns how long ago [s] a track was seen: at least a period, for images of a burst are stamped as they come."""
+        return max(self._stamp - track.stamp, self.period)
 
     def _assign(self, spots: Sequence[Spot]) -> List[Track]:
         """Assigns a track to each spot: the nearest pairs within reach, else a new one."""
@@ -211,7 +216,7 @@ class SpotTracker:
         found: List[Optional[Track]] = [None] * len(spots)
         if self._tracks:
             last = np.array([track.place[axes] for track in self._tracks])
-            elapsed = np.array([self._stamp - track.stamp for track in self._tracks])
+            elapsed = np.array([self._since(track) for track in self._tracks])
             ahead = last + elapsed[:, None] * [track.velocity[axes] for track in self._tracks]
             near = cdist(places[:, axes], last) <= slack + speed * elapsed
             for row, column in zip(*linear_sum_assignment(np.where(near, cdist(places[:, axes], ahead), 1e9))):
@@ -221,13 +226,11 @@ class SpotTracker:
             track = found[row]
             if track is None:
                 self._numbers += 1
-                found[row] = Track(self._numbers, place, self._stamp, self._stamp, place[:2].copy(), self._stamp)
+                found[row] = Track(self._numbers, place, self._stamp, self._stamp)
                 self._tracks.append(found[row])
             elif self._stamp > track.stamp:
-                track.velocity = (place - track.place) / (self._stamp - track.stamp)
+                track.velocity = (place - track.place) / self._since(track)
                 track.place, track.stamp = place, self._stamp
-                if math.hypot(*(place[:2] - track.dwell_position)) > _SLACK_PX:
-                    track.dwell_position, track.dwelling_since = place[:2].copy(), self._stamp
         return found
 
     def _see(self, track: Track, spot: Spot) -> None:
@@ -247,10 +250,32 @@ class SpotTracker:
         track.confirmed = self.params.confirm_frames <= 1 or shown >= least
 
     def _choose(self, tracks: Sequence[Track]) -> None:
-        """Chooses the confirmed track to publish: the one that was, else the most certain."""
+        """Chooses the confirmed track to publish: the one that was, else the most certain.
+
+        One that moves takes the place of one that rests: that may be a lamp, and a hand that draws is not kept waiting.
+        """
         if self.params.confirm_frames <= 1:
             for track in self._tracks:
                 track.published = False
         confirmed = [track for track in tracks if track.confirmed]
-        if confirmed and not any(track.published for track in self._tracks):
-            confirmed[0].published = True
+        published = [track for track in self._tracks if track.published]
+        moving = [track for track in confirmed if self._moves(track)]
+        if moving and published and all(track.lit_s > _STEP_TIME for track in published):
+            published[0].published, published = False, []
+        if confirmed and not published:
+            (moving or confirmed)[0].published = True
+
+    def _moves(self, track: Track) -> bool:
+        """Returns whether a track has been elsewhere for most of its time."""
+        return track.lit_s < 0.5 * (self._stamp - track.created)
+
+    def drop_lamps(self, lamps: Sequence[Spot]) -> bool:
+        """Ends the tracks at places of lights that turned out to be lamps; returns whether one of them was published."""
+        ended = [
+            track
+            for track in self._tracks
+            if any(math.hypot(track.place[0] - lamp.u, track.place[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
+            and track.lit_s > _STEP_TIME
+        ]
+        self._tracks = [track for track in self._tracks if track not in ended]
+        return any(track.published for track in ended)

@@ -10,18 +10,19 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from vb_core.image_format import Picture
 from vb_laser_detect.detection.classifier import VERSION, Classification, SpotClassifier
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.detection.features import Blob
+from vb_laser_detect.detection.image_geometry import ImageGeometry
 
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others: where a curve may bend
 _WEIGHT = 1500.0  # of the spots of a kind
 _FALSE_COSTS = 3.0  # times a missed spot, which the next image shows again
-_FOLDS = 5  # a fifth of all clips and scenes is left out at a time
 _STRENGTH = 0.3  # of the fit against the wish for low ramps
 # which way a curve may go: more of it speaks for a spot, or against; or for it up to a usual value and then against
 _FOR = ("peak", "level", "edge", "chroma_mosaic")
@@ -34,14 +35,15 @@ class LabeledFrame(NamedTuple):
     Attributes:
         spots: (u, v) [px] of those in it.
         unclear: (u, v) [px] of what is neither asked for nor wrong: a pulse's first or last light.
-        geometry: (to_floor, place_check) for `SpotDetector.set_camera_pose`, or None.
+        image: as `SpotDetector.detect` takes it.
+        geometry: where its pixels are on the floor, or None.
     """
 
     stamp: float
-    image: np.ndarray
+    image: Union[np.ndarray, Picture]
     spots: Sequence[Tuple[float, float]]
     unclear: Sequence[Tuple[float, float]] = ()
-    geometry: Optional[Tuple[Any, Any]] = None
+    geometry: Optional[ImageGeometry] = None
 
 
 class Examples(NamedTuple):
@@ -112,9 +114,7 @@ def load_examples(files: Iterable[Path]) -> Examples:
     return Examples.join([part for part in parts if len(part.truth)])
 
 
-def collect(
-    frames: Iterable[LabeledFrame], params: DetectorParams, group: str, reach: float, encoding: str = ""
-) -> Examples:
+def collect(frames: Iterable[LabeledFrame], params: DetectorParams, group: str, reach: float) -> Examples:
     """Collects the examples of one clip or scene.
 
     Args:
@@ -123,11 +123,9 @@ def collect(
     """
     oracle = Oracle(reach)
     detector = SpotDetector(params, oracle)
-    detector.encoding = encoding
     for frame in frames:
         oracle.frame = frame
-        detector.set_camera_pose(*(frame.geometry or (None, None)))
-        detector.detect(frame.image, frame.stamp)
+        detector.detect(frame.image, frame.stamp, frame.geometry)
     names = tuple(oracle.rows[0]) if oracle.rows else ()
     # what OpenCV sums in single precision depends on where its memory begins, far behind these digits
     values = np.round(np.array([list(row.values()) for row in oracle.rows], float), 5)
@@ -152,8 +150,11 @@ def fit(examples: Examples) -> SpotClassifier:
     # where a feature says nothing it counts as a usual spot's
     known = [column[truth & ~np.isnan(column)] for column in examples.values.T]
     usual = np.array([np.median(column) if len(column) else np.nan for column in known])
-    knots = [_knots(column, truth) for column in examples.values.T]
     values = np.where(np.isnan(examples.values), usual, examples.values)
+    # what speaks against a spot counts from the usual one on: less of it is no merit, a still room lays down no paint
+    against = np.array([name not in _FOR and name not in _UP_TO for name in examples.names])
+    values = np.where(against, np.maximum(values, usual), values)
+    knots = [_knots(np.where(np.isnan(given), np.nan, x), truth) for given, x in zip(examples.values.T, values.T)]
     signs = np.concatenate([_signs(name, x) for name, x in zip(examples.names, knots)] + [[1.0]])
     ramps = [_ramps(column, x) for column, x in zip(values.T, knots)]
     design = np.hstack(ramps + [np.ones((len(truth), 1))]) * signs * np.where(truth, 1.0, -1.0)[:, None]
@@ -205,25 +206,38 @@ def logits(classifier: SpotClassifier, examples: Examples) -> np.ndarray:
     return total
 
 
-def fit_without(examples: Examples, groups: Sequence[str], parts: int) -> Dict[str, SpotClassifier]:
-    """Fits, for each of some clips or scenes, a classifier without it; so many parts are left out in turn."""
-    result = {}
-    for number in range(parts):
-        out = list(groups)[number::parts]
-        judge = fit(examples.exclude(*out)) if out else None
-        result.update({group: judge for group in out})
+def fit_without(examples: Examples, left_out: Mapping[str, Sequence[str]]) -> Dict[str, SpotClassifier]:
+    """Fits, for each of some clips or scenes, a classifier without those that are left out with it."""
+    judges = {tuple(sorted(out)): SpotClassifier({}, 0.0) for out in left_out.values()}
+    for out in judges:
+        judges[out] = fit(examples.exclude(*out))
+    return {group: judges[tuple(sorted(out))] for group, out in left_out.items()}
+
+
+def validate(examples: Examples, judges: Mapping[str, SpotClassifier]) -> List[Tuple[str, np.ndarray, np.ndarray]]:
+    """Returns (group, truth, logits) of each group, by the classifier that was fitted without it."""
+    result = []
+    for group, judge in sorted(judges.items()):
+        own = examples.select(examples.groups == group)
+        result.append((str(group), own.truth, logits(judge, own)))
     return result
 
 
-def validate(examples: Examples) -> List[Tuple[str, np.ndarray, np.ndarray]]:
-    """Returns (group, truth, logits) of each group, by classifiers that were fitted without it."""
-    result = []
-    for group, judge in fit_without(
-        examples, np.random.default_rng(1).permutation(np.unique(examples.groups)), _FOLDS
-    ).items():
-        own = examples.select(examples.groups == group)
-        result.append((str(group), own.truth, logits(judge, own)))
-    return sorted(result, key=lambda one: one[0])
+def calibrate(classifier: SpotClassifier, truth: np.ndarray, judged: np.ndarray) -> SpotClassifier:
+    """Makes a classifier's probabilities right on average (Platt's scaling).
+
+    Args:
+        truth, judged: (N,) bool and logits of examples by classifiers that had not seen their cameras and rooms.
+    """
+    from scipy.optimize import minimize
+
+    def loss(scaling: np.ndarray) -> float:
+        margins = scaling[0] * judged + scaling[1]
+        return float(np.sum(np.logaddexp(0.0, margins) - truth * margins))
+
+    scale, shift = minimize(loss, np.array([1.0, 0.0]), method="Nelder-Mead").x
+    curves = {name: (x, scale * y) for name, (x, y) in classifier.curves.items()}
+    return SpotClassifier(curves, float(scale * classifier.intercept + shift))
 
 
 def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:

@@ -27,9 +27,10 @@ def border_to_mapping(border: VirtualBorder) -> Dict[str, Any]:
         "modified": border.modified,
         "expires": border.expires,
         "robots": list(border.robots),
-        "zone": border.zone,
+        "zone": border.zone.name,
         "max_speed": border.max_speed,
         "schedule": border.schedule,
+        "map_id": border.map_id,
     }
 
 

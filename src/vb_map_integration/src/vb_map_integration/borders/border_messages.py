@@ -9,7 +9,8 @@ from vb_msgs.msg import BorderIssue
 from vb_msgs.msg import VirtualBorder as BorderMessage
 
 from vb_core.ros import messages
-from vb_map_integration.border import AVOID, KEEP_OUT, SLOW, VirtualBorder
+from vb_core.zones import ZONES
+from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError
 
 # whether the chain is closed, by kind
@@ -19,7 +20,7 @@ KINDS = {
     BorderMessage.SEPARATING_CURVE: False,
     BorderMessage.VIRTUAL_WALL: False,
 }
-ZONES = {BorderMessage.KEEP_OUT: KEEP_OUT, BorderMessage.AVOID: AVOID, BorderMessage.SLOW: SLOW}
+_ZONES = {zone.number: zone for zone in ZONES.values()}
 _SEVERITIES = {WARNING: BorderIssue.WARNING, ERROR: BorderIssue.ERROR}
 
 
@@ -31,8 +32,8 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
     """
     if message.kind not in KINDS:
         raise IntegrationError("bad_kind", kind=message.kind, known=", ".join(map(str, sorted(KINDS))))
-    if message.zone not in ZONES:
-        raise IntegrationError("bad_zone", zone=message.zone)
+    if message.zone not in _ZONES:
+        raise IntegrationError("bad_zone", zone=message.zone, known=", ".join(ZONES))
     return VirtualBorder(
         points=messages.array_from_points(message.points),
         seed=[message.seed.x, message.seed.y],
@@ -47,7 +48,7 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
         expires=message.expires.to_sec(),
         robots=tuple(message.robots),
         wall=message.kind == BorderMessage.VIRTUAL_WALL,
-        zone=ZONES[message.zone],
+        zone=_ZONES[message.zone],
         max_speed=round(message.max_speed, 6),
         schedule=message.schedule,
     )
@@ -70,7 +71,7 @@ def message_from_border(
         expires=rospy.Time.from_sec(border.expires),
         robots=list(border.robots),
         area_m2=area_m2,
-        zone=next(number for number, zone in ZONES.items() if zone == border.zone),
+        zone=border.zone.number,
         max_speed=border.max_speed,
         schedule=border.schedule,
         in_force=in_force,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import List, Sequence, Tuple
+from typing import Sequence, Tuple
 
 import numpy as np
 from std_msgs.msg import ColorRGBA
@@ -35,13 +35,6 @@ def chain_marker(points: np.ndarray, closed: bool, color: ColorRGBA) -> Marker:
     return marker
 
 
-def vertices_marker(points: Sequence[Sequence[float]], color: ColorRGBA) -> Marker:
-    """Points (N, 2) [m] as balls."""
-    marker = _marker(Marker.SPHERE_LIST, color, (VERTEX_DIAMETER, VERTEX_DIAMETER, VERTEX_DIAMETER))
-    marker.points = messages.points_from_array(np.asarray(points, dtype=float).reshape(-1, 2))
-    return marker
-
-
 def ball_marker(color: ColorRGBA, size: float = VERTEX_DIAMETER) -> Marker:
     """Draws a ball at the origin of whatever it belongs to."""
     return _marker(Marker.SPHERE, color, (size, size, size))
@@ -53,10 +46,3 @@ def text_marker(text: str, point: Sequence[float], color: ColorRGBA) -> Marker:
     marker.text = text
     marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = float(point[0]), float(point[1]) + 0.2, 0.1
     return marker
-
-
-def numbered(markers: Sequence[Marker], frame_id: str, namespace: str) -> List[Marker]:
-    """Markers with frame and ids, to be published as an array."""
-    for index, marker in enumerate(markers):
-        marker.header.frame_id, marker.ns, marker.id = frame_id, namespace, index
-    return list(markers)

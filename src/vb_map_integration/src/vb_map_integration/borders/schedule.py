@@ -67,4 +67,11 @@ def is_scheduled(text: str, now: float) -> bool:
         return True
     local = datetime.datetime.fromtimestamp(now)
     minute = local.weekday() * _DAY + local.hour * 60 + local.minute
-    return any(span.start <= moment < span.end for span in spans for moment in (minute, minute + _WEEK))
+    if any(span.start <= moment < span.end for span in spans for moment in (minute, minute + _WEEK)):
+        return True
+    # what the clock left out when it was put forward is made up for: a border that would begin in it begins after it
+    before = datetime.datetime.fromtimestamp(now - 3600.0)
+    skipped = (local - before).total_seconds() - 3600.0
+    return skipped > 0.0 and any(
+        span.start <= moment - 60 < span.end for span in spans for moment in (minute, minute + _WEEK)
+    )

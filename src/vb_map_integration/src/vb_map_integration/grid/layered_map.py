@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Dict, Mapping, Optional
+from typing import Dict, Mapping, Optional, Sequence
 
+import cv2
 import numpy as np
 
 from vb_core.grid_map import GridMap
@@ -36,6 +37,11 @@ class Region:
         return cls(area.window, np.packbits(area.mask), area.value, area.over_unknown, area.area_m2)
 
     @property
+    def cells(self) -> int:
+        """Number of cells."""
+        return cv2.countNonZero(self.mask)
+
+    @property
     def mask(self) -> np.ndarray:
         """The mask (h, w) uint8 of the window."""
         rows, columns = self.window
@@ -59,6 +65,24 @@ class Region:
         raster.paint(cells[rows, columns], part, self.value, self.over_unknown)
 
 
+def join_regions(regions: Sequence[Region]) -> Optional[Region]:
+    """Returns the region of all cells of some regions, with the value of the first one; None if there is none."""
+    if len(regions) < 2:
+        return regions[0] if regions else None
+    window = tuple(
+        slice(min(one.window[axis].start for one in regions), max(one.window[axis].stop for one in regions))
+        for axis in (0, 1)
+    )
+    mask = raster.filled((window[0].stop - window[0].start, window[1].stop - window[1].start), 0)
+    for one in regions:
+        part = tuple(slice(own.start - all_.start, own.stop - all_.start) for own, all_ in zip(one.window, window))
+        np.maximum(mask[part], one.mask, out=mask[part])
+    first = regions[0]
+    cell = max(one.area_m2 / max(1, one.cells) for one in regions)
+    area = cell * cv2.countNonZero(mask)
+    return Region(window, np.packbits(mask), first.value, first.over_unknown, area)  # type: ignore[arg-type]
+
+
 class LayeredMap:
     """Physical map plus regions by border id. It never changes: `with_regions` returns a new one.
 
@@ -75,9 +99,9 @@ class LayeredMap:
         self.map_with_borders = physical
         self._regions: Dict[str, Region] = {}
 
-    def area_m2(self, key: str) -> float:
-        """Returns the area [m^2] that a region restricts; 0 if there is no such region."""
-        return self._regions[key].area_m2 if key in self._regions else 0.0
+    def region(self, key: str) -> Optional[Region]:
+        """Returns a region; None if there is none of that key."""
+        return self._regions.get(key)
 
     def with_regions(self, changes: Mapping[str, Optional[Region]]) -> "LayeredMap":
         """Returns the map with some regions added or replaced, and without those whose value is None."""

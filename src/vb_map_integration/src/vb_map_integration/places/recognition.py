@@ -1,18 +1,22 @@
-"""Which place a map shows, and where that place's borders are in it.
+"""Which place a map shows, and where that place's borders are in it: the keeper of all questions about the place.
 
 The idea: fail closed. A map is recognised by its exact fingerprint; else by the name that a person gave it, and by
-registration against the maps at which the borders were drawn, never against the last one seen. Where that is not sure
-the borders of the likeliest place stay in force, and a person is asked.
+registration against the maps at which the borders were drawn, never against the last one seen. Where that is not sure a
+person is asked. What is proposed is the transform that no other comes near; without one the borders of the likeliest
+place stay where they are. In that place each border is then looked for by the walls round it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.places.border_place import BorderPlace, choose_place
+from vb_map_integration.places.local_fit import fit_locally
 from vb_map_integration.storage.database import Database, KnownMap
 from vb_map_integration.places.registration import (
     IDENTITY,
@@ -29,6 +33,10 @@ from vb_map_integration.places.registration import (
 _COMPARED = 3
 # below it a registration says nothing about where the borders are
 _PLAUSIBLE_AGREEMENT = 0.8
+# above it borders may be there, for all that the maps say
+_POSSIBLE_AGREEMENT = 0.5
+# share of a border's line that the map has to know before anybody is asked about it
+_SEEN = 0.5
 # shares of agreement that mean nothing between hypotheses none of which is sure
 _DOUBT = 0.15
 # a map continues the one before if this share of its obstacles are in the same cells
@@ -47,6 +55,7 @@ class PlaceRecognition:
         certain: False: the borders need confirmation.
         registration: what it rests on; None if none was needed or possible.
         floor_cells: free cells when it was made.
+        other: a second transform that is possible until somebody confirms one; None if there is none.
     """
 
     place: int = 0
@@ -54,6 +63,7 @@ class PlaceRecognition:
     certain: bool = True
     registration: Optional[Registration] = None
     floor_cells: int = 0
+    other: Optional[Transform] = None
 
 
 class PlaceRecognizer:
@@ -80,7 +90,8 @@ class PlaceRecognizer:
         """
         known = self._database.find_map(map_id)
         if known is not None:
-            return PlaceRecognition(known.place, known.transform)
+            name = self._database.get_name(known.place)
+            return PlaceRecognition(known.place, known.transform, not self._name or name in ("", self._name))
         candidates = self._candidates()
         if not candidates:
             return PlaceRecognition()
@@ -98,7 +109,7 @@ class PlaceRecognizer:
         return replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
 
     def _candidates(self) -> Dict[int, List[KnownMap]]:
-        """Returns the maps of each place that it may be; without maps that could not be taken over."""
+        """Returns the maps of each place that it may be."""
         places: Dict[int, List[KnownMap]] = {}
         for one in self._database.maps():
             places.setdefault(one.place, []).append(one)
@@ -110,9 +121,7 @@ class PlaceRecognizer:
             chosen = set(places)
         return {place: maps for place, maps in places.items() if place in chosen and self._database.count(place)}
 
-    def _wall_map_of(self, one: KnownMap) -> Optional[WallMap]:
-        if one.grid is None:
-            return None
+    def _wall_map_of(self, one: KnownMap) -> WallMap:
         if one.fingerprint not in self._wall_maps:
             self._wall_maps[one.fingerprint] = WallMap(one.grid)
         return self._wall_maps[one.fingerprint]
@@ -121,8 +130,6 @@ class PlaceRecognizer:
         """Returns whether a map fits one at which borders were drawn, where it is expected to be."""
         for one in maps:
             reference = self._wall_map_of(one)
-            if reference is None:
-                continue
             found = measure_at(reference, wall_map, transform.after(one.transform.inverse))
             if found.agreement >= MIN_AGREEMENT and found.overlap >= MIN_OVERLAP:
                 return True
@@ -136,37 +143,67 @@ class PlaceRecognizer:
             for one in maps[:1] + maps[1:][1 - _COMPARED :]:
                 reference = self._wall_map_of(one)
                 guesses = [IDENTITY, recognition.transform.after(one.transform.inverse)]
-                found = register_wall_maps(reference, wall_map, guesses) if reference else None
+                found = register_wall_maps(reference, wall_map, guesses)
                 if found is None:
                     continue
-                if not found.is_unambiguous:
-                    found = self._unmoved(reference, wall_map, found, guesses)
+                other = None
+                if not (found.is_unambiguous or found.is_unique):
+                    found, other = self._unmoved(reference, wall_map, found, guesses)
+                    other = other.after(one.transform) if other else None
                 transform = _snap(found.transform.after(one.transform), recognition.transform, wall_map.grid)
-                new = PlaceRecognition(place, transform, found.is_unambiguous, found)
-                if place not in best or (new.certain, found.score) > (best[place].certain, _score(best[place])):
+                new = PlaceRecognition(place, transform, found.is_unambiguous, found, other=other)
+                if place not in best or _rank(new) > _rank(best[place]):
                     best[place] = new
         certain = [one for one in best.values() if one.certain]
         if len(certain) == 1:
             return certain[0]
         # several floors may have the same walls: then nothing is sure either
-        plausible = [
-            one for one in best.values() if one.registration and one.registration.agreement >= _PLAUSIBLE_AGREEMENT
-        ]
+        plausible = [one for one in best.values() if one.registration and _is_plausible(one.registration)]
         if plausible:
-            return replace(max(plausible, key=_score), certain=False)
+            return replace(max(plausible, key=_rank), certain=False)
         last = self._database.get_value("last_place")
         place = int(last) if last.isdigit() and int(last) in candidates else max(candidates)
         return replace(best[place], certain=False) if place in best else PlaceRecognition(place, IDENTITY, False)
 
     @staticmethod
     def _unmoved(
-        reference: Optional[WallMap], wall_map: WallMap, found: Registration, guesses: List[Transform]
-    ) -> Registration:
-        """Decides that borders stay where they are, unless another transform is plausible and fits clearly better."""
-        assert reference is not None
+        reference: WallMap, wall_map: WallMap, found: Registration, guesses: List[Transform]
+    ) -> Tuple[Registration, Optional[Transform]]:
+        """Decides that borders stay where they are, unless another transform is plausible and fits clearly better.
+
+        Returns:
+            What is proposed, and the other one if that is possible too.
+        """
         still = max((measure_at(reference, wall_map, guess) for guess in guesses), key=lambda one: one.agreement)
         moves = found.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
-        return found if moves else still
+        proposed, other = (found, still) if moves else (still, found)
+        possible = other.agreement >= _POSSIBLE_AGREEMENT and other.transform != proposed.transform
+        return proposed, other.transform if possible else None
+
+    # ------------------------------------------------------------- borders
+    def start_map(self, grid: GridMap, map_id: str, recognition: PlaceRecognition) -> None:
+        """Prepares `locate` for a map and what it was recognised as."""
+        self._current, self._current_id, self._recognition = grid, map_id, recognition
+        self._known = {one.fingerprint: one for one in self._database.maps() if one.place == recognition.place}
+        self._current_walls: Optional[WallMap] = None
+
+    def locate(self, border: VirtualBorder) -> BorderPlace:
+        """Finds where a stored border of the current map's place is on that map."""
+        recognition = self._recognition
+        known = self._known.get(border.map_id) or next(iter(self._known.values()), None)
+        if known is None or known.fingerprint == self._current_id:
+            return BorderPlace(border.moved(recognition.transform))
+        accepted = border.moved(known.transform)
+        start = recognition.transform.after(known.transform.inverse)
+        if self._current_walls is None:
+            self._current_walls = WallMap(self._current)
+        fit = fit_locally(self._wall_map_of(known), self._current_walls, start, accepted.points)
+        here = start.apply(np.concatenate([accepted.points, [accepted.seed]]))
+        is_seen = float(self._current_walls.is_known(here).mean()) >= _SEEN
+        found = choose_place(accepted, known.grid, start, fit, is_seen)
+        if recognition.other is None:
+            return found
+        return replace(found, others=(*found.others, border.moved(recognition.other)))
 
 
 def is_extension(before: GridMap, after: GridMap) -> bool:
@@ -193,5 +230,11 @@ def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform
     return transform
 
 
-def _score(recognition: PlaceRecognition) -> float:
-    return recognition.registration.score if recognition.registration else 0.0
+def _is_plausible(found: Registration) -> bool:
+    return found.is_unique or found.agreement >= _PLAUSIBLE_AGREEMENT
+
+
+def _rank(recognition: PlaceRecognition) -> Tuple[bool, bool, float]:
+    """Ranks what a map may show."""
+    found = recognition.registration
+    return (recognition.certain, found.is_unique, found.score) if found else (recognition.certain, False, 0.0)

@@ -17,12 +17,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
+from vb_core.grid_map import OCCUPIED_THRESHOLD, UNKNOWN, GridMap
 
 # [m] a wall is found again if one is this near: two cells of a usual map, and SLAM's bends of a few centimetres
 TOLERANCE = 0.12
@@ -35,7 +35,11 @@ _COARSE_CELLS = 160
 _ANGLES = 120
 _HYPOTHESES = 10
 _REFINED_POINTS = 1500
+_DRAWN_FLOOR = 400_000  # free places that are drawn when maps are compared
 _REMAPPED = 30_000  # rows that OpenCV remaps at once
+_UNIT, _FARTHEST = 1e-4, 20_000  # [m] of distances, and how many of it are the largest
+_RIM = 4  # unknown cells that are kept round what a map knows
+_STRIP = 512  # rows whose distances are computed at once
 # [m] pairs farther apart are left out of the refinement, round by round
 _REACH = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
 # [m] two hypotheses are the same one below these
@@ -46,6 +50,7 @@ MIN_AGREEMENT = 0.92  # of long walls found again, in both directions
 MIN_OVERLAP = 0.7  # of the smaller map's free floor that the other map knows
 MIN_WALL_LENGTH = 15.0  # [m] long walls that both maps know
 MIN_MARGIN = 0.3  # how much less the next hypothesis explains
+_UNIQUE_MARGIN = 0.5  # the same, for one that is proposed
 
 
 class Transform(NamedTuple):
@@ -116,6 +121,11 @@ class Registration:
     margin: float
 
     @property
+    def is_unique(self) -> bool:
+        """Returns whether no other transform comes near, however well the maps agree: then it is what is proposed."""
+        return self.margin >= _UNIQUE_MARGIN and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
+
+    @property
     def is_unambiguous(self) -> bool:
         """Returns whether it may be acted on without a person."""
         return self.local and self.margin >= MIN_MARGIN
@@ -133,70 +143,94 @@ class Registration:
 
 
 class WallMap:
-    """A map as registration sees it: its wall cells, which of them belong to long walls, and its distance field."""
+    """A map as registration sees it: its wall cells, which of them belong to long walls, and its distance field.
+
+    Only the part of the map that is known is kept, so that an empty canvas costs nothing.
+    """
 
     def __init__(self, grid: GridMap) -> None:
-        self.grid = grid
-        cells = np.ascontiguousarray(grid.data)
+        self.grid = _known_part(grid)
+        cells = np.ascontiguousarray(self.grid.data)
         occupied = (cells >= OCCUPIED_THRESHOLD).astype(np.uint8)
-        free = ((cells >= 0) & (cells < OCCUPIED_THRESHOLD)).astype(np.uint8)
-        self.free = free
-        near_free = cv2.dilate(free, np.ones((3, 3), np.uint8))
-        surface = occupied & near_free
+        self.free = cv2.inRange(cells.view(np.uint8), 0, OCCUPIED_THRESHOLD - 1) & 1
+        surface = occupied & cv2.dilate(self.free, np.ones((3, 3), np.uint8))
         rows, columns = np.nonzero(surface)
-        self.walls = grid.grid_to_world(np.column_stack([columns, rows]).astype(float))
-        bridge = 2 * max(1, int(round(_MAX_BRIDGED_GAP / grid.resolution))) - 1
+        self.walls = self.grid.grid_to_world(np.column_stack([columns, rows]).astype(float))
+        bridge = 2 * max(1, int(round(_MAX_BRIDGED_GAP / self.grid.resolution))) - 1
         joined = cv2.dilate(occupied, np.ones((bridge, bridge), np.uint8))
         _, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
-        extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) * grid.resolution
+        extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) * self.grid.resolution
         extent[0] = 0.0
         self.is_structure = extent[labels[rows, columns]] >= MIN_STRUCTURE_EXTENT
-        self._surface = surface
         # what the map knows: free floor, and what is beside it
-        self._known = cv2.dilate(free, np.ones((5, 5), np.uint8))
-
-    @cached_property
-    def fields(self) -> np.ndarray:
-        """Computes distance fields (H, W, 3) float32: distance to the nearest wall [m], gradient along columns and rows."""
-        if not self._surface.any():
-            distance = np.full(self.grid.shape, 1e3, np.float32)
-        else:
-            distance = cv2.distanceTransform(1 - self._surface, cv2.DIST_L2, 5) * np.float32(self.grid.resolution)
-        rows, columns = np.gradient(distance, self.grid.resolution) if min(distance.shape) > 1 else (distance * 0,) * 2
-        return np.dstack([distance, columns, rows]).astype(np.float32)
+        self._known = cv2.dilate(self.free, np.ones((5, 5), np.uint8))
+        # [_UNIT] to the nearest wall, as far as anybody asks: half the memory of real numbers
+        self._distance = np.full(self.grid.shape, _FARTHEST, np.uint16)
+        if len(self.walls):
+            scale = self.grid.resolution / _UNIT
+            for part in _strips(self.grid.shape[0], int(_FARTHEST / scale) + 2):
+                far = cv2.distanceTransform(1 - surface[part.outer], cv2.DIST_L2, 5)
+                self._distance[part.inner] = np.minimum(far[part.cut], _FARTHEST / scale) * scale + 0.5
 
     def look_up(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """Distances (N,) [m] to the nearest wall, and their gradients (N, 2) in the map frame."""
+        """Distances (N,) [m] to the nearest wall, at most 2, and their gradients (N, 2) in the map frame."""
         if not len(points):
             return np.zeros(0), np.zeros((0, 2))
         where = self.grid.world_to_grid(points).astype(np.float32)
-        found = np.concatenate(
-            [
-                cv2.remap(
-                    self.fields,
-                    part[:, :1],
-                    part[:, 1:],
-                    cv2.INTER_LINEAR,
-                    borderMode=cv2.BORDER_CONSTANT,
-                    borderValue=(1e3, 0.0, 0.0),
-                )[:, 0]
-                for part in np.array_split(where, 1 + len(where) // _REMAPPED)
-            ]
-        )
+        here = self._interpolate(where)
+        slopes = [
+            (self._interpolate(where + step) - self._interpolate(where - step)) / (2.0 * self.grid.resolution)
+            for step in np.eye(2, dtype=np.float32)
+        ]
         c, s = math.cos(self.grid.origin[2]), math.sin(self.grid.origin[2])
-        return found[:, 0], found[:, 1:] @ np.array([[c, s], [-s, c]])
+        return here, np.column_stack(slopes) @ np.array([[c, s], [-s, c]])
+
+    def _interpolate(self, where: np.ndarray) -> np.ndarray:
+        parts = [
+            cv2.remap(
+                self._distance,
+                part[:, :1],
+                part[:, 1:],
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_CONSTANT,
+                borderValue=_FARTHEST,
+            )[:, 0]
+            for part in np.array_split(where, 1 + len(where) // _REMAPPED)
+        ]
+        return np.concatenate(parts).astype(float) * _UNIT
+
+    def distances(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        """Distances (N,) [m] from the cells of points (N, 2) to the nearest wall, and whether the map knows them."""
+        where = np.floor(self.grid.world_to_grid(points) + 0.5).astype(np.int32)
+        inside = ((where >= 0) & (where < self.grid.shape[::-1])).all(axis=1)
+        columns, rows = np.where(inside[:, None], where, 0).T
+        return self._distance[rows, columns] * np.float32(_UNIT), inside & (self._known[rows, columns] != 0)
 
     def is_known(self, points: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: at which points (N, 2) [m] the map knows the floor, or the wall beside it."""
         return self.grid.with_data(self._known.view(np.int8)).values_at(points, outside=0) != 0
 
+    def walls_near(self, outline: np.ndarray, reach: float) -> np.ndarray:
+        """Returns the wall cells (K, 2) [m] within a distance [m] of points (N, 2) [m]."""
+        low, high = outline.min(axis=0) - reach, outline.max(axis=0) + reach
+        walls = self.walls[((self.walls >= low) & (self.walls <= high)).all(axis=1)]
+        corners = outline[:: max(1, len(outline) // 50)]
+        near = np.zeros(len(walls), bool)
+        for corner in corners:
+            near |= np.square(walls - corner).sum(axis=1) <= reach * reach
+        return walls[near]
+
     @cached_property
     def floor(self) -> np.ndarray:
         """Returns up to 2000 free places (N, 2) [m], spread evenly."""
-        where = cv2.findNonZero(self.free)
-        if where is None:
-            return np.zeros((0, 2))
-        return self.grid.grid_to_world(where[:: max(1, len(where) // 2000), 0].astype(float))
+        return self._some_floor(2000)[0]
+
+    def _some_floor(self, most: int) -> Tuple[np.ndarray, int]:
+        """Returns about as many free places (N, 2) [m] on a lattice, and how many cells each stands for."""
+        step = max(1, int(math.sqrt(cv2.countNonZero(self.free) / most)))
+        rows, columns = np.nonzero(self.free[step // 2 :: step, step // 2 :: step])
+        where = np.column_stack([columns, rows]) * step + step // 2
+        return self.grid.grid_to_world(where), step * step
 
     def draw_evidence(self, center: np.ndarray, cell: float) -> np.ndarray:
         """Draws (n, n) float32 round a centre [m]: positive at walls, slightly negative on free floor, 0 where unknown."""
@@ -210,12 +244,8 @@ class WallMap:
         per_cell = max(1.0, cell / self.grid.resolution)
         wall = np.minimum(1.0, binned(self.walls[self.is_structure]) / per_cell)
         wall += 0.3 * np.minimum(1.0, binned(self.walls[~self.is_structure]) / per_cell)
-        where = cv2.findNonZero(self.free)
-        floor = np.zeros_like(wall)
-        if where is not None:
-            step = max(1, len(where) // 400_000)
-            floor = binned(self.grid.grid_to_world(where[::step, 0].astype(float)))
-            floor = np.minimum(1.0, floor * step / per_cell**2)
+        places, cells = self._some_floor(_DRAWN_FLOOR)
+        floor = np.minimum(1.0, binned(places) * cells / per_cell**2)
         wall = cv2.GaussianBlur(wall.astype(np.float32), (0, 0), 1.0)
         return (wall - 0.08 * floor * (wall < 0.1)).astype(np.float32)
 
@@ -227,8 +257,35 @@ class WallMap:
 
     def radius(self, center: np.ndarray) -> float:
         """Returns the radius [m] around a centre (2,) [m] within which all that is known lies."""
-        points = np.concatenate([self.walls, self.floor])
+        points = np.concatenate([self.walls, self._some_floor(_DRAWN_FLOOR)[0]])
         return float(np.linalg.norm(points - center, axis=1).max()) if len(points) else 1.0
+
+
+def _known_part(grid: GridMap) -> GridMap:
+    """Cuts a map to what it knows, and a few cells round it."""
+    known = np.ascontiguousarray(grid.data).view(np.uint8) < 128
+    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if not len(rows):
+        return grid.with_data(np.full(grid.shape, UNKNOWN, np.int8))
+    top, left = max(0, int(rows[0]) - _RIM), max(0, int(columns[0]) - _RIM)
+    cells = grid.data[top : rows[-1] + 1 + _RIM, left : columns[-1] + 1 + _RIM]
+    x, y = grid.grid_to_world([[left - 0.5, top - 0.5]])[0]
+    return GridMap(np.ascontiguousarray(cells), grid.resolution, (float(x), float(y), grid.origin[2]))
+
+
+class _Strip(NamedTuple):
+    """Some rows of a map: those to be computed, those that are needed for it, and the first ones' place in these."""
+
+    inner: slice
+    outer: slice
+    cut: slice
+
+
+def _strips(rows: int, reach: int) -> Iterator[_Strip]:
+    """Parts of a map's rows: what is in between of a calculation then needs the memory of one part only."""
+    for top in range(0, rows, _STRIP):
+        low, end = max(0, top - reach), min(rows, top + _STRIP)
+        yield _Strip(slice(top, end), slice(low, min(rows, end + reach)), slice(top - low, end - low))
 
 
 def register(old: GridMap, new: GridMap) -> Optional[Registration]:
@@ -309,12 +366,28 @@ def _sample(shape: WallMap) -> np.ndarray:
 
 
 def _refine(old: WallMap, new: WallMap, start: Transform) -> Transform:
-    """Refines a transform to the one nearby at which the walls of both maps coincide."""
-    forward, backward = _sample(old), _sample(new)
-    center = old.center  # turning about the middle keeps turn and shift apart
+    return refine(old, new, start, _sample(old), _sample(new), old.center, _REACH)
+
+
+def refine(
+    old: WallMap,
+    new: WallMap,
+    start: Transform,
+    forward: np.ndarray,
+    backward: np.ndarray,
+    center: np.ndarray,
+    reaches: Sequence[float],
+) -> Transform:
+    """Refines a transform to the one nearby at which the walls of both maps coincide.
+
+    Args:
+        forward, backward: (N, 2) [m] walls of the old map, and of the new one, that are to be found in the other.
+        center: (2,) [m] in the old map; turning about it keeps turn and shift apart.
+        reaches: [m] pairs farther apart are left out, round by round.
+    """
     place = start.apply(center)[0]
     yaw = start.yaw
-    for reach in _REACH:
+    for reach in reaches:
         c, s = math.cos(yaw), math.sin(yaw)
         rotation = np.array([[c, -s], [s, c]])
         arm = (forward - center) @ rotation.T
@@ -325,12 +398,20 @@ def _refine(old: WallMap, new: WallMap, start: Transform) -> Transform:
         j2 = np.column_stack([-(g2 @ rotation.T), g2[:, 0] * arm[:, 1] - g2[:, 1] * arm[:, 0]])
         distance, jacobian = np.concatenate([d1, d2]), np.concatenate([j1, j2])
         weight = np.square(np.maximum(0.0, 1.0 - np.square(distance / reach)))
-        normal = (jacobian * weight[:, None]).T @ jacobian + 1e-6 * np.eye(3)
+        normal = (jacobian * weight[:, None]).T @ jacobian + 2e-3 * len(distance) * np.diag([1.0, 1.0, 2.0])
         step = np.linalg.solve(normal, -(jacobian * weight[:, None]).T @ distance)
         place = place + np.clip(step[:2], -0.3, 0.3)
         yaw += float(np.clip(step[2], -0.05, 0.05))
     shift = place - Transform(0.0, 0.0, yaw).apply(center)[0]
     return Transform(float(shift[0]), float(shift[1]), math.remainder(yaw, 2.0 * math.pi))
+
+
+def find_share(points: np.ndarray, other: WallMap) -> Tuple[float, float]:
+    """Returns which share of wall cells (N, 2) [m] another map has too, of those that it knows, and what share that is."""
+    distance, known = other.distances(points)
+    if not known.any():
+        return 0.0, 0.0
+    return float((distance[known] < TOLERANCE + other.grid.resolution / 2.0).mean()), float(known.mean())
 
 
 class _Explained(NamedTuple):

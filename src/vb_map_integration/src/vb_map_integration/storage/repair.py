@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import List, Optional
 
 from vb_core.errors import CodedError
-from vb_map_integration.storage.database import FILE, Database, check_file, restore
+from vb_map_integration.storage.database import Database
+from vb_map_integration.storage.database_files import FILE, restore
+from vb_map_integration.storage.sqlite_files import check_file
 
 
 def repair_borders(arguments: Optional[List[str]] = None) -> int:

@@ -15,8 +15,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Dict, Hashable, List, Mapping, Optional, Tuple
 
+from vb_core.poses import Pose, pose_distance
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
-from vb_robot.poses import Pose, pose_distance
 from vb_robot.spots import LOST_TIMEOUT
 
 MIN_INTERVAL = 1.5  # [s] between two goals: each one costs navigation a new plan
@@ -32,6 +32,14 @@ STUCK_DISTANCE = 0.10  # [m] less is no progress
 BLIND_TRIES = 2  # so often, until a camera sees the spot again: the laser may be off
 PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
 SWITCH_GAIN = 1.0  # [m] how much better placed another robot must be to take over
+
+
+class Review(enum.Enum):
+    """What is to be done about the place of the robot that serves."""
+
+    KEEP = "keep"
+    REPLACE = "replace"
+    FAILED = "failed"  # the robot waits where it should see the spot, and no camera does
 
 
 class SentGoalState(enum.Enum):
@@ -170,8 +178,8 @@ class RobotRecord:
     def _avoided(self) -> List[Tuple[float, float, float]]:
         return [(failure.x, failure.y, FAILED_RADIUS) for failure in self._failed]
 
-    def review_goal(self, inputs: DispatchInputs, status: RobotStatus, planner: ViewpointPlanner) -> bool:
-        """Reviews the goal of the robot that serves; returns whether it needs no new place now."""
+    def review_goal(self, inputs: DispatchInputs, status: RobotStatus, planner: ViewpointPlanner) -> Review:
+        """Reviews the goal of the robot that serves, or where it waits."""
         now, robot, goal = inputs.now, status.pose, self.goal
         assert robot is not None
         under_way = goal if status.running else None
@@ -191,22 +199,24 @@ class RobotRecord:
             self._unfit_since = None
             if under_way is None and self._failures(blind=True) < BLIND_TRIES:
                 waited = min(inputs.time_since_seen, self._awaits(now, "seen", robot))
-                if waited >= PROGRESS_TIMEOUTS["seen"]:
-                    # something hides the spot from there, or it is farther along the line than it is thought to be
-                    self.searched_length = 0.0 if self._failures(blind=True) else planner.visible_length(robot)
-                    self._fail(now, robot, blind=True)
-            return True
+                return Review.FAILED if waited >= PROGRESS_TIMEOUTS["seen"] else Review.KEEP
+            return Review.KEEP
         if under_way is None:
             self._awaits(now, "", robot)  # it waits for the spot only where it should see it
         if goal is None:
-            return False
+            return Review.REPLACE
         self._unfit_since = now if self._unfit_since is None else self._unfit_since
         interval = 0.0 if self._endangered else LOST_INTERVAL if inputs.lost else MIN_INTERVAL
         if now < self._sent + interval or (not inputs.lost and now < self._unfit_since + UNFIT_TIMEOUT):
-            return True
+            return Review.KEEP
         # on its way off the seed's side it goes on: the border would lock it in
         leaves = under_way is not None and not goal.sees_spot and self._target_rests(goal, planner)
-        return leaves and not self._endangered
+        return Review.KEEP if leaves and not self._endangered else Review.REPLACE
+
+    def search_elsewhere(self, now: float, pose: Pose, planner: ViewpointPlanner) -> None:
+        """Records that no camera sees the spot from a pose: something hides it, or it is farther along the line."""
+        self.searched_length = 0.0 if self._failures(blind=True) else planner.visible_length(pose)
+        self._fail(now, pose, blind=True)
 
     def _target_rests(self, goal: Viewpoint, planner: ViewpointPlanner) -> bool:
         """Returns whether the target is still about where it was when the goal was chosen."""
@@ -285,8 +295,13 @@ class Fleet:
 
     def _choose(self, inputs: DispatchInputs, able: Mapping[str, Tuple[RobotStatus, ViewpointPlanner]]) -> None:
         serving = self.serving if self.serving in able else None
-        if serving is not None and self.records[serving].review_goal(inputs, *able[serving]):
-            return
+        if serving is not None:
+            (status, planner), record = able[serving], self.records[serving]
+            review = record.review_goal(inputs, status, planner)
+            if review is Review.FAILED and status.pose is not None:
+                record.search_elsewhere(inputs.now, status.pose, planner)
+            if review is not Review.REPLACE:
+                return
         offers = {name: self.records[name].make_offer(inputs.now, *able[name], name == serving) for name in able}
         made = {name: offer for name, offer in offers.items() if offer is not None}
         if made:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Dict, Iterable, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from vb_core import sentences
+from vb_core.grid_layers import Window, crop
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
-from vb_robot import spots
+from vb_core.vocabulary import BORDER, SEED
+from vb_robot.clearance_map import ClearanceMap, bounding_window
 from vb_robot.dispatching.dispatch_policy import DispatchInputs, Fleet, RobotStatus
-from vb_robot.dispatching.drawing import UnseenFloor, DrawingState
-from vb_robot.spots import LOST_TIMEOUT, Sightings
-from vb_robot.clearance_map import ClearanceMap, Window, bounding_window, crop
-from vb_robot.floor_view import FloorView
+from vb_robot.dispatching.drawing import DrawingState, UnseenFloor
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
+from vb_robot.floor_view import FloorView
+from vb_robot.spots import LOST_TIMEOUT, Sightings
+
+
+# [s] Spots are confirmed late at the start of a stroke, and a robot is chosen within a second: only what lasts is told.
+UNSERVED_TIME = 2.0
 
 
 class RobotMap:
@@ -71,6 +77,7 @@ class Dispatcher:
         self.unseen: Optional[UnseenFloor] = None
         self.notice: Optional[Notice] = None
         self._fleet = Fleet(self.maps)
+        self._unserved_since = math.inf  # [s] since when no camera sees the spot and no robot comes
         self._drawn: Tuple[str, DrawingState] = ("", DrawingState())  # in which interaction, and what
 
     def set_physical_map(self, grid: GridMap) -> None:
@@ -117,11 +124,17 @@ class Dispatcher:
             )
             seeing[name] = (status, planner)
         goals = self._fleet.step(DispatchInputs(now, wanted, known.key, time_since_seen), seeing)
-        self.notice = None
-        if drawing is not None and known.state == spots.BORDER:
+        self.notice, before, self._unserved_since = None, self._unserved_since, math.inf
+        if drawing is not None and known.state == BORDER:
             able = any(status.server and planner is not None for status, planner in seeing.values())
             newest = known.newest()
-            self.notice = self._notice(newest is None or now - newest.stamp > LOST_TIMEOUT, drawing, able)
+            lost = newest is None or now - newest.stamp > LOST_TIMEOUT
+            if lost and not (able and self._comes()):
+                self._unserved_since = min(before, now)
+                lasts = now - self._unserved_since >= UNSERVED_TIME
+                self.notice = Notice("spot_not_seen_no_robot", Severity.WARNING) if lasts else None
+            else:
+                self.notice = self._notice(lost, drawing)
         return goals
 
     def _drawing(self, now: float) -> Optional[DrawingState]:
@@ -136,19 +149,20 @@ class Dispatcher:
             drawn,
             spot=target,
             velocity=known.velocity(),
-            seeding=known.state == spots.SEED,
+            seeding=known.state == SEED,
             seen_by_stationary=known.seen_by_stationary(now),
             searched_length=self._fleet.searched_length,
         )
 
-    def _notice(self, lost: bool, drawing: DrawingState, able: bool) -> Optional[Notice]:
-        """Chooses the notice for people: that no camera sees the spot, or will soon lose it, and what happens next."""
+    def _comes(self) -> bool:
+        """Returns whether a robot has a place to look from."""
+        return self._fleet.serving is not None and self._fleet.records[self._fleet.serving].goal is not None
+
+    def _notice(self, lost: bool, drawing: DrawingState) -> Optional[Notice]:
+        """Chooses the notice for people: that no camera sees the spot, or will soon lose it, and that a robot comes."""
         serving = self._fleet.serving
-        comes = serving is not None and self._fleet.records[serving].goal is not None
-        if lost and not (comes and able):
-            return Notice("spot_not_seen_no_robot", Severity.WARNING)
         ahead = drawing.seen_by_stationary and self.unseen is not None and self.unseen.nearest(drawing.spot) is not None
-        if not (comes and (lost or ahead)):
+        if not (self._comes() and (lost or ahead)):
             return None
         return Notice(
             "spot_not_seen_robot_looks" if lost else "floor_ahead_not_seen",

@@ -12,8 +12,9 @@ from typing import Optional
 import cv2
 import numpy as np
 
+from vb_core.grid_layers import clearance_grid, nearest_cell, sample
 from vb_core.grid_map import GridMap, distance_to
-from vb_robot.clearance_map import ClearanceMap, clearance_grid, nearest_cell, sample
+from vb_robot.clearance_map import ClearanceMap
 
 STEP = 0.05  # [m] between places of an extrapolated line
 HORIZON = 2.0  # [m] how far the line is extrapolated to where no stationary camera sees it

@@ -15,6 +15,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseGoal
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.names import MAP_FRAME
+from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros.messages import message_from_pose2d, pose2d_from_message
 from vb_core.ros.transforms import TransformLookup
@@ -22,7 +23,6 @@ from vb_robot.dispatching.dispatch_policy import RobotStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.floor_view import FloorView
 from vb_robot.inputs import FloorViewListener
-from vb_robot.poses import Pose
 
 # without a status message for this long navigation counts as gone: it sends five a second
 SILENCE = rospy.Duration(2.0)

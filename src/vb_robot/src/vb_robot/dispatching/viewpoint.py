@@ -15,10 +15,11 @@ from typing import Iterable, List, Optional, Tuple
 import numpy as np
 
 from vb_core import geometry
+from vb_core.grid_layers import clearance_grid, sample
+from vb_core.poses import Pose
+from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap, ShortestPaths
 from vb_robot.dispatching.drawing import STEP, DrawingState, KeepOutArea
-from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap, ShortestPaths, clearance_grid, sample
 from vb_robot.floor_view import FloorView
-from vb_robot.poses import Pose
 
 # [m] to what the camera looks at: nearer it leaves the image, farther it is small
 MIN_DISTANCE, MAX_DISTANCE = (0.8, 1.5)

@@ -17,13 +17,17 @@ from typing import Dict, Iterable, Optional, Tuple
 import numpy as np
 
 from vb_core.robot_profile import RobotProfile
+from vb_core.stop_latch import HeldStops
+from vb_core.vocabulary import DEFAULT, State
 from vb_robot.driving.border_exit import BorderExit
-from vb_robot.driving.gate import FOLLOW, EXIT_BORDER, NAVIGATION, NONE, STOP, INPUT_TIMEOUT, TELEOP, Gate
+from vb_robot.driving.gate import EXIT_BORDER, FOLLOW, INPUT_TIMEOUT, NAVIGATION, NONE, STOP, TELEOP, Gate
 from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.driving.workspace import Workspace
-from vb_robot.spots import DEFAULT, Sighting, Sightings
+from vb_robot.spots import Sighting, Sightings
 
+START_ZEROS = 3.0  # [s] of zeros after the start: a base may still hold the last command of a driver that died
+GOAL_TIMEOUT = 1.0  # [s] after navigation's last status, which comes five times a second, it has no goal any more
 CANCEL_PERIOD = 1.0  # [s] how often navigation's goals are cancelled while another one drives
 STILL = 0.1  # [rad/s] a robot that turns more slowly stands: navigation's slowest turn is twice as fast
 ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of following and leaving a border: gentle beside people
@@ -57,12 +61,12 @@ class Arbiter:
     Args:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
         exit_borders: whether it leaves a border that was saved where it is.
-        stopped: whether it was stopped when this program ended last; holds until released, as a stop of the topic.
+        stops: those that it holds from before this program started.
 
     Attributes:
         gate: what every command passes; it takes the inputs that decide how fast the robot may drive.
         follower, exit: the two sources that live in here.
-        goal_active: whether navigation has a goal.
+        stops: that hold; while there is one, nothing else drives.
     """
 
     def __init__(
@@ -71,24 +75,24 @@ class Arbiter:
         camera: str = "robot",
         mobile_cameras: Iterable[str] = (),
         exit_borders: bool = True,
-        stopped: bool = False,
+        stops: Optional[HeldStops] = None,
     ) -> None:
         self.gate = Gate(profile)
         self._lock = threading.Lock()
         self._camera = camera
         self.follower, self.exit = SpotFollower(), BorderExit(profile.radius, exit_borders)
         self._rotation_shim = RotationShim()
-        self.goal_active = False
+        self._goal_at = -math.inf  # [s] when navigation said last that it has a goal
+        self._silent_after = math.inf  # [s] when it stops to publish zeros after the start
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
-        self._stopped = {"state": False, "topic": stopped}
-        self._stopped_at = -math.inf  # [s] when the topic stopped it last
+        self.stops = stops or HeldStops()
         self._cancelled_at = -math.inf
         self._commands: Dict[str, VelocityRequest] = {}
         self._last = Command()
         self._stepped_at: Optional[float] = None
 
     # ------------------------------------------------------------- inputs
-    def set_state(self, state: int, interaction: str, entered: float, stamp: float, stopped: bool = False) -> None:
+    def set_state(self, state: State, interaction: str, entered: float, stamp: float) -> None:
         """Stores the interaction's state, published at a time [s]."""
         with self._lock:
             if self._spots.set_state(state, interaction, entered):
@@ -96,26 +100,6 @@ class Arbiter:
                 self.follower.spot = None
                 self.gate.stamps.pop("spot", None)
             self.gate.record_input("state", stamp)
-            # `resume` releases both, but not a stop that is newer than it: the two topics have no common order
-            if self._stopped["state"] and not stopped and stamp >= self._stopped_at:
-                self._stopped["topic"] = False
-            self._stopped["state"] = stopped
-
-    def set_stop(self, stopped: bool, now: float) -> None:
-        """Stores a message of the stop topic that arrived at a time [s].
-
-        A stop holds until this topic releases it, or a later state that is not stopped after one that was. An
-        interaction manager that starts again and knows of no stop releases none.
-        """
-        with self._lock:
-            self._stopped["topic"] = stopped
-            if stopped:
-                self._stopped_at = now
-
-    @property
-    def stopped(self) -> bool:
-        """Returns whether a stop holds."""
-        return any(self._stopped.values())
 
     def add(self, sighting: Sighting) -> None:
         """Adds a spot of any camera."""
@@ -129,8 +113,25 @@ class Arbiter:
         with self._lock:
             self._spots.add_contributors(interaction, cameras)
 
-    def set_maps(self, workspace: Workspace) -> None:
-        """Stores new maps."""
+    def set_goal(self, active: bool, now: float) -> None:
+        """Stores whether navigation has a goal, as its status of a time [s] says."""
+        self._goal_at = now if active else -math.inf
+
+    def recover(self, now: float) -> None:
+        """Notes that navigation began a recovery."""
+        with self._lock:
+            self._rotation_shim.recover(now)
+
+    def plan_exit(self, now: float) -> None:
+        """Plans a path out of a border if one is wanted; to be called from a thread of its own, as it may take a second."""
+        wanted = self.exit.wanted_route()
+        if wanted is not None:
+            route = self.exit.find_route(wanted)
+            with self._lock:
+                self.exit.set_route(wanted, route, now)
+
+    def set_maps(self, workspace: Optional[Workspace]) -> None:
+        """Stores new maps; None: they are not known, or do not belong together."""
         with self._lock:
             self.gate.workspace = workspace
             self.exit.set_maps(workspace)
@@ -155,24 +156,29 @@ class Arbiter:
         """Decides the command for a time [s]; called once in 1 / RATE."""
         with self._lock:
             dt = 0.0 if self._stepped_at is None else min(max(now - self._stepped_at, 0.0), 0.2)
+            if self._stepped_at is None:
+                self._silent_after = now + START_ZEROS
             self._stepped_at = now
-            source, request = self._choose(now, dt)
+            goal = 0.0 <= now - self._goal_at <= GOAL_TIMEOUT
+            source, request = self._choose(now, dt, goal)
             if source not in (EXIT_BORDER, NONE):
                 self.exit.pause()
             if source != FOLLOW:
                 self.follower.stop()
             v, w, code = self.gate.limit(now, source, request)
-            cancel = self.goal_active and source == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
+            cancel = goal and source == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
             if cancel:
                 self._cancelled_at = now
+            if source != NONE:
+                self._silent_after = now
             # when no source drives any more, one stop is published; while a stop is in force, it is repeated
-            publish = source != NONE or self._last.source != NONE
+            publish = source != NONE or self._last.source != NONE or now < self._silent_after or code != request.code
             self._last = Command(v, w, source, code, publish, cancel)
             return self._last
 
-    def _choose(self, now: float, dt: float) -> Tuple[str, VelocityRequest]:
+    def _choose(self, now: float, dt: float, goal: bool) -> Tuple[str, VelocityRequest]:
         """Chooses who drives; returns the source and its request."""
-        if self.stopped:
+        if self.stops.stopped:
             return STOP, VelocityRequest(0.0, 0.0, "stopped")
         teleop = self._command(TELEOP, now)
         if teleop is not None:
@@ -180,12 +186,12 @@ class Arbiter:
         # a robot that a person guides stays theirs when the state is lost: the gate then stops it
         if self._spots.should_follow(self._camera, now):
             return FOLLOW, self._ramped(dt, self.follower.compute_request(self.gate.pose(now)))
-        request = self._compute_exit(now)
+        request = self._compute_exit(now, goal)
         if request is not None:
             return EXIT_BORDER, self._ramped(dt, request)
         navigation = self._command(NAVIGATION, now)
         if navigation is not None:
-            return NAVIGATION, self._rotation_shim.align(navigation, self.gate.pose(now))
+            return NAVIGATION, self._rotation_shim.align(navigation, self.gate.pose(now), now)
         return NONE, VelocityRequest(0.0, 0.0, "idle")
 
     def _command(self, source: str, now: float) -> Optional[VelocityRequest]:
@@ -193,7 +199,7 @@ class Arbiter:
             self._commands[source] if -0.1 <= now - self.gate.stamps.get(source, -math.inf) <= INPUT_TIMEOUT else None
         )
 
-    def _compute_exit(self, now: float) -> Optional[VelocityRequest]:
+    def _compute_exit(self, now: float, goal: bool) -> Optional[VelocityRequest]:
         pose = self.gate.pose(now)
         if pose is None:
             return None
@@ -202,7 +208,7 @@ class Arbiter:
         granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
         moves = last is not None and (last.v != 0.0 or last.w != 0.0) and granted
         held = self._last.code if self._last.source == EXIT_BORDER and self._last.code != "driving" else ""
-        return self.exit.compute_request(now, pose, self._spots.state == DEFAULT, self.goal_active, moves, held)
+        return self.exit.compute_request(now, pose, self._spots.state == DEFAULT, goal, moves, held)
 
     def _ramped(self, dt: float, request: VelocityRequest) -> VelocityRequest:
         """Bounds the accelerations of a request; slowing down is bounded by the deceleration only."""

@@ -13,11 +13,12 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_robot.clearance_map import ClearanceMap, clearance_grid, crop
+from vb_core.grid_layers import clearance_grid, crop
+from vb_core.navigation_parameters import PATH_MARGIN
+from vb_core.poses import Pose, look_ahead
+from vb_robot.clearance_map import ClearanceMap
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest, steer
 from vb_robot.driving.workspace import LETHAL_THRESHOLD, Workspace
-from vb_robot.navigation_parameters import PATH_MARGIN
-from vb_robot.poses import Pose, look_ahead
 
 LOOKAHEAD = 0.2  # [m] to the point of the path that it steers for
 MAX_PATH_DEVIATION = 0.15  # [m] farther off (the localisation jumped) a new path is planned
@@ -85,20 +86,42 @@ class BorderExit:
     def __init__(self, radius: float, exit_borders: bool) -> None:
         self._radius, self._exit_borders = radius, exit_borders
         self._workspace: Optional[Workspace] = None
+        self._before: Optional[Workspace] = None  # the maps by which it is known where the robot was
         self._enclosed: Optional[bool] = None  # whether the newest map put a border where it is; None: not yet known
+        self._leaves = False  # whether it is leaving a border that older maps had
         self._idle_since = self._retry_at = -math.inf
         self.failed = ""
         self._end()
 
     def _end(self) -> None:
-        self._planner: Optional[ExitPlanner] = None
+        self._under_way = False
         self._route: Optional[np.ndarray] = None
+        self._wanted: Optional[Tuple[Workspace, Tuple[float, float]]] = None  # what `find_route` is to plan
         self.pause()
 
-    def set_maps(self, workspace: Workspace) -> None:
-        """Stores new maps."""
+    def set_maps(self, workspace: Optional[Workspace]) -> None:
+        """Stores new maps; None: they are not known."""
+        if self._enclosed is not None:
+            self._before, self._leaves = self._workspace, self._enclosed
         self._workspace, self._enclosed, self._retry_at, self.failed = workspace, None, -math.inf, ""
         self._end()
+
+    def wanted_route(self) -> Optional[Tuple[Workspace, Tuple[float, float]]]:
+        """Returns the maps and the place (2,) [m] from which a path is to be planned, by `find_route`; None: none."""
+        return self._wanted
+
+    def find_route(self, wanted: Tuple[Workspace, Tuple[float, float]]) -> Optional[np.ndarray]:
+        """Plans the path (N, 2) [m]; takes up to a second, and may be called from another thread."""
+        workspace, place = wanted
+        return ExitPlanner(workspace, self._radius, place).plan_path(place)
+
+    def set_route(self, wanted: Tuple[Workspace, Tuple[float, float]], route: Optional[np.ndarray], now: float) -> None:
+        """Stores the path that `find_route` found, if it is still wanted."""
+        if wanted is self._wanted:
+            self._wanted, self._route = None, route
+            self.pause()
+            if route is None:
+                self._give_up(now, "no_exit_path")
 
     def pause(self) -> None:
         """Restarts the time limit: while another source drives, or none may, no progress is expected."""
@@ -120,9 +143,12 @@ class BorderExit:
         to_blocked = workspace.distance_to_blocked(pose) - self._radius
         if moves or not goal:
             self._idle_since = now
-        under_way = self._planner is not None
+        under_way = self._under_way
         if self._enclosed is None:
-            self._enclosed = self._exit_borders and to_border < 0.0 and workspace.is_lethal(pose[:2])
+            # only a border that came where the robot was; into another one somebody has taken it
+            came = self._before is not None and self._before.distance_to_keep_out(pose) >= self._radius
+            inside = to_border < 0.0 and workspace.is_lethal(pose[:2])
+            self._enclosed = self._exit_borders and inside and (came or self._leaves)
         if self._enclosed:
             needed = self._enclosed = to_border < 0.0 or (under_way and to_blocked < MARGIN)
         elif under_way:
@@ -132,13 +158,13 @@ class BorderExit:
         if not needed or not calm or 0.0 <= self._retry_at - now <= RETRY_DELAY:
             self._end()
             return None
-        if self._planner is None:
-            self._planner, self.failed = ExitPlanner(workspace, self._radius, pose[:2]), ""
+        if not under_way:
+            self._under_way, self.failed = True, ""
         if self._route is None or float(np.linalg.norm(self._route - pose[:2], axis=1).min()) > MAX_PATH_DEVIATION:
-            self._route = self._planner.plan_path(pose[:2])
+            self._route = None
+            self._wanted = self._wanted or (workspace, (pose[0], pose[1]))
             self.pause()
-        if self._route is None:
-            return self._give_up(now, "no_exit_path")
+            return VelocityRequest(0.0, 0.0, "plans_exit")
         target, off, rest = look_ahead(self._route, pose[:2], LOOKAHEAD)
         remaining = rest + off
         if remaining < self._shortest[0] - MIN_PROGRESS:

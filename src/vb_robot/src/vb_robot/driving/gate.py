@@ -1,8 +1,9 @@
 """The one gate that every command passes: it lets through what can be shown to be safe, and says what limited the rest.
 
-Whatever it depends on has one age limit: INPUT_TIMEOUT after the last message of any input the robot stops. The older
-the oldest input, the slower the robot, so that its brakes keep that promise from any speed. A message that is a little
-late, on a busy computer, slows the robot for a moment and does not stop it.
+Before each command it asks one question: is everything known that this command depends on? What is not known is a stop
+with a code. Whatever comes periodically has one age limit: INPUT_TIMEOUT after the last message of any input the robot
+stops. The older the oldest input, the slower the robot, so that its brakes keep that promise from any speed. A message
+that is a little late, on a busy computer, slows the robot for a moment and does not stop it.
 
 Use it to put borders and a laser scanner between any source of velocities and a robot's base, with or without ROS:
 feed it whatever comes, and send what `limit` returns.
@@ -27,20 +28,33 @@ feed it whatever comes, and send what `limit` returns.
 from __future__ import annotations
 
 import math
+import statistics
 import threading
-from typing import Dict, Optional, Tuple
+from collections import deque
+from typing import Deque, Dict, Optional, Tuple
 
+from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.border_exit import MAP_MARGIN
-from vb_robot.driving.safety import MAX_POSE_JUMP, Clearance, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance
+from vb_robot.driving.safety import (
+    MAX_POSE_JUMP,
+    Clearance,
+    Fix,
+    Scan,
+    SpeedLimits,
+    pose_jump,
+    safe_speed,
+    stop_distance,
+)
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest
 from vb_robot.driving.workspace import BorderContact, Workspace
-from vb_robot.poses import Pose
 
 RATE = 20.0  # [1/s] how soon late messages are noticed
 INPUT_TIMEOUT = 0.5  # [s] after the last scan, state, pose or command the robot stops
 BASE_DELAY = 0.02  # [s] from a command to the wheels
 MAX_FUTURE_STAMP = 0.5  # [s] a stamp farther ahead comes from another clock, and its age is not known
+USUAL_PERIOD, MAX_SLACK = 0.1, 0.15  # [s] what comes less often may be older by that much, at most by MAX_SLACK
+JUMP_WINDOW = 1.0  # [s] over which the localisation is compared with the odometry
 POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation it is not known where the borders are
 OTHER_PUBLISHER_HOLD = 1.0  # [s] after another node's command nothing is let through: two nodes at one wheel
 BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
@@ -60,7 +74,9 @@ class Gate:
     Attributes:
         workspace: the maps; None before there are any.
         speed_limits: where there are slow zones.
-        contacts: by bumper or cliff sensor whether it is touched.
+        contacts: by topic and sensor what its contact forbids, "forward" or "all".
+        pose_uncertain: whether the localisation itself says that it may be anywhere.
+        registered: other nodes that could command this robot's base now.
         clock_age: [s] of real time since ROS's clock last moved; while it stands still, stamps do not show their age.
         stamps: [s] of the newest scan, state, pose and spot, and of each source's newest command, by name.
     """
@@ -69,12 +85,16 @@ class Gate:
         self.profile = profile
         self.workspace: Optional[Workspace] = None
         self.speed_limits: Optional[SpeedLimits] = None
-        self.contacts: Dict[str, bool] = {}
+        self.contacts: Dict[Tuple[str, int], str] = {}
+        self.pose_uncertain = False
+        self.registered: Tuple[str, ...] = ()
         self.clock_age = 0.0
         self.stamps: Dict[str, float] = {}
         self._lock = threading.Lock()
         self._scan: Optional[Scan] = None
-        self._pose: Optional[Tuple[float, Pose]] = None
+        self._fixes: Deque[Fix] = deque(maxlen=64)
+        self._located = False  # whether the newest of them holds
+        self._periods: Dict[str, Deque[float]] = {}  # [s] between an input's newest messages
         self._correction = 0.0, -math.inf  # its stamp, and when that was new [s]
         self._jump_hold_until = -math.inf
         self._other_publishers: Dict[str, float] = {}  # who else commanded this robot, and when
@@ -87,10 +107,13 @@ class Gate:
             self._scan = scan
             self.record_input("scan", stamp)
 
-    def set_pose(self, pose: Optional[Pose], stamp: float, correction: float = 0.0) -> None:
+    def set_pose(
+        self, pose: Optional[Pose], stamp: float, correction: float = 0.0, odometry: Optional[Pose] = None
+    ) -> None:
         """Stores the robot's pose (x, y, yaw), map frame, at a time [s]; None: it is not known.
 
         Args:
+            odometry: the same in the odometry's frame, if there is any.
             correction: stamp [s] of the newest correction that localisation has made to odometry; 0: none is to be
                 expected. AMCL stamps its corrections ahead, so that what counts is when the stamp changes.
         """
@@ -98,41 +121,53 @@ class Gate:
             if correction != self._correction[0]:
                 self._correction = correction, stamp
             stamp = min(stamp, self._correction[1]) if correction else stamp
-            before = self._pose
-            self._pose = (stamp, pose) if pose is not None else None
+            known, self._located = self._located, pose is not None
             if pose is None:
                 self.stamps.pop("pose", None)
-            elif before is None or stamp != before[0]:
-                self.record_input("pose", stamp)  # the same one again is as old as before
-            if pose is None or before is None:
                 return
-            seconds = stamp - before[0]
-            # after a pause a robot may be anywhere
-            if 0.0 <= seconds < 1.0 and pose_jump(before[1], pose, seconds) > MAX_POSE_JUMP:
+            fixes, fix = self._fixes, Fix(stamp, pose, odometry)
+            if not known or not fixes or stamp != fixes[-1].stamp:
+                self.record_input("pose", stamp)  # the same one again is as old as before
+            # the last one stays, however old: also after a pause it must be where the odometry says
+            while len(fixes) > 1 and not stamp - JUMP_WINDOW <= fixes[0].stamp <= stamp:
+                fixes.popleft()
+            known_ones = [before for before in (*fixes,)[:: max(1, len(fixes) - 1)] if before.stamp <= stamp]
+            if any(pose_jump(before, fix) > MAX_POSE_JUMP for before in known_ones):
                 self._jump_hold_until = stamp + POSE_JUMP_HOLD
+                fixes.clear()
+            fixes.append(fix)
 
     def record_input(self, what: str, stamp: float) -> None:
         """Records the stamp [s] of an input's newest message; a stamp slightly in the future counts as now."""
         ahead = self._limited_at is not None and self._limited_at < stamp < self._limited_at + MAX_FUTURE_STAMP
-        self.stamps[what] = self._limited_at if ahead and self._limited_at is not None else stamp
+        stamp = self._limited_at if ahead and self._limited_at is not None else stamp
+        if 0.0 < stamp - self.stamps.get(what, stamp) < 1.0:
+            self._periods.setdefault(what, deque(maxlen=5)).append(stamp - self.stamps[what])
+        self.stamps[what] = stamp
+
+    def set_contact(self, sensor: Tuple[str, int], blocks: str) -> None:
+        """Stores what the contact of one sensor of a topic forbids: "forward" or "all"; "": it is clear."""
+        with self._lock:
+            self.contacts.pop(sensor, None)
+            if blocks:
+                self.contacts[sensor] = blocks
 
     def record_other_publisher(self, name: str, now: float) -> None:
         """Records that another node has commanded this robot's base."""
         self._other_publishers[name] = now
 
     # ------------------------------------------------------------- what is known
-    @property
-    def other_publishers(self) -> str:
-        """Returns the other nodes that have recently commanded the robot."""
-        return ", ".join(sorted(self._other_publishers))
+    def other_publishers(self, now: float) -> str:
+        """Returns the other nodes that can command the robot, or have in the last second."""
+        heard = [name for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_PUBLISHER_HOLD]
+        return ", ".join(sorted({*heard, *self.registered}))
 
     def pose(self, now: float) -> Optional[Pose]:
         """Returns the robot's pose; None if it is unknown, or has just jumped."""
         if self._jump_hold_until > now + POSE_JUMP_HOLD:
             self._jump_hold_until = -math.inf  # time has jumped back
-        if self._pose is None or self._age(now, "pose") > INPUT_TIMEOUT or now < self._jump_hold_until:
-            return None
-        return self._pose[1]
+        unknown = not self._located or self.pose_uncertain or now < self._jump_hold_until
+        return None if unknown or self._age(now, "pose") > INPUT_TIMEOUT else self._fixes[-1].pose
 
     def border_contact(self, now: float) -> Tuple[BorderContact, str, bool]:
         """Returns whether and how the robot touches a border, its name, and whether it may not be entered at all."""
@@ -146,10 +181,15 @@ class Gate:
         """Limits a source's request at a time [s] to what is safe; returns (v [m/s], w [rad/s], code)."""
         with self._lock:
             self._limited_at = now
+            # two nodes at one wheel: in every state, also if nobody means to drive
+            if self.other_publishers(now):
+                return 0.0, 0.0, "other_cmd_vel_publisher"
             if source in (NONE, STOP):
                 return 0.0, 0.0, request.code
             if not (math.isfinite(request.v) and math.isfinite(request.w)):
                 return 0.0, 0.0, "bad_command"
+            if "all" in self.contacts.values():
+                return 0.0, 0.0, "contact"
             limits = self.profile.limits
             v, w, code = request.v, min(max(request.w, -limits.max_turn_rate), limits.max_turn_rate), request.code
             allowed, reason = self._speed_limit(now, source, v, w) if v != 0.0 else (math.inf, "")
@@ -166,14 +206,11 @@ class Gate:
 
         If that is nothing, it returns what is missing as a code; else "".
         """
-        self._other_publishers = {
-            name: at for name, at in list(self._other_publishers.items()) if 0.0 <= now - at <= OTHER_PUBLISHER_HOLD
-        }
         # a person with a joystick beside the robot may have come because all else is lost
         alone = source != TELEOP
         missing = {
-            "other_cmd_vel_publisher": bool(self._other_publishers),
             "pose_jumped": alone and now < self._jump_hold_until,
+            "pose_uncertain": alone and self.pose_uncertain,
             "no_map": alone and self.workspace is None,
         }
         ages = {code: math.inf for code, holds in missing.items() if holds}
@@ -195,13 +232,15 @@ class Gate:
         """Returns the highest speed [m/s] on the arc of (v, w), and what limits it."""
         limits, clearance, radius = self.profile.limits, CLEARANCES[source], self.profile.radius
         found = [(MAX_SPEED if source in (FOLLOW, EXIT_BORDER) else limits.max_speed, "speed_limit")]
-        if v > 0 and any(self.contacts.values()):
+        if v > 0 and self.contacts:
             found.append((0.0, "contact"))
         blind = self._scan is None or not self.profile.scanner.present
         if not blind:
             assert self._scan is not None
-            found.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits), "obstacle"))
-            blind = not self._scan.sees_path(v, w, radius, stop_distance(v, limits))
+            # what it saw is as old as its scan
+            delay = now - self.stamps["scan"] + 1.0 / RATE + BASE_DELAY
+            found.append((safe_speed(self._scan.free_distance(v, w, radius, clearance), limits, delay), "obstacle"))
+            blind = not self._scan.sees_path(v, w, radius, stop_distance(v, limits, delay))
             if blind and source != TELEOP:
                 found.append((0.0, "floor_not_scanned"))
         if blind:
@@ -217,6 +256,11 @@ class Gate:
         return min(found, key=lambda entry: entry[0])
 
     def _age(self, now: float, what: str) -> float:
-        """Returns how old [s] the newest of something is; inf if it never came, or comes from another clock."""
+        """Returns how old [s] the newest of something is, less what its period accounts for.
+
+        Returns inf if it never came, or comes from another clock.
+        """
         age = now - self.stamps.get(what, -math.inf)
-        return age if age >= -MAX_FUTURE_STAMP else math.inf
+        period = statistics.median(self._periods[what]) if what in self._periods else 0.0
+        slack = min(max(period - USUAL_PERIOD, 0.0), MAX_SLACK)
+        return max(age - slack, min(age, 0.0)) if age >= -MAX_FUTURE_STAMP else math.inf

@@ -3,6 +3,9 @@
 DWA compares where short turns end. A robot that faces away from its path ends as far from it whichever way it turns, so it
 turns to and fro on the spot, for minutes. The idea, which Nav2 calls a rotation shim: while the path begins behind the
 robot there is nothing to choose, it turns the shorter way until the path is ahead. A round robot can always do so.
+
+It acts only while navigation's controller is what drives, forward, on a path that goes on: a recovery that rotates has its
+own plan and never ends if it is turned back, and at the goal it is navigation's matter which way the robot faces.
 """
 
 from __future__ import annotations
@@ -12,11 +15,12 @@ from typing import Optional
 
 import numpy as np
 
+from vb_core.poses import Pose, look_ahead
 from vb_robot.driving.spot_follower import VelocityRequest
-from vb_robot.poses import Pose, look_ahead
 
 AHEAD = 0.3  # [m] along the path: where it leads from here
-NEAR = 0.15  # [m] from the goal it is navigation's matter which way the robot faces
+NEAR = 0.5  # [m] of path to the goal: twice the usual tolerance
+RECOVERY = 20.0  # [s] a recovery that turns once round, at 0.4 rad/s, takes 16; a command that drives ends it earlier
 LOST = 0.5  # [m] from the path: it is not the one that navigation follows
 BEHIND = 0.5 * math.pi  # [rad] from the robot's heading a turn begins
 ALIGNED = math.radians(30)  # and ends: DWA knows from here which way is better
@@ -33,13 +37,22 @@ class RotationShim:
     def __init__(self) -> None:
         self.path: Optional[np.ndarray] = None
         self._direction = 0.0  # of a turn that is under way
+        self._recovers_until = -math.inf
 
-    def align(self, request: VelocityRequest, pose: Optional[Pose]) -> VelocityRequest:
-        """Returns what navigation requests, or the turn towards its path.
+    def recover(self, now: float) -> None:
+        """Notes that navigation began a recovery at a time [s]."""
+        self._recovers_until, self._direction = now + RECOVERY, 0.0
+
+    def align(self, request: VelocityRequest, pose: Optional[Pose], now: float) -> VelocityRequest:
+        """Returns what navigation requests at a time [s], or the turn towards its path.
 
         Args:
             pose: (x, y, yaw) [m, m, rad], map frame; without one all requests pass.
         """
+        if request.v != 0.0:
+            self._recovers_until = -math.inf
+        if request.v < 0.0 or 0.0 < self._recovers_until - now <= RECOVERY:
+            return request
         angle = self._angle_to_path(pose) if pose is not None else None
         stops = request.v == 0.0 and request.w == 0.0
         if angle is None or abs(angle) < ALIGNED:
@@ -56,8 +69,8 @@ class RotationShim:
         """Returns by which angle [rad] the path leads away from the heading; None if there is none to follow here."""
         if self.path is None or not len(self.path):
             return None
-        target, off, _ = look_ahead(self.path, pose[:2], AHEAD)
-        x, y = target - np.asarray(pose[:2])
-        if off > LOST or math.hypot(x, y) < NEAR:
+        target, off, rest = look_ahead(self.path, pose[:2], AHEAD)
+        if off > LOST or rest + off < NEAR:
             return None
+        x, y = target - np.asarray(pose[:2])
         return math.remainder(math.atan2(y, x) - pose[2], 2.0 * math.pi)

@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Optional
 
 import numpy as np
 
 from vb_core import geometry
+from vb_core.grid_layers import sample
 from vb_core.grid_map import GridMap
+from vb_core.poses import Pose, to_base, to_map
 from vb_core.robot_profile import Limits
-from vb_robot.clearance_map import sample
-from vb_robot.poses import Pose, to_map
 
 HORIZON = 0.8  # [m] how far along its arc a robot is checked: 1 m/s stops within it at 1.5 m/s^2
 MIN_ARC_RADIUS = 0.3  # [m] on arcs narrower than this a robot counts as driving straight on
 GAP_DEG = 4.0  # [deg] holes in a scan up to this hide nothing wider than a hand at arm's length
+OWN_MARGIN = 0.03  # [m] a scanner's error: what is measured nearer to the rim may touch the robot from outside
 MAX_POSE_JUMP = 0.25  # [m] of the localisation: ten times what AMCL corrects; a turn of 1 rad counts as 0.5 m
 
 
@@ -32,18 +34,22 @@ class Clearance:
     cells: float
 
 
-def safe_speed(free: float, limits: Limits) -> float:
-    """Returns the largest speed [m/s] from which the robot stops within a free distance [m], reaction time included."""
+def safe_speed(free: float, limits: Limits, delay: float = 0.0) -> float:
+    """Returns the largest speed [m/s] from which the robot stops within a free distance [m].
+
+    Args:
+        delay: [s] from the measurement to the wheels, if that is more than the reaction time.
+    """
     if free <= 0.0:
         return 0.0
-    # v * reaction_time + v^2 / (2 deceleration) = free
-    b = limits.deceleration
-    return b * (math.sqrt(limits.reaction_time**2 + 2.0 * free / b) - limits.reaction_time)
+    # v * delay + v^2 / (2 deceleration) = free
+    b, delay = limits.deceleration, max(delay, limits.reaction_time)
+    return b * (math.sqrt(delay**2 + 2.0 * free / b) - delay)
 
 
-def stop_distance(v: float, limits: Limits) -> float:
+def stop_distance(v: float, limits: Limits, delay: float = 0.0) -> float:
     """Returns the distance [m] that a robot needs to stop from a speed [m/s]; inverse of `safe_speed`."""
-    return abs(v) * limits.reaction_time + v * v / (2.0 * limits.deceleration)
+    return abs(v) * max(delay, limits.reaction_time) + v * v / (2.0 * limits.deceleration)
 
 
 class Scan:
@@ -53,8 +59,9 @@ class Scan:
         ranges: (N,) [m] as in sensor_msgs/LaserScan; nan is an invalid beam, inf one without an echo.
         angle_min, angle_increment: [rad]; range_min, range_max: [m].
         mount: T_base_scanner, 4x4.
-        radius: [m] of the robot. Echoes within half of it are the robot's own parts.
-        zero_means_no_return: a range of 0 means that nothing came back; otherwise something is too near to be measured.
+        radius: [m] of the robot. Echoes more than OWN_MARGIN within it are the robot's own parts.
+        no_return: the range where nothing came back, beside "inf": "zero" or "nan". Otherwise 0 is something too near to
+            be measured, and nan an invalid beam.
     """
 
     def __init__(
@@ -66,18 +73,18 @@ class Scan:
         range_max: float,
         mount: np.ndarray,
         radius: float,
-        zero_means_no_return: bool = False,
+        no_return: str = "inf",
     ) -> None:
         ranges = np.asarray(ranges, dtype=float)
-        if zero_means_no_return:
-            ranges = np.where(ranges == 0.0, np.inf, ranges)
+        if no_return != "inf":
+            ranges = np.where(ranges == 0.0 if no_return == "zero" else np.isnan(ranges), np.inf, ranges)
         angles = angle_min + angle_increment * np.arange(len(ranges))
         units = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
         with np.errstate(invalid="ignore"):
             near = ranges < range_min
             hit = (ranges >= range_min) & (ranges <= range_max)
         ends = geometry.apply(mount, ranges[hit, None] * units[hit])[:, :2]
-        ends = ends[np.hypot(ends[:, 0], ends[:, 1]) > 0.5 * radius]
+        ends = ends[np.hypot(ends[:, 0], ends[:, 1]) > max(radius - OWN_MARGIN, 0.5 * radius)]
         # how near is not known: it may touch the robot
         close = geometry.apply(mount, np.clip(ranges[near, None], 0.0, None) * units[near])[:, :2]
         directions = units[near, :2] @ mount[:2, :2].T
@@ -134,11 +141,27 @@ class SpeedLimits:
         return float(values.min()) / 100.0 if len(values) else math.inf
 
 
-def pose_jump(before: Pose, after: Pose, seconds: float) -> float:
-    """Measures by how much [m] a pose changed beyond what a robot can drive (1 m/s, 3 rad/s); a turn of 1 rad counts as 0.5 m."""
-    moved = max(0.0, math.dist(before[:2], after[:2]) - seconds)
-    turned = max(0.0, abs(math.remainder(after[2] - before[2], 2.0 * math.pi)) - 3.0 * seconds)
-    return moved + 0.5 * turned
+@dataclass(frozen=True)
+class Fix:
+    """Where a robot was at a time [s]: (x, y, yaw) [m, m, rad] by its localisation and, if there is any, by its odometry."""
+
+    stamp: float
+    pose: Pose
+    odometry: Optional[Pose] = None
+
+
+def pose_jump(before: Fix, after: Fix) -> float:
+    """Measures by how much [m] the pose changed beyond what the odometry tells; a turn of 1 rad counts as 0.5 m.
+
+    Without odometry it is what no robot can drive (1 m/s, 3 rad/s) since then.
+    """
+    expected, spare = before.pose, after.stamp - before.stamp
+    if before.odometry is not None and after.odometry is not None:
+        moved = to_map(to_base(after.odometry[:2], before.odometry), before.pose)[0]
+        expected, spare = (*moved, before.pose[2] + after.odometry[2] - before.odometry[2]), 0.0
+    off = max(0.0, math.dist(expected[:2], after.pose[:2]) - spare)
+    turned = abs(math.remainder(after.pose[2] - expected[2], 2.0 * math.pi))
+    return off + 0.5 * max(0.0, turned - 3.0 * spare)
 
 
 def arc(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:

@@ -11,15 +11,15 @@ import enum
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Optional, Sequence
+from typing import Deque, Sequence
 
 import cv2
 import numpy as np
 
+from vb_core.grid_layers import clearance_grid, nearest_cell, sample
 from vb_core.grid_map import GridMap
-from vb_robot.clearance_map import clearance_grid, nearest_cell, sample
+from vb_core.poses import Pose
 from vb_robot.driving.safety import HORIZON, arc
-from vb_robot.poses import Pose
 
 LETHAL_THRESHOLD = 99  # [%] from this occupancy on a cell is never entered
 # How far off the localisation may be. AMCL tells how far its particles are spread, and its pose, which is their mean,
@@ -27,6 +27,7 @@ LETHAL_THRESHOLD = 99  # [%] from this occupancy on a cell is never entered
 # (docs/results/robots/navigation.md). For the rest there is what navigation itself keeps.
 STD_FACTOR = 0.75  # of the particles' standard deviation
 MIN_UNCERTAINTY = 0.05  # [m] also where no covariance is published
+MAX_STD, MAX_YAW_STD = 0.4, 0.35  # [m, rad] beyond, three times what the margin covers, it does not know where it is
 MAX_UNCERTAINTY = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
 UNCERTAINTY_STEP = 0.025  # [m] a cell of most maps: with each step navigation gets another map
 UNCERTAINTY_UPDATES = 5  # of the localisation, half a metre of driving: for that long its largest uncertainty counts
@@ -61,15 +62,18 @@ class PoseUncertainty:
 
     Attributes:
         meters: [m] in steps, so that it seldom changes. It rises at once and falls slowly.
+        lost: whether the newest covariance says that the robot may be anywhere.
     """
 
     def __init__(self) -> None:
-        self.meters = MIN_UNCERTAINTY
+        self.meters, self.lost = MIN_UNCERTAINTY, False
         self._last: Deque[float] = deque(maxlen=UNCERTAINTY_UPDATES)
 
     def add(self, covariance: np.ndarray) -> bool:
-        """Adds the covariance (2, 2) [m^2] of x and y of one update; returns whether the uncertainty has changed."""
-        worst = float(np.linalg.eigvalsh(covariance)[-1]) if np.isfinite(covariance).all() else math.inf
+        """Adds the covariance (3, 3) [m, m, rad] of x, y and yaw of one update; returns whether `meters` has changed."""
+        finite = bool(np.isfinite(covariance).all())
+        worst = float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) if finite else math.inf
+        self.lost = worst > MAX_STD**2 or not 0.0 <= float(covariance[2, 2]) <= MAX_YAW_STD**2
         self._last.append(STD_FACTOR * math.sqrt(max(worst, 0.0)))
         before = self.meters
         wanted = min(max(*self._last, MIN_UNCERTAINTY), MAX_UNCERTAINTY)
@@ -84,7 +88,7 @@ class Workspace:
 
     Args:
         borders: the map with borders.
-        physical: the one without; if it is missing, or of another geometry, nothing is known to be a border.
+        physical: the one without, of the same geometry.
         radius: [m] of the robot.
         known: the borders that are enabled and meant for this robot.
         uncertainty: [m] of its localisation.
@@ -96,13 +100,11 @@ class Workspace:
     def __init__(
         self,
         borders: GridMap,
-        physical: Optional[GridMap],
+        physical: GridMap,
         radius: float,
         known: Sequence[KnownBorder] = (),
         uncertainty: float = 0.0,
     ) -> None:
-        if physical is None or not physical.same_geometry(borders):
-            physical = borders
         self.borders, self.physical, self._radius, self.known = borders, physical, radius, known
         # unknown (-1) that becomes occupied is restricted too
         self._restricted = borders.data > np.maximum(physical.data, 0)

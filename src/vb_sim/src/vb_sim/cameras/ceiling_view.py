@@ -20,7 +20,6 @@ from vb_sim.room.floor_texture import FloorTexture
 from vb_sim.lab_history import Snapshot
 from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.camera_models import CameraModels, make_generator
-from vb_sim.room.projected_light import FloorLight
 from vb_sim.room.spot import SpotImage, add_spot, render_spot
 from vb_sim.room.world import CeilingCamera
 
@@ -101,10 +100,6 @@ class CeilingView:
         self._chosen = 0
         self._undo: List[Tuple[slice, slice, np.ndarray]] = []
         self._sprites: Dict[str, Tuple[Tuple, Optional[_Sprite]]] = {}
-        # of the projector's light, once there is one: the images without it, what it changed, pixels to its image's
-        self._unlit: Optional[List[np.ndarray]] = None
-        self._light_area = (slice(0, 0), slice(0, 0))
-        self._light_maps: Optional[Tuple[np.ndarray, np.ndarray]] = None
 
     # ------------------------------------------------------------- static parts
     def _floor_coordinates(self, grid: RayGrid) -> Tuple[np.ndarray, np.ndarray]:
@@ -157,40 +152,6 @@ class CeilingView:
             shape += (3,)
         noise = float(self._noise.sigma(100.0)) * self._rng.standard_normal(shape, dtype=np.float32)
         return np.clip(noise + _NOISE_OFFSET + 0.5, 0, 255).astype(np.uint8)
-
-    def set_floor_light(self, light: Optional[FloorLight]) -> None:
-        """Sets a projector's light on the floor until the next call; None: it is switched off."""
-        self._clean()
-        if self._unlit is None:
-            if light is None:
-                return
-            self._prepare_light(light)
-        rows, columns = self._light_area
-        full = (slice(2 * rows.start, 2 * rows.stop), slice(2 * columns.start, 2 * columns.stop))
-        if light is None or self._light_maps is None:
-            for image, unlit in zip(self._images, self._unlit):
-                image[full] = unlit
-            return
-        added = cv2.multiply(
-            self._albedo[rows, columns], light.on_floor(*self._light_maps), scale=light.strength / 255.0
-        )
-        layer = pixels.encode_doubled(cv2.bitwise_and(added, added, mask=self._light_mask), self.encoding)
-        for image, unlit in zip(self._images, self._unlit):
-            cv2.add(unlit, layer, dst=image[full])
-
-    def _prepare_light(self, light: FloorLight) -> None:
-        """Records which part of the images a projector can light, at half the resolution, and what they are without."""
-        half = self.model.scaled_to(self._albedo.shape[1], self._albedo.shape[0])
-        at, inside = light.pixel_maps(*self._floor_coordinates(RayGrid(half)))
-        left, top, width, height = cv2.boundingRect(inside.view(np.uint8))
-        rows, columns = self._light_area = (slice(top, top + height), slice(left, left + width))
-        # a camera that sees none of it has no maps
-        self._light_maps = light.remap_maps(at[rows, columns]) if width else None
-        free = self._floor_free[_HALF // 2 :: _HALF, _HALF // 2 :: _HALF]
-        self._light_mask = np.ascontiguousarray(free[rows, columns])
-        self._unlit = [
-            image[2 * top : 2 * (top + height), 2 * left : 2 * (left + width)].copy() for image in self._images
-        ]
 
     # ------------------------------------------------------------- moving parts
     def restart(self, models: CameraModels) -> None:

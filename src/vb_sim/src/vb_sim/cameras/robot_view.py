@@ -14,7 +14,6 @@ from vb_sim.room.floor_texture import FloorTexture
 from vb_sim.lab_history import Pose2, Snapshot
 from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.room.camera_models import CameraModels, make_generator
-from vb_sim.room.projected_light import FloorLight
 from vb_sim.room.spot import SpotImage, add_spot, render_spot
 from vb_sim.room.world import Robot
 
@@ -74,7 +73,6 @@ class RobotView:
         )
         self._drawn_key: Optional[Tuple] = None
         self._color_key: Optional[Tuple] = None
-        self._light: Optional[FloorLight] = None
         self._depth_key: Optional[Tuple] = None
         self._make_noise()
 
@@ -122,8 +120,6 @@ class RobotView:
         if key != self._color_key:
             self._color_key = key
             image = self._draw_floor(pose)
-            if self._light is not None:
-                self._add_light(image, pose, self._light)
             if self._optics.exposure_gain != 1.0:
                 image = cv2.convertScaleAbs(image, alpha=self._optics.exposure_gain)
             self._draw_things(snapshot, pose, key)
@@ -146,11 +142,6 @@ class RobotView:
             cv2.subtract(image, self._darker[part], dst=image)
         return image
 
-    def set_floor_light(self, light: Optional[FloorLight]) -> None:
-        """Sets a projector's light on the floor until the next call; None: it is switched off."""
-        self._light = light
-        self._color_key = None
-
     def _to_floor(self, pose: np.ndarray) -> np.ndarray:
         """Computes the matrix (3, 3) from homogeneous (column, row) [px] to map coordinates [m] on the floor."""
         rotation, origin = pose[:3, :3], pose[:3, 3]
@@ -168,15 +159,6 @@ class RobotView:
         return -(
             rotation[2, 1] * (np.arange(camera.height) - camera.matrix[1, 2]) / camera.matrix[1, 1] + rotation[2, 2]
         )
-
-    def _add_light(self, image: np.ndarray, pose: np.ndarray, light: FloorLight) -> None:
-        size = (image.shape[1], image.shape[0])
-        added = cv2.warpPerspective(
-            light.linear, light.matrix @ self._to_floor(pose), size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        )
-        # a homography shows what is below the horizon once more above it
-        added[self._down(pose) <= 1e-3] = 0
-        cv2.add(image, cv2.multiply(image, added, scale=light.strength / 255.0), dst=image)
 
     def _draw_floor(self, pose: np.ndarray) -> np.ndarray:
         """Draws the floor through its homography, farther away from a coarser texture."""

@@ -8,6 +8,7 @@ and whether the display shows a seed point.
 from __future__ import annotations
 
 import math
+import zlib
 from dataclasses import dataclass
 from typing import Collection, Generator, Optional, Tuple
 
@@ -125,16 +126,23 @@ class Person:
 
     Args:
         scenario: what is to be drawn.
-        seed: of everything that differs between people and between their tries.
+        seed: of everything that differs between people.
         start_near: (2,) [m] the person comes from somewhere near this place.
+        method: that the person draws with. What a person is like is drawn once; how a run goes (aim, tremor, mistakes) is
+            drawn again for each scenario and method, as nobody repeats a movement or a mistake.
     """
 
     def __init__(
-        self, world: World, scenario: Scenario, model: ParticipantModel, seed: int, start_near: np.ndarray
+        self,
+        world: World,
+        scenario: Scenario,
+        model: ParticipantModel,
+        seed: int,
+        start_near: np.ndarray,
+        method: str = "nrs",
     ) -> None:
-        # another scenario is another day: the same seed must not tremble alike in all of them
-        self.rng = np.random.default_rng([seed, *scenario.key.encode()])
-        self._seed = seed
+        self._run = [seed, zlib.crc32(f"{scenario.key} {method}".encode())]
+        self.rng = np.random.default_rng(self._run)
         self.model = model
         self.scenario = scenario
         self.grid: GridMap = physical_map(world)
@@ -156,8 +164,8 @@ class Person:
 
     def _draw_mistakes(self) -> None:
         """Decides what this person will do wrong; separately from all other chance, so that those who err are otherwise the same."""
-        self._slips_of_the_tongue = np.random.default_rng([self._seed, *self.scenario.key.encode(), 3])
-        rng = np.random.default_rng([self._seed, *self.scenario.key.encode(), 1])
+        self._slips_of_the_tongue = np.random.default_rng([*self._run, 3])
+        rng = np.random.default_rng([*self._run, 1])
         slips, wrong_side = rng.random(2) < (self.model.slip, self.model.wrong_side)
         # where along the border it goes wrong [share], and to which side
         self._slip: Optional[Tuple[float, float]] = (rng.uniform(0.2, 0.9), rng.choice([-1.0, 1.0])) if slips else None
@@ -313,7 +321,7 @@ class Person:
         return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor, self.style)
 
     def maybe_make_slip(self, stroke: Stroke, arc: float, speed: float) -> Step:
-        """Makes the hand go wrong, at most once per person, at some place of the stroke.
+        """Makes the hand go wrong, at most once per run, at some place of the stroke.
 
         Raises:
             DrawingSlip: when the person has noticed.

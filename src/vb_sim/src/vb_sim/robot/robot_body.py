@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Callable, Tuple
 
 import numpy as np
 
@@ -152,27 +152,3 @@ class RobotBody:
         """Returns T_map_odom, 4x4: what makes odometry the estimate."""
         odometry = geometry.transform_from_pose2d(*self.odometry)
         return geometry.transform_from_pose2d(*self.estimate()) @ geometry.invert(odometry)
-
-    # ------------------------------------------------------------ checkpoint
-    def checkpoint(self) -> Dict[str, List[float]]:
-        """Returns what a new process needs to continue from here; inverse of `restore`."""
-        return {
-            "pose": list(map(float, self.pose)),
-            "odometry": list(map(float, self.odometry)),
-            "error": list(map(float, self._error)),
-            "collisions": [self.collisions],
-        }
-
-    def restore(self, saved: Dict[str, Any]) -> None:
-        """Adopts a checkpoint; the robot is at rest.
-
-        Raises:
-            ValueError, KeyError, TypeError: if it is none.
-        """
-        numbers = {key: [float(value) for value in saved[key]] for key in ("pose", "odometry", "error")}
-        if any(len(value) != 3 or not np.isfinite(value).all() for value in numbers.values()):
-            raise ValueError("a checkpoint holds three finite numbers per pose")
-        self.pose, self.odometry = tuple(numbers["pose"]), tuple(numbers["odometry"])
-        self._error = np.array(numbers["error"])
-        self.collisions = int(saved["collisions"][0])
-        self.velocity = (0.0, 0.0)

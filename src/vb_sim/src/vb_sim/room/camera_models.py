@@ -29,7 +29,7 @@ class Optics(Parameters):
     ambient_w_m2: float = param(0.33, "W/m^2", above=0.0)
     white_level: float = param(230.0, "grey levels", above=0.0, high=255.0)
     exposure_ms: float = param(10.0, "ms", above=0.0, high=40.0)
-    reference_exposure_ms: float = param(10.0, "ms", above=0.0)
+    exposure_gain: float = param(1.0, "", above=0.0, high=10.0)
     latency_ms: float = param(15.0, "ms", low=0.0, high=200.0)
     psf_sigma_px: float = param(0.7, "px", low=0.1, high=10.0)
     halo_share: float = param(0.06, "", low=0.0, high=1.0)
@@ -37,11 +37,6 @@ class Optics(Parameters):
     vignetting: float = param(0.22, "", low=0.0, high=1.0)
     calibration_points: int = param(8, "", low=4, high=100)
     calibration_point_m: float = param(0.011, "m", low=0.0, high=1.0)
-
-    @property
-    def exposure_gain(self) -> float:
-        """How bright everything is, as a multiple of the reference exposure."""
-        return self.exposure_ms / self.reference_exposure_ms
 
     def response(self, color: str) -> np.ndarray:
         """Returns the share (3,) of the laser's light behind the red, green and blue filter."""

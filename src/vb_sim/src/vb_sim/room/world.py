@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Tuple, Type, TypeVar
+from typing import Any, Dict, List, Mapping, Tuple, Type, TypeVar
 
 import numpy as np
 from shapely.geometry import Polygon
@@ -168,33 +168,6 @@ class CeilingCamera(Parameters):
 
 
 @dataclass(frozen=True)
-class Projector(Parameters):
-    """A projector that shows its topic's images on the floor; dark without any.
-
-    Corners are where the image's corners meet the floor: upper left, upper right, lower right, lower left.
-    """
-
-    corners: tuple = param(((1.0, 3.0), (3.0, 3.0), (3.0, 1.0), (1.0, 1.0)), "m")
-    lumens: float = param(2500.0, "lm", above=0.0, high=50000.0)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        try:
-            points = np.array(self.corners, dtype=float)
-        except (TypeError, ValueError):
-            points = np.zeros(0)
-        if points.shape != (4, 2) or not np.isfinite(points).all():
-            raise ParameterError("corners", f"expected four points [x, y], got {self.corners!r}")
-        outline = Polygon(points)
-        if not outline.is_valid or outline.area < 0.01 or outline.convex_hull.area > outline.area + 1e-9:
-            raise ParameterError("corners", "expected four points that go round a convex area")
-
-    def area_m2(self) -> float:
-        """Returns how much floor [m^2] it lights."""
-        return float(Polygon(self.corners).area)
-
-
-@dataclass(frozen=True)
 class Robot(Parameters):
     """A TurtleBot-like robot with a camera at its front. The camera's figures are assumed."""
 
@@ -274,7 +247,6 @@ class World:
     lights: Tuple[Light, ...]
     cameras: Tuple[CeilingCamera, ...]
     robots: Tuple[Robot, ...]
-    projector: Optional[Projector] = None
     scenarios: Dict[str, Scenario] = field(default_factory=dict)
 
     def scenario(self, key: str) -> Scenario:
@@ -353,7 +325,7 @@ def world_from_mapping(document: Any, default_name: str = "world") -> World:
         "cameras": CeilingCamera,
         "robots": Robot,
     }
-    known = ["name", "room", "floor", *lists, "projector", "scenarios"]
+    known = ["name", "room", "floor", *lists, "scenarios"]
     for key in document:
         if key not in known:
             raise ParameterError(str(key), f"unknown key of a world; known are {', '.join(known)}")
@@ -373,7 +345,6 @@ def world_from_mapping(document: Any, default_name: str = "world") -> World:
         name=str(document.get("name", default_name)),
         room=room,
         floor=Floor.from_mapping(document.get("floor"), "floor"),
-        projector=Projector.from_mapping(document["projector"], "projector") if document.get("projector") else None,
         scenarios={str(key): _scenario(str(key), value, room) for key, value in scenarios.items()},
         **parts,
     )

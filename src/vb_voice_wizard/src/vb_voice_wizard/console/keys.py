@@ -8,12 +8,9 @@ from __future__ import annotations
 import re
 from typing import Dict
 
-from vb_voice_wizard.interaction import CANCEL, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, REDO, RESUME, SAVE, STOP, UNDO
+from vb_core.vocabulary import COMMANDS
 
-# in the order of the screen's two lines; the largest key stops
-DRAWING_KEYS: Dict[str, str] = {"b": DEFINE_BORDER, "d": DEFINE_SEED, "g": GUIDE_ROBOT, "s": SAVE, "c": CANCEL}
-OTHER_KEYS: Dict[str, str] = {" ": STOP, "p": RESUME, "u": UNDO, "r": REDO}
-COMMAND_KEYS: Dict[str, str] = {**DRAWING_KEYS, **OTHER_KEYS}
+COMMAND_KEYS: Dict[str, str] = {command.key: name for name, command in COMMANDS.items()}
 QUIT_KEY = "q"
 
 # what a terminal sends for arrow and function keys; a slow line may cut a sequence in two

@@ -7,26 +7,28 @@ import textwrap
 from dataclasses import dataclass, field
 from typing import Any, Deque, Dict, List, Optional, Sequence, Tuple
 
-from rich.console import Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.layout import Layout
 from rich.panel import Panel
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import mapping_from_values
+from vb_core.vocabulary import DEFAULT, STATES
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState, VirtualBorder
 
-from vb_voice_wizard.console.keys import DRAWING_KEYS, OTHER_KEYS, QUIT_KEY
+from vb_voice_wizard.console.keys import COMMAND_KEYS, QUIT_KEY
 
-_STYLES = {"default": "white", "border": "orange1", "seed": "sky_blue2", "guide": "hot_pink"}
 GOOD, BAD, NOTE = "green", "yellow", "cyan"
 
 # [lines] heights of the parts of the screen; the messages have the rest
-_HEAD, _BODY, _PREVIEW, _KEYS = 1, 9, 5, 2
+_HEAD, _BODY, _PREVIEW = 1, 9, 5
 _MIN_MESSAGES = 3
 _WIDEST = 400
+_CONTROLS = dict.fromkeys(code for code in (*range(0x20), *range(0x7F, 0xA0)) if chr(code) != "\n")
 
 
 @dataclass
@@ -72,29 +74,41 @@ class ConsoleContent:
             self.messages.append((clock, text, style))
 
 
-def render(view: ConsoleContent, width: int = 80, height: int = 24) -> Layout:
+class _Printable:
+    """A screen without control characters but its own: names and sentences come from elsewhere, and rich lets ESC pass."""
+
+    def __init__(self, screen: RenderableType) -> None:
+        self._screen = screen
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for text, style, control in console.render(self._screen, options):
+            yield Segment(text if control else text.translate(_CONTROLS), style, control)
+
+
+def render(view: ConsoleContent, width: int = 80, height: int = 24) -> RenderableType:
     """Writes the whole screen.
 
     Args:
         width, height: [columns, lines] of the terminal.
     """
     width = min(width, _WIDEST)
-    free = height - _HEAD - _BODY - _PREVIEW - _KEYS - _MIN_MESSAGES
+    keys = _keys(view, width)
+    free = height - _HEAD - _BODY - _PREVIEW - len(keys) - _MIN_MESSAGES
     # a long list of borders may grow, but not at the messages' whole expense
     body = _BODY + max(0, min(free // 2, len(view.borders) + 2 - _BODY))
     preview = _PREVIEW if free >= 0 else 0
-    messages = height - _HEAD - body - preview - _KEYS
+    messages = height - _HEAD - body - preview - len(keys)
     parts = [
         Layout(_head(view), name="head", size=_HEAD),
         Layout(name="body", size=body),
         Layout(_preview(view, width - 4), name="preview", size=preview, visible=preview > 0),
         Layout(_messages(view, width - 4, messages - 2), name="messages", visible=messages >= _MIN_MESSAGES),
-        Layout(_keys(view), name="keys", size=_KEYS),
+        Layout(Group(*keys), name="keys", size=len(keys)),
     ]
     layout = Layout()
     layout.split_column(*parts)
     layout["body"].split_row(Layout(_interaction(view), ratio=3), Layout(_borders(view, body - 2), ratio=2))
-    return layout
+    return _Printable(layout)
 
 
 def _head(view: ConsoleContent) -> Text:
@@ -109,9 +123,8 @@ def _head(view: ConsoleContent) -> Text:
         text.append(f" {view.words('console_stopped')} ", style="bold white on red not reverse")
         if state.stopped_by:
             text.append(f" {view.words('console_stopped_by', who=state.stopped_by)} ", style="bold red not reverse")
-    text.append(
-        f" {view.words('state_' + state.name).upper()} ", style=f"bold reverse {_STYLES.get(state.name, 'white')}"
-    )
+    shown = STATES.get(state.name, DEFAULT)
+    text.append(f" {view.words('state_' + state.name).upper()} ", style=f"bold reverse {shown.color}")
     if state.interaction_id:
         text.append(f"  {_clock(state.guide_s + state.border_s + state.seed_s)}", style="bold not reverse")
     if view.away:
@@ -230,17 +243,20 @@ def _wrapped(text: str, width: int) -> List[str]:
     return textwrap.wrap(text, max(10, width), subsequent_indent="  ") or [""]
 
 
-def _keys(view: ConsoleContent) -> Group:
-    lines = [Text(no_wrap=True) for _ in range(_KEYS)]
-    for line, keys in zip(lines, (DRAWING_KEYS, OTHER_KEYS)):
-        for key, command in keys.items():
-            sensible = view.state is not None and command in view.state.available_commands
-            shown = view.words("console_space") if key == " " else key
-            line.append(f" {shown} ", style="bold reverse" if sensible else "reverse dim")
-            line.append(f" {view.words('command_' + command)}  ", style="bold" if sensible else "dim")
-    lines[1].append(f" {QUIT_KEY} ", style="reverse")
-    lines[1].append(f" {view.words('console_quit')} ")
-    return Group(*lines)
+def _keys(view: ConsoleContent, width: int) -> List[Text]:
+    available = view.state.available_commands if view.state is not None else ()
+    keys = []
+    for key, command in COMMAND_KEYS.items():
+        sensible, shown = command in available, view.words("console_space") if key == " " else key
+        style = ("bold reverse", "bold") if sensible else ("reverse dim", "dim")
+        keys.append(Text.assemble((f" {shown} ", style[0]), (f" {view.words('command_' + command)} ", style[1])))
+    keys.append(Text.assemble((f" {QUIT_KEY} ", "reverse"), f" {view.words('console_quit')} "))
+    lines = [Text(no_wrap=True)]
+    for text in keys:
+        if lines[-1].cell_len + text.cell_len > width:
+            lines.append(Text(no_wrap=True))
+        lines[-1].append_text(text)
+    return lines
 
 
 def _clock(seconds: float) -> str:

@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
 from typing import Any, Callable, Dict, List, Sequence
 
-from vb_voice_wizard.interaction import Answer
+from vb_voice_wizard.session import Answer
 
 _KEPT = 64  # answers; a sender repeats within seconds, and no person gives this many commands in that time
 

@@ -10,6 +10,7 @@ from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.ros import messages, services
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
+from vb_core.vocabulary import UNDO
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import (
     AddBorder,
@@ -21,7 +22,6 @@ from vb_msgs.srv import (
     PreviewBorderRequest,
 )
 
-from vb_voice_wizard.interaction import UNDO
 
 _INTEGRATOR = "$map_integrator"
 

@@ -10,7 +10,9 @@ from typing import Sequence, Set, Tuple
 
 from vb_core.notices import Notice, Severity
 
-LEFT_OUT = "strokes_left_out"  # a part of what was drawn is not in the border, as long as this is said
+# as long as one of these is said: a part of what was drawn is not in the border, a part of the border was not seen, or
+# another place was pointed at longer
+DOUBTS = ("strokes_left_out", "piece_unseen", "seed_held_elsewhere")
 
 
 class DrawingWarnings:
@@ -29,7 +31,7 @@ class DrawingWarnings:
         self._standing = tuple(
             notice
             for notice in notices
-            if notice.code == LEFT_OUT or (notice.camera and notice.severity is Severity.ERROR)
+            if notice.code in DOUBTS or (notice.camera and notice.severity is Severity.ERROR)
         )
         self._failed |= self._cameras()
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+from pathlib import Path
 from typing import Any, Dict, Optional, Sequence
 
 from vb_core.errors import CodedError, ParameterError
-from vb_voice_wizard.interaction import Record
+from vb_core.files import write_atomically
+from vb_voice_wizard.session import Record
 
 
 def file_path(key: str, path: str) -> str:
@@ -25,7 +27,7 @@ def file_path(key: str, path: str) -> str:
 
 
 class StateFile:
-    """A small JSON file, replaced as a whole so that a reader never sees half of it.
+    """A small JSON file, replaced as a whole and durably.
 
     Args:
         path: the file.
@@ -33,45 +35,33 @@ class StateFile:
     """
 
     def __init__(self, path: str, run_id: str) -> None:
-        self._path = path
+        self._path = Path(path)
         self._run_id = run_id
 
     def write(self, memory: Dict[str, Any]) -> None:
         """Replaces the file.
 
         Raises:
-            OSError: if it cannot be written.
+            CodedError: "cannot_write".
         """
-        os.makedirs(os.path.dirname(self._path), exist_ok=True)
-        temporary = f"{self._path}.{os.getpid()}.new"
-        with open(temporary, "w", encoding="utf-8") as file:
-            json.dump({"run_id": self._run_id, **memory}, file)
-        os.replace(temporary, self._path)
+        write_atomically(self._path, json.dumps({"run_id": self._run_id, **memory}).encode("utf-8"))
 
     def read(self) -> Optional[Dict[str, Any]]:
-        """Reads what this run of the roscore has saved; None if nothing. Raises as `read_any`."""
-        memory = self.read_any()
-        # without an id of the run (a bare rosmaster) nothing tells an old file from a new one
-        if memory is None or not self._run_id or memory.get("run_id") != self._run_id:
-            return None
-        return memory
-
-    def read_any(self) -> Optional[Dict[str, Any]]:
-        """Reads what was saved last, by any run; None if there is no file.
+        """Reads what this run of the roscore has saved; None if nothing.
 
         Raises:
             CodedError: "bad_state_file" if the file is not valid.
         """
         try:
-            with open(self._path, encoding="utf-8") as file:
-                memory = json.load(file)
+            memory = json.loads(self._path.read_bytes())
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
             raise CodedError("bad_state_file", f"cannot read {self._path}: {error}") from None
         if not isinstance(memory, dict):
             raise CodedError("bad_state_file", f"{self._path} does not hold the saved state of an interaction")
-        return memory
+        # without an id of the run (a bare rosmaster) nothing tells an old file from a new one
+        return memory if self._run_id and memory.get("run_id") == self._run_id else None
 
 
 def record_line(record: Record, method: str, cameras: Sequence[str]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
-from typing import Any, Callable, List, Mapping, Optional
+from typing import Any, Callable, List, Mapping, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 from vb_core.notices import Notice
 from vb_core.ros import node
 from vb_core.ros.messages import BorderPreviewArray, array_from_points, mapping_from_values, values_from_mapping
-from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorderArray
+from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorder, VirtualBorderArray
 
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
 from vb_voice_wizard.dialogue.drawing_warnings import DrawingWarnings
@@ -42,6 +42,7 @@ class Previewer:
         self._held = False
         self._closed = False
         self._warned_of = ""
+        self._shown: Tuple[PreviewInputs, VirtualBorder] = (PreviewInputs(), VirtualBorder())
         self._publisher = rospy.Publisher(names.PREVIEW, BorderPreviewArray, queue_size=1, latch=True)
         node.Worker(self, self._make)
 
@@ -126,7 +127,20 @@ class Previewer:
                 self._publisher.publish(preview)
                 doubtful = preview.available and preview.success and preview.issues
                 self._warned_of = inputs.interaction_id if doubtful else ""
+                self._shown = (inputs if preview.available else PreviewInputs(), preview.border)
                 self._pace.record_preview(inputs, started, time.monotonic(), answered)
+
+    def border_to_save(self, interaction_id: str) -> VirtualBorder:
+        """Returns the border that was previewed; what was extracted last if more was drawn since, or nothing previewed.
+
+        Raises:
+            CodedError: "no_service", "no_response", or why there is no border.
+        """
+        with self._condition:
+            inputs, (shown, border) = self._inputs, self._shown
+            if inputs.interaction_id == interaction_id and shown.complete and inputs.is_equivalent(shown):
+                return border
+        return self._services.fetch_drawn_border(interaction_id)
 
     def _compute(self, inputs: PreviewInputs) -> BorderPreviewArray:
         border = self._services.fetch_drawn_border(inputs.interaction_id)

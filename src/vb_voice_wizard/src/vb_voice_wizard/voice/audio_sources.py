@@ -112,18 +112,5 @@ class Microphone:
 
 def arecord(device: str) -> list:
     """Returns the command line that records from an ALSA device as the model wants it."""
-    return [
-        "arecord",
-        "-q",
-        "-D",
-        device,
-        "-t",
-        "raw",
-        "-f",
-        "S16_LE",
-        "-r",
-        str(SAMPLE_RATE),
-        "-c",
-        "1",
-        "--buffer-time=200000",
-    ]
+    raw = "-q -t raw -f S16_LE -c 1 --buffer-time=200000".split()
+    return ["arecord", *raw, "-r", str(SAMPLE_RATE), "-D", device]

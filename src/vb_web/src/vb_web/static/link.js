@@ -50,7 +50,7 @@ export class Link {
       this.pause = 300;
       const now = Date.now();
       for (const [id, one] of this.waiting) {
-        if (now - one.asked < RESEND_MS) socket.send(one.text);
+        if (now - one.asked < RESEND_MS) socket.send(this.text(id, one));
         else this.settle(id, { ok: false, code: "page_no_answer", values: {}, message: "" });
       }
     };
@@ -79,6 +79,12 @@ export class Link {
     this.pause = Math.min(3000, this.pause * 1.6);
   }
 
+  // A command says how long ago it was given.
+  text(id, { action, fields, asked }) {
+    const age = action === "command" ? { age: Math.min(Math.max(0, Date.now() - asked), 60000) / 1000 } : {};
+    return JSON.stringify({ do: action, id, ...fields, ...age });
+  }
+
   settle(id, answer) {
     const one = this.waiting.get(id);
     if (!one) return;
@@ -104,14 +110,14 @@ export class Link {
     const id = Array.from(crypto.getRandomValues(new Uint8Array(12)), (byte) =>
       byte.toString(16).padStart(2, "0"),
     ).join("");
-    const text = JSON.stringify({ do: action, id, ...fields });
+    const one = { action, fields, asked: Date.now() };
     return new Promise((resolve) => {
       const timer = setTimeout(
         () => this.settle(id, { ok: false, code: "page_no_answer", values: {}, message: "" }),
         ANSWER_MS,
       );
-      this.waiting.set(id, { text, resolve, timer, asked: Date.now() });
-      if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(text);
+      this.waiting.set(id, Object.assign(one, { resolve, timer }));
+      if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(this.text(id, one));
       // "stop" that lies in a queue would be a lie: what is not on its way after a moment failed
       else
         setTimeout(() => {
@@ -126,17 +132,21 @@ export class Link {
 export class Words {
   constructor() {
     this.table = {};
-    this.language = "en";
+    this.language = "";
   }
 
+  // Returns whether the language is known; if not, the words stay as they are.
   async load(language) {
-    this.table = await (await fetch(`words/${language}.json`)).json();
+    const found = await fetch(`words/${language}.json`);
+    if (!found.ok) return false;
+    this.table = await found.json();
     this.language = language;
     document.documentElement.lang = language;
     for (const element of document.querySelectorAll("[data-word]"))
       element.textContent = this.say(element.dataset.word);
     for (const element of document.querySelectorAll("[data-label]")) this.label(element, element.dataset.label);
     document.title = this.say("page_title");
+    return true;
   }
 
   label(element, code, values) {

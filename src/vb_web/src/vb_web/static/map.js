@@ -97,7 +97,7 @@ export class MapView {
     this.placedGroup = $("placed");
     this.handleGroup = $("handles");
     this.layers = {};
-    for (const name of ["borders", "progress", "draft"]) this.layers[name] = { lines: [], placed: [] };
+    for (const name of ["borders", "progress", "draft", "drives"]) this.layers[name] = { lines: [], placed: [] };
     this.listen();
     new ResizeObserver(() => {
       if (this.gesture === "stroke") {
@@ -236,11 +236,12 @@ export class MapView {
     this.layWriting();
   }
 
-  // Nothing that is written covers anything else that is. First the scale and lengths, then a mark for each border of which
+  // Nothing that is written covers anything else that is. First lengths, then a mark for each border of which
   // something is in view, where it is; then its name instead of the mark, if there is room for it.
   layWriting() {
     const [w, h] = this.size(),
-      taken = [this.layScale()];
+      taken = [];
+    this.layScale();
     const isFree = (box) =>
       taken.every(
         (one) => Math.abs(one.u - box.u) >= one.half + box.half || Math.abs(one.v - box.v) >= one.high + box.high,
@@ -325,7 +326,7 @@ export class MapView {
     return visible.length ? visible[Math.floor(visible.length / 2)] : null;
   }
 
-  // Lays the scale's bar, of a round length; returns its box.
+  // Lays the scale's bar, of a round length.
   layScale() {
     const most = 100 / this.view.scale,
       power = 10 ** Math.floor(Math.log10(most)),
@@ -333,13 +334,6 @@ export class MapView {
     const text = `${this.words.number(length, 2)} m`;
     if ($("scale").textContent !== text) $("scale").textContent = text;
     $("scale").style.width = `${(length * this.view.scale).toFixed(1)}px`;
-    const { offsetLeft, offsetTop, offsetWidth, offsetHeight } = $("scale");
-    return {
-      u: offsetLeft + offsetWidth / 2,
-      v: offsetTop + offsetHeight / 2,
-      half: offsetWidth / 2 + 4,
-      high: offsetHeight / 2 + 4,
-    };
   }
 
   // ------------------------------------------------------------- what is shown
@@ -487,6 +481,16 @@ export class MapView {
       }
       group.at = [pose[0], pose[1]];
       group.yaw = pose[2];
+    }
+    this.update();
+  }
+
+  // Where robots are going, by name: the goal, and their navigation's path there.
+  setDrives(drives) {
+    this.clear("drives");
+    for (const { goal, path: way } of Object.values(drives)) {
+      this.line("drives", "path", path(pairs(way), false));
+      this.place("drives", "goal", pairs(goal)[0], [["path", { d: "M0 0C-9-11-9-22 0-22S9-11 0 0ZM-3-14A3 3 0 1 0 3-14A3 3 0 1 0-3-14" }]]);
     }
     this.update();
   }

@@ -1,21 +1,18 @@
 // The page: what the server's view says, as words and buttons; what people press, as requests.
 //
 // mode is what a touch of the map means: "look" moves it and chooses borders; "draw" and "wall" put a line; "side" asks for the
-// side to be restricted; "review" moves corners of the draft.
+// side to be restricted; "review" moves corners of the draft; "go" sends a robot there.
 "use strict";
 import { Link, Words } from "./link.js";
 import { MapView, distance, inside, middle, pairs, simplify } from "./map.js";
 
 const $ = (id) => document.getElementById(id);
 const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
-// what a person does in each state: the code of the answer that led there, so that it stands here and is not said twice
-const DOES = { border: "draw_border", seed: "point_seed", guide: "guide" };
-const COMMANDS = ["define_border", "define_seed", "cancel", "save", "guide_robot"];
 const CHANGES = ["add", "update", "rename", "enable", "remove"]; // what undo takes back
 const NAME_LENGTH = 60;
 const words = new Words();
 const view = {};
-const hello = { role: "nobody" };
+const hello = { role: "nobody", states: [], commands: [], zones: [] }; // with vb_core's tables: vocabulary.py, zones.py
 const watched = new Map(); // camera: its picture, while somebody looks at it
 let online = false,
   mode = "look",
@@ -44,6 +41,12 @@ const button = (code, onclick, kind = "", values = {}) =>
   element("button", { type: "button", class: kind, onclick }, say(code, values));
 const operator = () => hello.role === "operator";
 const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
+// What is connected, and so what is offered; while nobody has said, everything is.
+const offers = (command) => !view.offer || view.offer.commands.includes(command);
+const robotName = (name) => name || "$the_robot";
+const row = (table, name) => hello[table].find((one) => one.name === name) || {};
+// What a person does in a state: the code of the answer that led there, so that it stands here and is not said twice.
+const prompt = () => row("states", document.body.dataset.state).prompt || null;
 const commandName = (command) => say(`page_command_${command}`);
 
 // Replaces a list's content if it changed: a button that is replaced under a finger is never pressed. What has the focus
@@ -68,11 +71,12 @@ function fill(parent, children) {
 function dropStanding() {
   const standing = [
     ...(view.notices || []).map((notice) => notice.code),
-    DOES[document.body.dataset.state],
+    prompt(),
     !online && "page_offline",
   ];
   if ($("laser-refused").textContent) standing.push(view.state.last.code);
-  if (standing.includes($("toast").dataset.code)) $("toast").textContent = "";
+  const { code } = $("toast").dataset; // none where it is no answer
+  if (code && standing.includes(code)) $("toast").textContent = "";
 }
 
 // A second tap at once, as one zooms a picture, presses nothing that the first has brought up or uncovered.
@@ -98,7 +102,10 @@ function toast(text, bad = false, code = "", more = null) {
 }
 
 async function ask(action, fields, done = null, values = {}) {
-  const answer = await link.ask(action, fields);
+  // a command is void after a stop that was not shown here yet
+  const shown = (view.state && view.state.stop_number) || "";
+  const seen = action === "command" ? { seen_stop: fields.command === "stop" ? "" : shown } : {};
+  const answer = await link.ask(action, { ...fields, ...seen });
   if (answer.ok && done)
     toast(
       say(done, values),
@@ -114,6 +121,7 @@ async function ask(action, fields, done = null, values = {}) {
 const map = new MapView(words, {
   tap(point, picked) {
     if (mode === "look") borderDialog(picked);
+    else if (mode === "go") sendRobot(point);
     else if (mode === "side") {
       draft.seed = point;
       setMode("review");
@@ -174,7 +182,7 @@ function setMode(next) {
   keepBack();
   if (next !== "look") toast(""); // of what was done before
   map.drawing = next === "draw" || next === "wall";
-  map.picking = next === "side";
+  map.picking = next === "side" || next === "go";
   if (next === "look") {
     draft = check = checking = null;
   }
@@ -182,7 +190,7 @@ function setMode(next) {
     taps = [];
     chosenCorner = null;
   }
-  if (next !== "side" && next !== "draw" && next !== "wall") map.setCursor(null);
+  if (!["side", "draw", "wall", "go"].includes(next)) map.setCursor(null);
   map.setDraft(next === "review" || next === "side" ? draft : null, chosenCorner);
   drawHint();
   drawBanners();
@@ -190,7 +198,73 @@ function setMode(next) {
   drawBorders();
   drawReview();
   $("map-area").scrollIntoView({ block: "nearest" });
-  if (next === "draw" || next === "wall" || next === "side") $("map").focus({ preventScroll: true });
+  if (["draw", "wall", "side", "go"].includes(next)) $("map").focus({ preventScroll: true });
+}
+
+// ----------------------------------------------------------------- go there
+let sent = ""; // the robot that goes
+
+async function sendRobot(goal) {
+  const answer = await link.ask("send", { robot: sent, goal: goal.map((v) => Number(v.toFixed(3))) });
+  if (answer.ok) setMode("look");
+  toast(words.tell(answer), !answer.ok, answer.code);
+}
+
+function reviewGo(cancel) {
+  const goes = view.offer ? view.offer.goes : [];
+  if (!goes.includes(sent)) sent = goes.length ? goes[0] : "";
+  const choices = goes.map((name) =>
+    element(
+      "button",
+      {
+        type: "button",
+        "data-key": `go ${name}`,
+        "aria-pressed": String(name === sent),
+        onclick: () => {
+          sent = name;
+          drawReview();
+        },
+      },
+      name,
+    ),
+  );
+  return [
+    element("h2", {}, say("page_title_go")),
+    element("p", { class: "muted" }, say("page_help_go")),
+    goes.length > 1 ? element("div", { class: "row", role: "group", "aria-label": say("page_robot") }, ...choices) : null,
+    element("div", { class: "row" }, cancel),
+  ];
+}
+
+// Where robots are going, each with its own stop beside it.
+function drawDrives() {
+  const drives = view.drives || {};
+  map.setDrives(drives);
+  fill(
+    $("drives"),
+    Object.entries(drives).map(([name, { goal }]) =>
+      element(
+        "li",
+        {},
+        element(
+          "span",
+          {},
+          say("page_drive", {
+            who: robotName(name),
+            x: words.number(goal[0] / 100, 1),
+            y: words.number(goal[1] / 100, 1),
+          }),
+        ),
+        operator()
+          ? element(
+              "button",
+              { type: "button", class: "danger", "data-key": `halt ${name}`, onclick: () => ask("halt", { robot: name }) },
+              say("page_end_drive"),
+            )
+          : null,
+      ),
+    ),
+  );
 }
 
 function showRough(points, kind) {
@@ -214,7 +288,7 @@ function drawHint() {
             : mode;
   const text = first
     ? words.tell(first)
-    : say((mode === "look" && DOES[document.body.dataset.state]) || `page_hint_${which}`);
+    : say((mode === "look" && prompt()) || `page_hint_${which}`);
   if ($("hint").textContent !== text) $("hint").firstChild.textContent = text;
   $("hint").classList.toggle("warning", Boolean(first && first.severity));
 }
@@ -225,10 +299,11 @@ function begin(points, kind) {
     kind,
     seed: kind === "polygon" ? middle(points) : points[0],
     name: "",
-    zone: "keep_out",
+    zone: hello.zones[0].name,
     max_speed: 0.2,
     schedule: "",
     enabled: true,
+    robots: [],
     border: "",
     revision: 0,
   };
@@ -246,6 +321,7 @@ function draftOf(border) {
     max_speed: border.max_speed || 0.2,
     schedule: border.schedule,
     enabled: border.enabled,
+    robots: border.robots,
     border: border.id,
     revision: view.borders.revision,
   };
@@ -275,9 +351,10 @@ const draftFields = (of = draft) => ({
   seed: of.seed.map((v) => Number(v.toFixed(3))),
   name: of.name,
   zone: of.zone,
-  max_speed: of.zone === "slow" ? of.max_speed : 0,
+  max_speed: row("zones", of.zone).limits_speed ? of.max_speed : 0,
   schedule: of.schedule,
   enabled: of.enabled,
+  robots: of.robots,
 });
 
 // Asks what saving would do; the newest question counts, and the last answer stands until its answer: nothing jumps.
@@ -339,6 +416,37 @@ function select(code, value, options, onchange) {
   return element("label", {}, element("span", {}, say(code)), made);
 }
 
+// What a border may do: what some robot keeps, and what it does already. "keep out" may always be drawn beforehand.
+const zonesFor = ({ zone }) =>
+  hello.zones
+    .map(({ name }) => name)
+    .filter((one, at) => at === 0 || one === zone || !view.offer || view.offer.zones.includes(one));
+
+// Which robots a border is for: all, unless some are chosen.
+function robotChoice() {
+  const known = [...new Set([...((view.offer && view.offer.robots) || []), ...draft.robots])].filter(Boolean);
+  if (known.length < 2) return null;
+  const choose = (robots) => () => {
+    draft.robots = robots.length === known.length ? [] : robots;
+    examine();
+  };
+  const choice = (label, pressed, robots) =>
+    element(
+      "button",
+      { type: "button", "aria-pressed": String(pressed), "data-key": `robot ${label}`, onclick: choose(robots) },
+      label,
+    );
+  return element(
+    "div",
+    { class: "row robots", role: "group", "aria-label": say("page_for") },
+    choice(say("page_for_all"), !draft.robots.length, []),
+    ...known.map((name) => {
+      const chosen = draft.robots.includes(name);
+      return choice(name, chosen, chosen ? draft.robots.filter((one) => one !== name) : [...draft.robots, name]);
+    }),
+  );
+}
+
 function drawReview() {
   const box = $("review");
   box.hidden = mode === "look";
@@ -347,6 +455,7 @@ function drawReview() {
     return fill(box, []);
   }
   const cancel = button("page_discard", () => setMode("look"));
+  if (mode === "go") return fill(box, reviewGo(cancel));
   if (mode !== "review") {
     const end = (kind) =>
       Object.assign(
@@ -409,11 +518,12 @@ function drawReview() {
     ...issues(refused ? [] : check && check.issues),
     wall
       ? null
-      : select("page_zone", draft.zone, ["keep_out", "avoid", "slow"], (value) => {
+      : select("page_zone", draft.zone, zonesFor(draft), (value) => {
           draft.zone = value;
           examine();
         }),
-    draft.zone === "slow" ? element("label", {}, element("span", {}, say("page_speed")), speed) : null,
+    row("zones", draft.zone).limits_speed ? element("label", {}, element("span", {}, say("page_speed")), speed) : null,
+    robotChoice(),
     element(
       "div",
       { class: "row" },
@@ -448,14 +558,18 @@ const idleLook = (border) =>
 const markOf = (border) => element("span", { class: `mark ${idleLook(border)}` }, border.mark);
 
 function why(border) {
-  const kind =
-    border.zone === "slow"
-      ? say("page_slow_at", { speed: words.number(border.max_speed, 2) })
-      : border.zone === "avoid"
-        ? say("page_zone_avoid")
-        : "";
+  const kind = row("zones", border.zone).limits_speed
+    ? say(border.unkept ? "page_slow_meant" : "page_slow_at", { speed: words.number(border.max_speed, 2) })
+    : border.zone === hello.zones[0].name
+      ? ""
+      : say(`page_zone_${border.zone}`);
   const first = idle(border) || (border.kind === "wall" ? say("page_kind_wall") : `${words.number(border.area, 2)} m²`);
-  return [first, kind, border.schedule && scheduleText(border.schedule)].filter(Boolean).join(" · ");
+  const only = border.robots.length ? say("page_only_for", { who: border.robots.join(", ") }) : "",
+    unkept = border.unkept && !idle(border) ? words.tell(border.unkept) : "";
+  const waiting = border.in_force && border.reason && say(`page_reason_${border.reason}`);
+  return [unkept, first, waiting, kind, only, border.schedule && scheduleText(border.schedule)]
+    .filter(Boolean)
+    .join(" · ");
 }
 
 function drawBorders() {
@@ -491,7 +605,12 @@ function drawBorders() {
               onclick: () => borderDialog(border.id),
             },
             markOf(border),
-            element("span", {}, words.border(border.name) || say("page_no_name"), element("small", {}, why(border))),
+            element(
+              "span",
+              {},
+              words.border(border.name) || say("page_no_name"),
+              element("small", { class: border.unkept && !idle(border) ? "ill" : "" }, why(border)),
+            ),
           );
           return element("li", {}, open, toggle);
         }),
@@ -750,7 +869,7 @@ async function command(name) {
 // What one does now, and below it what one says for it, where that is another word.
 function commandLabel(name) {
   const label = name === "save" && view.state && view.state.confirm ? say("page_save_again") : commandName(name),
-    spoken = name.replace("_", " ");
+    { spoken } = row("commands", name);
   return label.toLowerCase() === spoken || label === say("page_save_again")
     ? [label]
     : [element("span", {}, label, element("small", {}, say("page_spoken", { command: spoken })))];
@@ -777,16 +896,26 @@ function confirmSave() {
 function drawState() {
   const state = view.state,
     there = online && view.health && view.health.manager;
-  const name = !online ? "offline" : !state || !there ? "absent" : state.name;
+  // where no manager belongs to the lab, nothing waits for one: the robots are what is ready or not
+  const alone = view.offer && !view.offer.interaction && !there;
+  const ready = alone && view.offer.state === "ready" ? "default" : alone && view.offer.state;
+  const name = !online ? "offline" : ready || (!state || !there ? "absent" : state.name);
   document.body.dataset.state = name;
+  document.body.style.setProperty("--state", prompt() ? row("states", name).color : "");
   const stopped = Boolean(online && state && state.stopped);
   document.body.classList.toggle("stopped", stopped);
   $("state-name").textContent = say(`page_state_${stopped ? "stopped" : name}`);
   $("stop").disabled = !online;
-  $("laser").hidden = !state && !there;
-  const given = new Set(there && state ? state.available_commands : []);
+  $("stop").hidden = !offers("stop");
+  $("laser").hidden = (!state && !there) || !offers("define_border");
+  $("go").hidden = !view.offer || !offers("go");
+  const given = new Set(there && state ? state.available_commands.filter(offers) : []);
+  const places = new Map(); // of commands that share a place, the one that is available is shown, or else the first
+  for (const one of hello.commands.filter((command) => command.button_place))
+    if (given.has(one.name) || !places.has(one.button_place)) places.set(one.button_place, one.name);
+  const buttons = [...places.keys()].sort((a, b) => a - b).map((place) => places.get(place));
   $("laser-text").textContent = say(
-    !there ? "page_manager_gone" : !state ? "page_laser_absent" : DOES[state.name] || "page_laser_default",
+    !there ? "page_manager_gone" : !state ? "page_laser_absent" : prompt() || "page_laser_default",
   );
   // also of a command by voice or from another phone: this is why nothing happened
   const refused =
@@ -794,7 +923,7 @@ function drawState() {
   if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
   fill(
     $("commands"),
-    COMMANDS.map((one) =>
+    buttons.map((one) =>
       element(
         "button",
         {
@@ -851,7 +980,7 @@ function drawBanners() {
         ...[
           ["page_same_place", true],
           ["page_other_place", false],
-        ].map(([code, same]) => button(code, () => ask("confirm_map", { same }, "page_noted"))),
+        ].map(([code, same]) => button(code, () => ask("confirm_map", { same, map_id: view.borders.map_id }, "page_noted"))),
       );
     if (state && state.ends_in_s && state.name !== "default")
       put("", say("page_ends", { time: clock(state.ends_in_s) }));
@@ -891,10 +1020,11 @@ function drawHealth() {
   const cameras = view.cameras || [],
     drivers = view.drivers || {},
     ill = (view.diagnostics || []).filter((one) => !noticed.has(one.code));
-  const bad = [...cameras, ...Object.values(drivers)].filter((one) => !one.there).length + ill.length;
+  const wrong = view.offer ? view.offer.lines.filter((line) => line.severity).length : 0;
+  const bad = [...cameras, ...Object.values(drivers)].filter((one) => !one.there).length + ill.length + wrong;
   $("health-sum").textContent = bad
     ? say(bad === 1 ? "page_problem" : "page_problems", { count: bad })
-    : cameras.length || Object.keys(drivers).length
+    : cameras.length || Object.keys(drivers).length || (view.offer && view.offer.state === "ready")
       ? say("page_all_well")
       : "";
   $("health-sum").className = bad ? "ill" : "good";
@@ -940,18 +1070,19 @@ function drawHealth() {
   });
   fill(
     $("drivers"),
-    [...new Set([...Object.keys(view.robots || {}), ...Object.keys(drivers)])].sort().map((name) => {
+    [...new Set([...((view.offer && view.offer.robots) || []), ...Object.keys(drivers)])].sort().map((name) => {
       const one = drivers[name],
-        who = { who: name || "$the_robot" },
-        source = one && one.there ? `page_motion_source_${one.source}` : "";
+        source = one && one.there ? `page_motion_source_${one.source}` : "",
+        lines = view.offer ? view.offer.lines.filter((line) => line.robot === name) : [];
       return element(
         "li",
         {},
         element(
           "span",
           {},
-          source ? words.tell(one) : say(one ? "page_driver_gone" : "page_no_driver", who),
+          one && (source ? words.tell(one) : say("page_driver_gone", { who: robotName(name) })),
           words.has(source) ? element("small", { class: "muted" }, say(source)) : null,
+          ...lines.map((line) => element("small", { class: line.severity ? "ill" : "muted" }, words.tell(line))),
         ),
       );
     }),
@@ -1048,6 +1179,7 @@ function drawAll() {
   drawHealth();
   drawEvents();
   drawStudy();
+  drawDrives();
 }
 
 const DRAW = {
@@ -1077,6 +1209,12 @@ const DRAW = {
   progress(section) {
     map.setProgress(section);
   },
+  offer() {
+    drawState();
+    drawHealth();
+    drawReview();
+  },
+  drives: drawDrives,
   preview: drawState,
   robots(section) {
     map.setRobots(section);
@@ -1103,11 +1241,10 @@ const DRAW = {
 };
 
 // ----------------------------------------------------------------- beginning
-function language() {
-  const asked = [localStorage.getItem("language"), ...navigator.languages, "en"]
-    .filter(Boolean)
-    .map((one) => one.slice(0, 2));
-  return asked.find((one) => (hello.languages || ["en", "de"]).includes(one)) || "en";
+// The language that was chosen here, or the first of the browser's that there is.
+async function speak() {
+  const asked = [localStorage.getItem("language"), ...navigator.languages, "en"].filter(Boolean);
+  for (const one of asked.map((tag) => tag.slice(0, 2))) if (one === words.language || (await words.load(one))) return;
 }
 
 async function settings() {
@@ -1153,7 +1290,7 @@ async function settings() {
     : null;
   const leave = hello.login
     ? button("page_leave", async () => {
-        await fetch("logout", { method: "POST" });
+        await fetch("session", { method: "DELETE" });
         location.reload();
       })
     : null;
@@ -1161,7 +1298,7 @@ async function settings() {
 }
 
 async function logIn(code) {
-  const answer = await fetch("login", {
+  const answer = await fetch("session", {
     method: "POST",
     headers: { "Content-Type": "application/json" },
     body: JSON.stringify({ code }),
@@ -1173,18 +1310,17 @@ async function logIn(code) {
 }
 
 window.virtualBorders = { map, draft: () => draft, view }; // for tests and the console
-await words.load(language());
+await speak();
 const link = new Link(
   (sections) => {
     Object.assign(view, sections);
     for (const name of Object.keys(DRAW)) if (name in sections) DRAW[name](sections[name]);
   },
-  async (found) => {
+  (found) => {
     Object.assign(hello, found);
     document.body.dataset.role = hello.role;
     online = true;
     $("login").hidden = true;
-    if (words.language !== language()) await words.load(language());
     drawAll();
     if (mode === "review") examine();
   },
@@ -1219,6 +1355,7 @@ for (const command of ["stop", "resume"]) $(command).addEventListener("click", (
 $("settings-button").addEventListener("click", settings);
 $("draw").addEventListener("click", () => setMode("draw"));
 $("wall").addEventListener("click", () => setMode("wall"));
+$("go").addEventListener("click", () => setMode("go"));
 for (const command of ["undo", "redo"]) $(command).addEventListener("click", () => ask("command", { command }));
 $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));

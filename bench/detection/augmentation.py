@@ -1,0 +1,188 @@
+"""Labelled pictures as other cameras would have taken them.
+
+What real cameras do to a scene is done to a picture of it, in their order: another exposure in linear light, with flicker
+that rolls through the image; noise; de-noising; another tone curve; sharpening; and compression, which halves the
+colours' resolution. A saturated spot's light is not in the picture: its profile is continued inwards as a Gaussian's.
+"""
+
+from __future__ import annotations
+
+from typing import List, NamedTuple, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+GAMMA, SATURATED = 2.2, 245
+PAINT_EVERY, _SHOWS = 12, 30  # [pictures]; [grey levels] that a painted spot must stand out by to be asked for
+_LEVELS = 16383  # of linear light
+
+
+class Taken(NamedTuple):
+    """How a camera takes pictures.
+
+    Attributes:
+        exposure: times that of the picture, in linear light.
+        spot_widths: radius of the saturated core, in the spot's sigmas: 1.5 makes a peak of 3 times white, 2 of 7.
+        bands: of mains flicker, part of the light that comes and goes; they roll.
+        noise: [grey levels]
+        denoised: weight of the last picture in each one where little changed, and a median filter.
+        gamma: of the tone curve, times the usual one's.
+        sharpening: part of the difference to the blurred picture that is added.
+        quality: of the JPEG.
+    """
+
+    exposure: float = 1.0
+    spot_widths: float = 1.8
+    bands: float = 0.0
+    noise: float = 0.0
+    denoised: bool = False
+    gamma: float = 1.0
+    sharpening: float = 0.0
+    quality: int = 90
+
+    @staticmethod
+    def draw(random: np.random.Generator, exposure: Tuple[float, float]) -> "Taken":
+        """Draws a camera, with an exposure between two [stops]."""
+        return Taken(
+            exposure=float(2.0 ** random.uniform(*exposure)),
+            spot_widths=float(random.uniform(1.3, 2.1)),
+            bands=float(random.choice([0.0, 0.0, 0.1, 0.3])),
+            noise=float(random.uniform(0.5, 3.0)),
+            denoised=bool(random.random() < 0.4),
+            gamma=float(random.uniform(0.85, 1.2)),
+            sharpening=float(random.choice([0.0, 0.5, 1.0])),
+            quality=int(random.integers(45, 96)),
+        )
+
+
+class PaintedSpot(NamedTuple):
+    """A spot at (u, v) [px]: its sigma [px], its peak in the camera's white, its part in blue, green and red."""
+
+    u: float
+    v: float
+    sigma: float
+    peak: float
+    color: Tuple[float, float, float]
+
+    @staticmethod
+    def draw(random: np.random.Generator, width: int, height: int) -> "PaintedSpot":
+        """Draws one that is within an image, from barely seen to saturated."""
+        u, v = random.uniform((24, 24), (width - 24, height - 24))
+        strong, leak = int(random.integers(1, 3)), random.uniform(0.05, 0.6, 3)
+        color = tuple(1.0 if channel == strong else float(leak[channel]) for channel in range(3))
+        return PaintedSpot(float(u), float(v), float(random.uniform(0.7, 2.2)), float(random.uniform(0.12, 3.0)), color)
+
+    def shows_in(self, picture: np.ndarray) -> bool:
+        """Returns whether it stands out from what is around it."""
+        u, v = int(round(self.u)), int(round(self.v))
+        part = picture[v - 7 : v + 8, u - 7 : u + 8].max(axis=2).astype(int)
+        rim = np.concatenate([part[0], part[-1], part[:, 0], part[:, -1]])
+        return bool(part[5:10, 5:10].max() - np.median(rim) >= _SHOWS)
+
+
+class OtherCamera:
+    """Takes the pictures of a clip again, one after the other.
+
+    Args:
+        taken: how.
+        seed: of its noise.
+    """
+
+    def __init__(self, taken: Taken, seed: int) -> None:
+        self._taken, self._random, self._count = taken, np.random.default_rng(seed), 0
+        self._last: Optional[np.ndarray] = None
+        self._painted: Optional[PaintedSpot] = None
+        self._curve = (np.arange(256) / 255.0).astype(np.float32) ** GAMMA
+        # tables and one drawing of noise, moved about: powers and draws for each pixel would take most of the time
+        levels = 255.0 * (np.arange(_LEVELS + 1) / _LEVELS) ** (1.0 / (GAMMA * taken.gamma))
+        self._shown = levels.astype(np.float32)
+        self._noise = self._random.normal(0.0, taken.noise, (512, 2048, 3)).astype(np.float32)
+
+    def take(
+        self, image: np.ndarray, spots: Sequence[Tuple[float, float]], paint: bool = False
+    ) -> Tuple[np.ndarray, List[Tuple[float, float]], List[Tuple[float, float]]]:
+        """Returns a bgr picture (H, W, 3) as this camera takes it, and the places of spots that were painted into it.
+
+        Those that can be seen come first, then those that can hardly be.
+
+        Args:
+            spots: (u, v) [px] of those in it.
+            paint: whether spots may be added; they are, for three pictures of each twelve.
+        """
+        painted = []
+        if paint and self._count % PAINT_EVERY < 3:
+            if self._count % PAINT_EVERY == 0 or self._painted is None:
+                self._painted = PaintedSpot.draw(self._random, image.shape[1], image.shape[0])
+            painted = [self._painted]
+        shown = self._take(image, spots, painted)
+        seen = [one.shows_in(shown) for one in painted]
+        places = [(one.u, one.v) for one in painted]
+        return (
+            shown,
+            [place for place, shows in zip(places, seen) if shows],
+            [place for place, shows in zip(places, seen) if not shows],
+        )
+
+    def _take(
+        self, image: np.ndarray, spots: Sequence[Tuple[float, float]], painted: Sequence[PaintedSpot]
+    ) -> np.ndarray:
+        taken, self._count = self._taken, self._count + 1
+        light = cv2.LUT(image, self._curve)
+        for u, v in spots:
+            _continue_inwards(image, light, u, v, taken.spot_widths)
+        light *= taken.exposure
+        for one in painted:
+            columns = np.exp(-((np.arange(light.shape[1]) - one.u) ** 2) / (2.0 * one.sigma**2))
+            rows = np.exp(-((np.arange(light.shape[0]) - one.v) ** 2) / (2.0 * one.sigma**2))
+            near = slice(int(one.v) - 20, int(one.v) + 21), slice(int(one.u) - 20, int(one.u) + 21)
+            light[near] += (one.peak * np.outer(rows[near[0]], columns[near[1]]))[:, :, None] * np.array(one.color)
+        if taken.bands:
+            rows = np.arange(len(image), dtype=np.float32)[:, None, None]
+            light *= 1.0 + taken.bands * np.sin(2 * np.pi * (rows / (0.35 * len(image)) + 0.13 * self._count))
+        shown = self._shown[cv2.multiply(np.minimum(light, 1.0), (_LEVELS,) * 4, dtype=cv2.CV_16U)]
+        top, left = self._random.integers(0, 32), self._random.integers(0, 700)
+        for row in range(0, len(shown), 480):
+            part = shown[row : row + 480]
+            part += self._noise[top : top + len(part), left : left + part.shape[1]]
+        if taken.denoised:
+            shown = cv2.medianBlur(np.clip(shown, 0, 255).astype(np.uint8), 3).astype(np.float32) * 0.5 + shown * 0.5
+            if self._last is not None:
+                still = np.abs(shown - self._last) < 12.0
+                shown = np.where(still, 0.4 * shown + 0.6 * self._last, shown)
+            self._last = shown
+        if taken.sharpening:
+            shown = shown + taken.sharpening * (shown - cv2.GaussianBlur(shown, (0, 0), 1.2))
+        done = np.clip(shown + 0.5, 0, 255).astype(np.uint8)
+        return cv2.imdecode(cv2.imencode(".jpg", done, [cv2.IMWRITE_JPEG_QUALITY, taken.quality])[1], cv2.IMREAD_COLOR)
+
+
+def _continue_inwards(image: np.ndarray, light: np.ndarray, u: float, v: float, widths: float) -> None:
+    """Gives a spot's saturated core the light that a Gaussian with the same outline has there."""
+    reach = 40
+    top, left = max(0, int(v) - reach), max(0, int(u) - reach)
+    part = slice(top, int(v) + reach + 1), slice(left, int(u) + reach + 1)
+    for channel in range(3):
+        white = cv2.medianBlur((image[part][:, :, channel] >= SATURATED).view(np.uint8), 3)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(white, connectivity=8)
+        row, column = min(labels.shape[0] - 1, int(v) - top), min(labels.shape[1] - 1, int(u) - left)
+        near = labels[max(0, row - 3) : row + 4, max(0, column - 3) : column + 4]
+        label = int(near.max())
+        if not label or stats[label, cv2.CC_STAT_AREA] > 0.08 * labels.size:
+            continue
+        inside = (labels == label).view(np.uint8)
+        depth = cv2.distanceTransform(cv2.copyMakeBorder(inside, 1, 1, 1, 1, cv2.BORDER_CONSTANT), cv2.DIST_L2, 5)[
+            1:-1, 1:-1
+        ]
+        radius = float(depth.max())
+        sigma = max(radius / widths, 0.5)
+        light[part][:, :, channel] *= np.where(
+            inside > 0, np.exp((radius**2 - (radius - depth) ** 2) / (2.0 * sigma**2)), 1.0
+        )
+
+
+def takes(name: str, random: np.random.Generator) -> List[Tuple[str, Taken]]:
+    """Returns the ways in which a clip is taken again for training: as bright as it is, and set dark."""
+    return [
+        (f"taken again: {name}", Taken.draw(random, (-1.0, 0.5))),
+        (f"set dark: {name}", Taken.draw(random, (-4.5, -1.5))),
+    ]

@@ -1,0 +1,145 @@
+"""The frame of every bench: arguments, rows of results with their revision, and an older version to compare with.
+
+A bench prints each row as soon as it has it, and appends it to --csv FILE with the revision that made it. --other takes a
+revision, or the folder `src` of another checkout; both versions then see the same input, in turns, in one process: what
+else the computer does disturbs both alike, so that the ratio of their times counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import subprocess
+import sys
+import tempfile
+import time
+from datetime import date
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Optional, Sequence
+
+import numpy as np
+
+from vb_evaluation.provenance import revision
+from vb_evaluation.result_table import append_rows
+from vb_evaluation.statistics import proportion
+
+TOP = Path(__file__).resolve().parents[1]
+
+
+def arguments(doc: Optional[str], seed: Optional[int] = None, other: bool = False) -> argparse.ArgumentParser:
+    """Makes a bench's parser: its docstring is its help, --csv for all, --seed and --other where they mean something."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="append the rows to a table; .md: write it as a page")
+    if seed is not None:
+        parser.add_argument("--seed", type=int, default=seed, help="default: %(default)s")
+    if other:
+        parser.add_argument("--other", type=source_of, metavar="REVISION|SRC", help="also an older version")
+    return parser
+
+
+class Table:
+    """Rows of results: printed as they come, and appended to a file if there is one.
+
+    Args:
+        path: a CSV file, which gets the revision as its last column; or a Markdown file (.md), which is rewritten with
+            the command, date and revision above the table; None: only print.
+    """
+
+    def __init__(self, path: Optional[Path] = None) -> None:
+        self._path = path
+        self.rows: List[Dict[str, Any]] = []
+
+    def add(self, **row: Any) -> None:
+        """Adds a row; floats are rounded to four digits, lists (places to look at) stay out of the file."""
+        row = {key: float(f"{value:.4g}") if isinstance(value, float) else value for key, value in row.items()}
+        self.rows.append(row)
+        print(
+            "  ".join(f"{key} {value}" if isinstance(value, (int, float)) else str(value) for key, value in row.items())
+        )
+        sys.stdout.flush()
+        if self._path is not None and self._path.suffix == ".md":
+            self._write_page()
+        elif self._path is not None:
+            append_rows(self._path, [{key: value for key, value in row.items() if not isinstance(value, list)}])
+
+    def _write_page(self) -> None:
+        keys = list(
+            dict.fromkeys(key for row in self.rows for key, value in row.items() if not isinstance(value, list))
+        )
+        cells = [keys, ["---"] * len(keys)] + [[str(row.get(key, "")) for key in keys] for row in self.rows]
+        command = " ".join(["python3", str(Path(sys.argv[0]).resolve().relative_to(TOP)), *sys.argv[1:]])
+        lines = [
+            f"`{command}`, {date.today()}, revision {revision()}.",
+            "",
+            *(f"| {' | '.join(row)} |" for row in cells),
+        ]
+        self._path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def share(hits: int, n: int) -> str:
+    """Writes a share with Wilson's 95 % interval, in percent."""
+    if not n:
+        return "-"
+    found = proportion(hits, n).scaled(100.0)
+    return f"{hits} of {n}: {found.estimate:.1f} % ({found.low:.1f} to {found.high:.1f})"
+
+
+# ------------------------------------------------------------------ another version
+def source_of(name: str) -> Path:
+    """Returns the folder `src` of another version: a path, or a revision, whose files are unpacked."""
+    if Path(name).is_dir():
+        return Path(name).resolve()
+    folder = Path(tempfile.mkdtemp(prefix="other_version_"))
+    archive = subprocess.run(["git", "-C", str(TOP), "archive", name, "src"], stdout=subprocess.PIPE, check=True).stdout
+    subprocess.run(["tar", "-x", "-C", str(folder)], input=archive, check=True)
+    return folder / "src"
+
+
+@lru_cache(maxsize=None)
+def import_from(source: Optional[Path], *names: str) -> List[Any]:
+    """Imports modules of this version (None) or of another one, whose packages then live beside these."""
+    if source is None:
+        return [importlib.import_module(name) for name in names]
+    packages = {path.parent.name for path in source.glob("*/package.xml")} - {"vb_msgs", "vb_evaluation"}
+
+    def ours() -> List[str]:
+        return [name for name in sys.modules if name.split(".")[0] in packages]
+
+    kept, path = {name: sys.modules.pop(name) for name in ours()}, list(sys.path)
+    sys.path[:0] = [str(source / package / "src") for package in sorted(packages)]
+    try:
+        return [importlib.import_module(name) for name in names]
+    finally:
+        sys.path[:] = path
+        for name in ours():
+            del sys.modules[name]
+        sys.modules.update(kept)
+
+
+def in_turns(actions: Dict[str, Callable[[], Any]], rounds: int) -> Dict[str, float]:
+    """Times actions in turns: medians [ms] of the thread's time, and the first one's ratio to each other one.
+
+    The first round is left out: it pays for what is done once.
+    """
+    times: Dict[str, List[float]] = {name: [] for name in actions}
+    for number in range(rounds + 1):
+        for name in list(actions) if number % 2 else list(actions)[::-1]:
+            began = time.thread_time()
+            actions[name]()
+            times[name].append(1e3 * (time.thread_time() - began))
+    medians = {name: float(np.median(values[1:])) for name, values in times.items()}
+    first = next(iter(actions))
+    ratios = {
+        f"{first}_over_{name}": float(np.median(np.array(times[first][1:]) / np.array(times[name][1:])))
+        for name in list(actions)[1:]
+    }
+    return {**{f"{name}_ms": value for name, value in medians.items()}, **ratios}
+
+
+def quantiles(values: Sequence[float], unit: str = "ms", factor: float = 1e3) -> Dict[str, Any]:
+    """Returns how many values there are, their median and 95th percentile."""
+    found = factor * np.asarray(values, float)
+    if not len(found):
+        return {"n": 0, f"median_{unit}": "", f"p95_{unit}": ""}
+    return {"n": len(found), f"median_{unit}": float(np.median(found)), f"p95_{unit}": float(np.percentile(found, 95))}

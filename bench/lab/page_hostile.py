@@ -1,0 +1,261 @@
+#!/usr/bin/env python3
+"""The page under attack: how soon an operator's *stop* is answered, over its open link and from a phone that connects.
+
+Every attack runs in a process of its own, against the page's real nodes with codes and https; attackers come from other
+addresses (127.0.x.y) than the operator. What is not answered within 5 s counts as lost.
+
+python3 bench/lab/page_hostile.py [--seconds 10] [--only NAME ...]
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import itertools
+import json
+import multiprocessing
+import os
+import signal
+import ssl
+import sys
+import time
+
+import numpy as np
+import yaml
+from tornado.httpclient import AsyncHTTPClient, HTTPRequest
+from tornado.websocket import WebSocketClosedError, websocket_connect
+
+from bench.frame import TOP, Table, arguments
+from bench.lab.page_lab import node_process, start
+
+sys.path.insert(0, str(TOP / "src" / "vb_web" / "test"))
+from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
+
+LIMIT = 5.0  # [s] then a stop counts as lost
+ANY = ssl.create_default_context()
+ANY.check_hostname, ANY.verify_mode = False, ssl.CERT_NONE
+
+
+class Page:
+    """The page's address, and what a person or an attacker does with it."""
+
+    def __init__(self, port, codes):
+        self.port, self.codes = port, codes
+        self.origin = f"https://127.0.0.1:{port}"
+
+    async def connect(self, address="127.0.0.1", secure=ANY):
+        return await asyncio.open_connection("127.0.0.1", self.port, ssl=secure, local_addr=(address, 0))
+
+    async def ask(self, text, address):
+        """Sends a request and returns the connection with the head of its answer, "" if the server hung up."""
+        reader, writer = await self.connect(address)
+        writer.write(text.encode())
+        with contextlib.suppress(asyncio.IncompleteReadError, OSError):
+            return reader, writer, (await reader.readuntil(b"\r\n\r\n")).decode()
+        return reader, writer, ""
+
+    async def log_in(self, code, address="127.0.0.1"):
+        """Returns the answer's status, and the cookie."""
+        body = json.dumps({"code": code})
+        head = f"POST /session HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\nOrigin: {self.origin}\r\n"
+        _, writer, answer = await self.ask(f"{head}Content-Length: {len(body)}\r\n\r\n{body}", address)
+        writer.close()
+        cookie = next((line[12:].split(";")[0] for line in answer.split("\r\n") if line.startswith("Set-Cookie: ")), "")
+        return int((answer or "x 0 ").split()[1]), cookie
+
+    async def hold_link(self, cookie, address):
+        """Opens a WebSocket and returns its connection; nothing of it is read."""
+        key = base64.b64encode(os.urandom(16)).decode()
+        upgrade = f"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {key}"
+        head = f"GET /link HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\nOrigin: {self.origin}\r\nCookie: {cookie}"
+        return await self.ask(f"{head}\r\n{upgrade}\r\n\r\n", address)
+
+    async def link(self, cookie):
+        request = HTTPRequest(
+            f"wss://127.0.0.1:{self.port}/link",
+            headers={"Origin": self.origin, "Cookie": cookie},
+            ssl_options=ANY,
+            connect_timeout=LIMIT,
+        )
+        return await websocket_connect(request)
+
+
+async def answer(link, **request):
+    """Sends a request and returns its answer."""
+    request = {"id": os.urandom(6).hex(), **request}
+    await link.write_message(json.dumps(request))
+    while True:
+        text = await link.read_message()
+        if text is None:
+            raise OSError("the server hung up")
+        found = json.loads(text)
+        if found.get("re") == request["id"]:
+            return found
+
+
+def address(number):
+    """The address of an attacker's machine."""
+    return f"127.0.{1 + number // 200}.{1 + number % 200}"
+
+
+# ------------------------------------------------------------------ attacks: each goes on until it is killed
+async def nothing(_page):
+    await asyncio.sleep(1e6)
+
+
+async def for_ever(opens):
+    """Keeps connections open: `opens` make one each, again as soon as it has ended."""
+
+    async def hold(make):
+        while True:
+            with contextlib.suppress(OSError, asyncio.IncompleteReadError):
+                reader = (await make())[0]
+                while await reader.read(65536):
+                    pass
+            await asyncio.sleep(0.2)
+
+    await asyncio.gather(*(hold(make) for make in opens))
+
+
+async def slow_headers(page):
+    async def make():
+        reader, writer = await page.connect(address(0))
+        writer.write(b"GET / HTTP/1.1\r\nHost: x\r\n")
+        return reader, writer
+
+    await for_ever([make] * 250)
+
+
+async def hanging_handshakes(page):
+    await for_ever([lambda number=number: page.connect(address(number % 5), None) for number in range(300)])
+
+
+async def one_viewers_links(page):
+    _, cookie = await page.log_in(page.codes["viewer"], address(0))
+    await for_ever([lambda: page.hold_link(cookie, address(0))] * 60)
+
+
+async def many_viewers(page):
+    cookies = [(await page.log_in(page.codes["viewer"], address(number)))[1] for number in range(50)]
+    await for_ever([lambda n=number % 50: page.hold_link(cookies[n], address(n)) for number in range(500)])
+
+
+async def wrong_codes(page):
+    number = 0
+    while True:
+        await asyncio.gather(*(page.log_in("guess2345", address(number + more)) for more in range(20)))
+        number += 20
+        await asyncio.sleep(0.2)
+
+
+async def previews(page):
+    _, cookie = await page.log_in(page.codes["operator"], address(0))
+    link = await page.link(cookie)
+    while True:
+        await asyncio.gather(*(answer(link, do="preview", draft=GOOD_DRAFT, border="") for _ in range(4)))
+
+
+async def hostile_texts(page):
+    """As a viewer: what an operator's would do is a matter of tests, since some are requests by accident."""
+    _, cookie = await page.log_in(page.codes["viewer"], address(0))
+    texts = hostile_messages(1000000, seed=11)
+    while True:
+        link = await page.link(cookie)
+        with contextlib.suppress(WebSocketClosedError):  # the server hangs up after 20 faults
+            for text in itertools.islice(texts, 25):
+                await link.write_message(text.encode("utf-8", "replace"), binary=len(text) % 10 == 0)
+        link.close()
+        await asyncio.sleep(0.03)
+
+
+ATTACKS = (
+    nothing,
+    slow_headers,
+    hanging_handshakes,
+    one_viewers_links,
+    many_viewers,
+    wrong_codes,
+    previews,
+    hostile_texts,
+)
+
+
+def run_attack(attack, page):
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(attack(page))
+
+
+# ------------------------------------------------------------------ the operator
+async def timed(work):
+    """Runs work; returns how long it took [s], infinite for what failed."""
+    began = time.monotonic()
+    try:
+        await asyncio.wait_for(work, LIMIT)
+    except Exception:  # whatever it was: the person has no answer
+        return np.inf
+    return time.monotonic() - began
+
+
+async def measure(page, cookie, link, seconds, number):
+    """Times *stop* over a link that is open, *stop* from a new one, another command, and a new phone's login."""
+    found = {"link": [], "new_link": [], "command": [], "login": []}
+    stop = {"do": "command", "command": "stop", "seen_stop": "", "age": 0}
+
+    async def new_link():
+        new = await page.link(cookie)
+        await answer(new, **stop)
+        new.close()
+
+    async def log_in():
+        if (await page.log_in(page.codes["operator"], f"127.99.{number}.{len(found['login']) + 1}"))[0] != 200:
+            raise OSError("not let in")
+
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        found["link"].append(await timed(answer(link, **stop)))
+        found["new_link"].append(await timed(new_link()))
+        found["command"].append(await timed(answer(link, **{**stop, "command": "cancel"})))
+        found["login"].append(await timed(log_in()))
+        await asyncio.sleep(0.3)
+    return found
+
+
+async def main() -> int:
+    parser = arguments(__doc__)
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each attack")
+    parser.add_argument("--only", nargs="+", metavar="NAME", default=[attack.__name__ for attack in ATTACKS])
+    given = parser.parse_args()
+    table = Table(given.csv)
+    with contextlib.ExitStack() as stack:
+        port, folder = start(stack, network=True)
+        page = Page(port, yaml.safe_load((folder / "page_codes.yaml").read_text()))
+        AsyncHTTPClient.configure(None, max_clients=50)
+        _, cookie = await page.log_in(page.codes["operator"])
+        for number, attack in enumerate(ATTACKS):
+            if attack.__name__ not in given.only:
+                continue
+            link = await page.link(cookie)
+            held = node_process("/map_integrator") if attack is previews else None
+            if held is not None:
+                os.kill(held.pid, signal.SIGSTOP)  # a preview takes as long as the page waits for it
+            attacker = multiprocessing.get_context("spawn").Process(target=run_attack, args=(attack, page), daemon=True)
+            attacker.start()
+            await asyncio.sleep(0.0 if attack is nothing else 6.0)
+            found = await measure(page, cookie, link, given.seconds, number)
+            attacker.terminate()
+            attacker.join()
+            if held is not None:
+                os.kill(held.pid, signal.SIGCONT)
+            link.close()
+            row = {"attack": attack.__name__, "asked": len(found["link"])}
+            for what, times in found.items():
+                row[f"{what}_median"], row[f"{what}_worst"] = float(np.median(times)), float(max(times))
+                row[f"{what}_lost"] = int(np.isinf(times).sum())
+            table.add(**row, load=os.getloadavg()[0])
+            await asyncio.sleep(1.0)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(asyncio.run(main()))

@@ -1,0 +1,97 @@
+"""The nodes that the page needs, over a ROS master of their own, and a pointer that draws; for page.py and page_hostile.py."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import tempfile
+import time
+import xmlrpc.client
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Callable, Tuple
+
+import numpy as np
+import psutil
+import rosgraph
+import rospy
+from geometry_msgs.msg import Point
+
+from bench.frame import TOP
+from vb_core import names
+from vb_evaluation.processes import Child, free_port
+from vb_msgs.msg import BorderProgress, LaserSpot
+
+SPOTS_HZ = 75  # three cameras of 25 images a second
+LAUNCH = """<launch>
+  <node pkg="vb_sim" type="map_server" name="map_server"><param name="world" value="{top}/src/vb_sim/worlds/lab.yaml"/></node>
+  <node pkg="vb_map_integration" type="map_integrator" name="map_integrator" output="log">
+    <param name="database_dir" value="{state}/borders"/><param name="map_dir" value="{state}/maps"/></node>
+  <node pkg="vb_voice_wizard" type="interaction_manager" name="interaction_manager" output="log">
+    <param name="log_file" value="{state}/i.jsonl"/><param name="state_file" value="{state}/s.json"/></node>
+  <node pkg="vb_web" type="page" name="page" output="log">
+    <param name="port" value="{port}"/><param name="events_file" value="{state}/e.jsonl"/>
+    <param name="address" value="{address}"/><param name="codes_file" value="{state}/page_codes.yaml"/></node>
+</launch>"""
+CERTIFICATE = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=lab -keyout page.key -out page.crt"
+
+
+def wait(condition: Callable[[], Any], what: str, seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            raise SystemExit(f"waited {seconds:g} s for {what}")
+        time.sleep(0.05)
+
+
+def start(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:
+    """Starts roscore and nodes; returns (page's port, state folder). `network`: with codes and https, as towards phones."""
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench_page_")))
+    master, port = free_port(), free_port()
+    os.environ.update({"ROS_MASTER_URI": f"http://127.0.0.1:{master}", "ROS_LOG_DIR": str(folder / "log")})
+    launch = folder / "bench.launch"
+    address = "0.0.0.0" if network else "127.0.0.1"
+    launch.write_text(LAUNCH.format(top=TOP, state=folder, port=port, address=address))
+    if network:
+        subprocess.run(CERTIFICATE.split(), cwd=str(folder), check=True, stderr=subprocess.DEVNULL)
+    stack.callback(Child(["roslaunch", "-p", str(master), str(launch)], folder / "out.txt").stop)
+    wait(rosgraph.is_master_online, "the master")
+    rospy.init_node("bench_page", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
+    wait(lambda: socket.socket().connect_ex(("127.0.0.1", port)) == 0, "the page")
+    rospy.wait_for_service(names.COMMAND, 60)
+    return port, folder
+
+
+def node_process(name: str = "/page") -> psutil.Process:
+    """Finds a node's process."""
+    wait(lambda: rospy.get_master().lookupNode(name)[0] == 1, f"{name} at the master")
+    uri = rospy.get_master().lookupNode(name)[2]
+    return psutil.Process(xmlrpc.client.ServerProxy(uri).getPid("/bench")[2])
+
+
+class Pointer:
+    """A moving spot by three cameras and a line that grows, as while a border is drawn."""
+
+    def __init__(self):
+        self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10, tcp_nodelay=True)
+        self._progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=1)
+        wait(lambda: self._spots.get_num_connections() and self._progress.get_num_connections(), "the page to listen")
+
+    def run(self, seconds):
+        """Draws for a time; 75 spots and 5 progress messages a second."""
+        began, points = time.monotonic(), []
+        for number in range(int(seconds * SPOTS_HZ)):
+            pause = began + number / SPOTS_HZ - time.monotonic()
+            if pause > 0:
+                time.sleep(pause)
+            angle = number / 400.0
+            spot = LaserSpot(camera=("red", "green", "blue")[number % 3])
+            spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()
+            spot.position.x, spot.position.y = 4.0 + 2.0 * np.cos(angle), 2.5 + 1.5 * np.sin(angle)
+            self._spots.publish(spot)
+            if number % 15 == 0:
+                points = (points + [Point(spot.position.x, spot.position.y, 0.0)])[-300:]
+                message = BorderProgress(points=points, chain=points, cameras=["red"], border_spots=number)
+                message.header.frame_id = "map"
+                self._progress.publish(message)

@@ -1,0 +1,216 @@
+"""The running lab of drives.py: move_base and AMCL as they are shipped, borders, goals, and what truly happened."""
+
+import math
+import os
+import tempfile
+import time
+from collections import Counter, deque
+from pathlib import Path
+
+import numpy as np
+import rosgraph
+import rospy
+import yaml
+from geometry_msgs.msg import Point, Pose2D, PoseWithCovarianceStamped
+from move_base_msgs.msg import RecoveryStatus
+from nav_msgs.msg import Path as PathMessage
+from rosgraph_msgs.msg import Log
+from std_msgs.msg import Float64
+
+from bench.frame import TOP
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.grid_map import distance_to
+from vb_core.ros import messages
+from vb_core.ros.services import call
+from vb_evaluation.goal_runs import GoalRunner
+from vb_evaluation.observer import Observer, wait_until
+from vb_evaluation.processes import free_port, roslaunch
+from vb_msgs.msg import DriverState, LabState, ParticipantState, VirtualBorder
+from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
+from vb_sim.room.world import load_world
+
+WORLDS = TOP / "src" / "vb_sim" / "worlds"
+LIMIT_S = 120.0  # [s] of simulated time for one goal: 10 m at the slower robot's 0.2 m/s, twice
+SLOW = 0.5  # simulated seconds per real second while a border is put before the nose
+STILL = 0.1  # [m] a robot that moves less stands
+MISSED = "missed its desired rate"  # move_base's words, of its control loop and of its costmaps
+
+
+class Pace:
+    """How fast simulated time runs, and what move_base missed.
+
+    Args:
+        fastest: simulated seconds per real second, at most.
+    """
+
+    def __init__(self, fastest: float) -> None:
+        self._fastest, self._missed = fastest, 0
+        self._publisher = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
+        self._subscriber = rospy.Subscriber("/rosout", Log, self._on_log, queue_size=100)
+        self.hold(False)
+
+    def _on_log(self, message: Log) -> None:
+        self._missed += MISSED in message.msg
+
+    def missed(self) -> int:
+        """Returns how many cycles move_base has missed since this was asked last."""
+        missed, self._missed = self._missed, 0
+        return missed
+
+    def hold(self, held: bool) -> None:
+        """Lets simulated time run slowly, or as fast as it may."""
+        self._publisher.publish(min(self._fastest, SLOW if held else self._fastest))
+
+
+class Lab:
+    """The running lab: borders, goals, and what truly happened."""
+
+    def __init__(self, robot: str, start, folder: Path, fastest: float, seed: int, lockstep: bool) -> None:
+        state = tempfile.mkdtemp(prefix="robot_drives")
+        world = (
+            yaml.safe_load((WORLDS / "burger.yaml").read_text())
+            if robot == "turtlebot3_burger"
+            else {"name": "lab", "robots": yaml.safe_load((WORLDS / "lab.yaml").read_text())["robots"]}
+        )
+        world["like"] = str(WORLDS / "lab.yaml")
+        world["robots"][0]["start"] = [float(value) for value in start]
+        path = Path(state) / "world.yaml"
+        path.write_text(yaml.safe_dump(world))
+        self.world = load_world(str(path))
+        self.radius = self.world.robots[0].radius
+        x, y, yaw = self.world.robots[0].start_pose()
+        port = free_port()
+        os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
+        self.child = roslaunch(
+            [TOP / "bench" / "robots" / "drives.launch"],
+            folder / "roslaunch.txt",
+            port,
+            {**os.environ, "ROS_LOG_DIR": str(folder / "log")},
+            world=path,
+            state=state,
+            robot_type=robot,
+            amcl=True,
+            seed=seed,
+            lockstep=lockstep,
+            x=x,
+            y=y,
+            yaw=yaw,
+        )
+        if not wait_until(rosgraph.is_master_online, 60.0):
+            raise CodedError("not_ready", "no master")
+        # before that this program would take wall time for the time of its node
+        if not wait_until(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), 60.0):
+            raise CodedError("not_ready", "roslaunch sets no parameters")
+        rospy.init_node("robot_drives", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
+        self.observer, self.pace = Observer(), Pace(fastest)
+        self.runner = GoalRunner()
+        if not wait_until(lambda: self.observer.posterior is not None and self.observer.lab is not None, 60.0):
+            raise CodedError("not_ready", f"no maps, see {folder}")
+        # errors: with twice their standard deviation [m]
+        self._truth, self._errors, self._codes, self._recoveries = (deque(maxlen=500), [], Counter(), 0)
+        self._stood, self._still = (0.0, 0.0, 0.0), 0.0  # since when [s] and where, and the longest of a drive [s]
+        self.plan = np.zeros((0, 2))
+        self._participant = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1, latch=True)
+        self._subscribers = [
+            rospy.Subscriber("/move_base/NavfnROS/plan", PathMessage, self._on_plan),
+            rospy.Subscriber("/move_base/recovery_status", RecoveryStatus, self._on_recovery),
+            rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab),
+            rospy.Subscriber("/amcl_pose", PoseWithCovarianceStamped, self._on_amcl),
+            rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver),
+        ]
+
+    def _on_lab(self, message) -> None:
+        pose, now = message.robot_poses[0], message.header.stamp.to_sec()
+        self._truth.append((now, pose.x, pose.y))
+        if math.dist(self._stood[1:], (pose.x, pose.y)) > STILL:
+            self._stood = now, pose.x, pose.y
+        self._still = max(self._still, now - self._stood[0])
+
+    def _on_plan(self, message) -> None:
+        if len(message.poses) > 1:
+            self.plan = messages.array_from_points([entry.pose.position for entry in message.poses])
+
+    def _on_recovery(self, _message) -> None:
+        self._recoveries += 1
+
+    def _on_amcl(self, message) -> None:
+        stamp, place = message.header.stamp.to_sec(), message.pose.pose.position
+        truth = min(list(self._truth), key=lambda entry: abs(entry[0] - stamp), default=None)
+        if truth is not None and abs(truth[0] - stamp) < 0.05:
+            spread = np.linalg.eigvalsh(np.reshape(message.pose.covariance, (6, 6))[:2, :2])[-1]
+            self._errors.append((math.dist((place.x, place.y), truth[1:]), 2.0 * math.sqrt(max(spread, 0.0))))
+
+    def _on_driver(self, message) -> None:
+        self._codes[message.code] += 1
+
+    def drive(self, goal):
+        """Sends the robot to a goal; returns what was driven, and the row of results that all drives have."""
+        self.pace.missed(), self._errors.clear()
+        self._codes.clear()
+        self._recoveries, self._still, self._stood, began = (
+            0,
+            0.0,
+            (rospy.get_time(), *self.pose()[:2]),
+            time.monotonic(),
+        )
+        driven = self.runner.drive((goal[0], goal[1], math.radians(goal[2])), LIMIT_S)
+        return driven, {
+            "goal": goal,
+            "outcome": driven.outcome,
+            "false_reports": driven.false_reports,
+            "text": driven.text,
+            "length_m": round(driven.length, 2),
+            "seconds": round(driven.seconds, 1),
+            "wall_s": round(time.monotonic() - began, 1),
+            "localized_m": round(max((error for error, _ in self._errors), default=math.nan), 3),
+            "errors": np.round(self._errors, 3).tolist(),
+            "missed": self.pace.missed(),
+            "late": sum(n for code, n in self._codes.items() if code.endswith("_lost") or code == "clock_stopped"),
+            "uncertain": self._codes["pose_uncertain"],
+            "recoveries": self._recoveries,
+            "still_s": round(self._still, 1),
+            "path": np.round(driven.path[::5], 3).tolist(),
+        }
+
+    def pose(self):
+        pose = self.observer.lab.robot_poses[0]
+        return pose.x, pose.y, pose.theta
+
+    def put_box(self, place) -> None:
+        """Puts something round that scanners see and no map has at a place (2,) [m]; None: takes it away."""
+        x, y = (0.0, 0.0) if place is None else place
+        state = ParticipantState(laser=Point(), person_present=place is not None, person=Pose2D(x, y, 0.0), doing="box")
+        state.header.stamp = rospy.Time.now()
+        self._participant.publish(state)
+
+    def add(self, points, seed, closed) -> str:
+        border = VirtualBorder(
+            name="drive",
+            kind=VirtualBorder.POLYGON if closed else VirtualBorder.SEPARATING_CURVE,
+            occupancy=1.0,
+            enabled=True,
+            points=messages.points_from_array(np.array(points)),
+        )
+        border.seed = messages.points_from_array(np.array([seed]))[0]
+        before = self.observer.posterior
+        reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="bench"), "map_integrator")
+        if not reply.success:
+            raise CodedError(reply.code, reply.message)
+        wait_until(lambda: self.observer.posterior is not before, 10.0)
+        return reply.id
+
+    def remove(self, border: str) -> None:
+        before = self.observer.posterior
+        call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=border), "map_integrator")
+        wait_until(lambda: self.observer.posterior is not before, 10.0)
+
+    def entered(self, path) -> float:
+        """Returns how deep [m] the footprint came into what borders restrict, beyond a cell's diagonal; 0 or less is fine."""
+        prior, posterior = self.observer.prior, self.observer.posterior
+        restricted = posterior.data > np.maximum(prior.data, 0)
+        if not len(path) or not restricted.any():
+            return -math.inf
+        cells = prior.world_to_cell(path)
+        gap = distance_to(restricted)[cells[:, 0], cells[:, 1]] * prior.resolution
+        return float(self.radius - gap.min() - 1.5 * prior.resolution)

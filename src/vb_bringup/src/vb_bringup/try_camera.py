@@ -1,0 +1,390 @@
+"""The front door: any camera, four corners of something on the floor, and borders in metres. No ROS knowledge needed.
+
+    make try CAMERA=0        a webcam; also a device, an address (rtsp://, http://), or a video file
+    make try                 plays a video of ours, by itself
+
+A page shows the camera's picture, and asks for the corners. They tell where the camera is; that is written as the folder
+of a lab like any other, which is started: the same detector, fusion, integration and page.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import os
+import shutil
+import sys
+import time
+import webbrowser
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+import cv2
+import numpy as np
+import rospy
+import tornado.web
+import yaml
+
+from vb_bringup.new_lab import write_lab
+from vb_core import geometry, names
+from vb_core.errors import CodedError
+from vb_core.files import write_atomically
+from vb_core.grid_map import GridMap
+from vb_core.map_files import write_map
+from vb_core.ros import commands
+from vb_evaluation.processes import free_port, roslaunch
+from vb_laser_detect.calibration import calibration_file
+from vb_laser_detect.calibration.calibration_file import CameraPose
+from vb_laser_detect.calibration.rectangle import FloorView, uncertainty, view_rectangle
+from vb_laser_detect.camera import lens_file
+from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_network
+from vb_laser_detect.detection.projection import floor_points
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.borders.border_files import borders_to_yaml
+from vb_map_integration.borders.border_messages import border_from_message
+from vb_msgs.msg import LaserSpot, VirtualBorderArray
+
+CAMERA = "camera"
+PORT = 8420
+_CELL, _FAR = 0.025, 10.0  # [m] of the map; floor that is farther from the camera is not drawn on
+_GRID = 0.5  # [m] lines that the page draws
+# of the video: [s] without a spot between a line and its seed, and until it begins again
+_PAUSE, _BETWEEN = 1.0, 2.9
+_START_TIMEOUT, _PLAY_TIMEOUT = 60.0, 90.0  # [s]
+
+
+# ------------------------------------------------------------- the floor
+def seen_floor(view: FloorView) -> GridMap:
+    """Returns an empty map of the floor that a camera sees."""
+    camera, T = view.camera, view.T_map_camera
+    columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 60), np.linspace(0, camera.height - 1, 40))
+    places = floor_points(camera, T, np.column_stack([columns.ravel(), rows.ravel()]))[:, :2]
+    with np.errstate(invalid="ignore"):
+        places = places[np.linalg.norm(places - T[:2, 3], axis=1) < _FAR]
+    low, high = places.min(axis=0), places.max(axis=0)
+    width, height = (int(np.ceil(length / _CELL)) + 1 for length in high - low)
+    x, y = np.meshgrid(low[0] + _CELL * (np.arange(width) + 0.5), low[1] + _CELL * (np.arange(height) + 0.5))
+    cells = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    seen = camera.contains(camera.project(geometry.apply(geometry.invert(T), cells)))
+    return GridMap(np.where(seen, 0, -1).reshape(height, width).astype(np.int8), _CELL, (*map(float, low), 0.0))
+
+
+def grid_lines(view: FloorView, floor: GridMap) -> List[List[List[float]]]:
+    """Returns lines on the floor every half metre, as the camera sees them [px], to be drawn over its picture."""
+    low = np.array(floor.origin[:2])
+    high = low + _CELL * np.array(floor.shape[::-1])
+    lines = []
+    for axis in (0, 1):
+        for value in np.arange(np.ceil(low[axis] / _GRID), np.floor(high[axis] / _GRID) + 1) * _GRID:
+            along = np.linspace(low[1 - axis], high[1 - axis], 40)
+            points = np.zeros((40, 3))
+            points[:, axis], points[:, 1 - axis] = value, along
+            pixels = view.camera.project(geometry.apply(geometry.invert(view.T_map_camera), points))
+            lines.append(np.round(pixels[view.camera.contains(pixels)], 1).tolist())
+    return [line for line in lines if len(line) > 1]
+
+
+def write_try(folder: Path, source: str, view: FloorView, profiles: Path) -> None:
+    """Writes the lab's folder: camera, lens, pose and an empty map.
+
+    Raises:
+        CodedError: "cannot_write_lab"
+    """
+    shutil.rmtree(str(folder), ignore_errors=True)
+    write_map(folder.parent / "floor", seen_floor(view))
+    write_lab(folder, {CAMERA: source}, "", folder.parent / "floor.yaml", profiles)
+    lens_file.save(folder / "lenses" / f"{CAMERA}.yaml", CAMERA, view.camera)
+    pose = CameraPose(CAMERA, names.MAP_FRAME, f"{CAMERA}_optical_frame", view.T_map_camera, view.camera.focal_px)
+    calibration_file.save(folder / "calibration" / f"{CAMERA}.yaml", pose, ["from a rectangle on the floor"])
+
+
+# ------------------------------------------------------------- the page that asks for the corners
+class CornerPage:
+    """Shows the camera's picture, and asks for four corners on it."""
+
+    def __init__(self, source: str) -> None:
+        self.view: Optional[FloorView] = None
+        self._shot: Optional[Shot] = None
+        self._error = ""
+        self._source = CameraSource(source, CaptureParams(), self._take, self._tell).start()
+        self._done = asyncio.Event()
+
+    def _take(self, shot: Shot) -> None:
+        self._shot = shot
+
+    def _tell(self, error: Optional[CodedError]) -> None:
+        self._error = "" if error is None else CodedError(error.code, **{**error.values, "camera": "1"}).message
+        if error is not None:
+            print(f"  {self._error}", flush=True)
+
+    async def ask(self, port: int) -> FloorView:
+        """Serves the page until the corners are given."""
+        quiet = {"log_function": lambda _handler: None}
+        local = tornado.web.Application(
+            [
+                (r"/", _Page, {"page": self}),
+                (r"/image\.jpg", _Picture, {"page": self}),
+                (r"/(floor|start)", _Floor, {"page": self}),
+            ],
+            **quiet,
+        )
+        # other sites' pages must not look through the camera by a name of theirs
+        application = tornado.web.Application([(tornado.web.HostMatches(r"(localhost|127\.0\.0\.1)"), local)], **quiet)
+        server = application.listen(port, "127.0.0.1")
+        await self._done.wait()
+        await asyncio.sleep(0.3)  # the answer is on its way
+        server.stop()
+        await server.close_all_connections()
+        self._source.close()
+        return self.view
+
+    def picture(self) -> Optional[np.ndarray]:
+        """Returns the newest picture (H, W, 3) bgr."""
+        shot = self._shot
+        return None if shot is None else shot.picture().pixels
+
+    def judge(self, given: Dict[str, Any], start: bool) -> Dict[str, Any]:
+        """Answers what four corners mean; raises CodedError "bad_rectangle"."""
+        picture = self.picture()
+        corners = np.array(given["corners"], float).reshape(4, 2)
+        size = float(given["width"]), float(given["depth"])
+        image = picture.shape[1], picture.shape[0]
+        view = view_rectangle(corners, size, image)
+        floor = seen_floor(view)
+        if start:
+            self.view = view
+            self._done.set()
+        points = np.argwhere(floor.data == 0)[:: max(1, floor.data.size // 400)]
+        places = np.array(floor.origin[:2]) + _CELL * (points[:, ::-1] + 0.5)
+        camera_points = geometry.apply(
+            geometry.invert(view.T_map_camera), np.column_stack([places, 0.0 * places[:, 0]])
+        )
+        worst = uncertainty(corners, size, image, view.camera.project(camera_points))
+        height = float(view.T_map_camera[2, 3])
+        return {
+            "lines": grid_lines(view, floor),
+            "worst_cm": round(100.0 * min(worst, 9.99)),
+            "height": round(height, 2),
+        }
+
+    @property
+    def error(self) -> str:
+        """Why there is no picture; "" if all is well."""
+        return self._error
+
+
+class _Handler(tornado.web.RequestHandler):
+    def initialize(self, page: CornerPage) -> None:
+        self.page = page
+        self.set_header("Cache-Control", "no-store")
+
+
+class _Page(_Handler):
+    def get(self) -> None:
+        self.write((Path(__file__).with_name("try_camera.html")).read_text(encoding="utf-8"))
+
+
+class _Picture(_Handler):
+    def get(self) -> None:
+        try:
+            picture = self.page.picture()
+        except CodedError:
+            picture = None  # half an image: the next one is on its way
+        if picture is None or self.page.error:
+            self.set_status(503)
+            self.write(self.page.error or "The camera is being opened.")
+            return
+        self.set_header("Content-Type", "image/jpeg")
+        self.write(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes())
+
+
+class _Floor(_Handler):
+    def post(self, what: str) -> None:
+        try:
+            self.write(self.page.judge(json.loads(self.request.body), what == "start"))
+        except CodedError as error:
+            self.write({"error": error.message})
+        except (ValueError, KeyError, TypeError, AttributeError):
+            self.set_status(400)
+
+
+# ------------------------------------------------------------- the lab
+class TryLab:
+    """The running lab: keeps the borders' file, and plays our own video's commands."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file = folder / "borders.yaml"
+        self.borders: List[VirtualBorder] = []
+        self._spot_at = time.monotonic()
+        self._spots = 0
+        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=5)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        borders = [border_from_message(border) for border in message.borders]
+        new = [border for border in borders if border.id not in {known.id for known in self.borders}]
+        if borders != self.borders:
+            write_atomically(self._file, borders_to_yaml(borders).encode("utf-8"))
+        self.borders = borders
+        for border in new:
+            corners = " ".join(f"({x:.2f}, {y:.2f})" for x, y in border.points)
+            print(f"  Border {border.name or border.id}: {corners} m, in {self._file}", flush=True)
+
+    def _on_spot(self, _message: LaserSpot) -> None:
+        self._spot_at, self._spots = time.monotonic(), self._spots + 1
+
+    def play(self) -> None:
+        """Gives the commands to what the video shows: a line, its seed, and its end.
+
+        Raises:
+            CodedError: "no_response" if the lab does not take them, or nothing was drawn.
+        """
+        self._wait(lambda: self._quiet(_BETWEEN))
+        for command in ("define_border", "define_seed"):
+            self._give(command)
+            seen = self._spots
+            self._wait(lambda seen=seen: self._spots > seen + 5 and self._quiet(_PAUSE))
+        if self._give("save") == "confirm_save":  # what was drawn is not quite certain
+            self._give("save")
+        self._wait(lambda: bool(self.borders))
+
+    @staticmethod
+    def _give(command: str) -> str:
+        answer = commands.send(commands.make_request(command, "try", 10.0))
+        print(f"  {command}: {answer.message}", flush=True)
+        return answer.code
+
+    def _quiet(self, seconds: float) -> bool:
+        return time.monotonic() - self._spot_at > seconds
+
+    @staticmethod
+    def _wait(condition: Any) -> None:
+        end = time.monotonic() + _PLAY_TIMEOUT
+        while not condition():
+            if time.monotonic() > end or rospy.is_shutdown():
+                raise CodedError("no_response", name="$interaction_manager")
+            rospy.rostime.wallsleep(0.05)
+
+
+def compare(border: VirtualBorder, truth: Dict[str, Any]) -> float:
+    """Returns by how much [m] the true corners miss a border, at most."""
+    line = np.vstack([border.points, border.points[:1]]) if border.closed else np.asarray(border.points)
+    starts, steps = line[:-1], np.diff(line, axis=0)
+
+    def away(corner: np.ndarray) -> float:
+        share = np.clip(
+            np.sum((corner - starts) * steps, axis=1) / np.maximum(np.sum(steps**2, axis=1), 1e-12), 0.0, 1.0
+        )
+        return float(np.linalg.norm(starts + share[:, None] * steps - corner, axis=1).min())
+
+    return max(away(np.array(corner)) for corner in truth["border"])
+
+
+def parse_camera(text: str) -> str:
+    """Returns what a camera's number, device, address or file is for `source`."""
+    if text.isdigit():
+        return f"/dev/video{text}"
+    return text if is_network(text) else str(Path(text).expanduser().absolute())
+
+
+def _arguments(arguments: Optional[List[str]]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="try_camera", description=__doc__.split("\n")[0])
+    parser.add_argument("--camera", default="", help="number, device, address or file; left out: plays a video of ours")
+    parser.add_argument("--out", type=Path, default=Path("out/try"), help="folder for the lab and the borders")
+    parser.add_argument("--port", type=int, default=PORT, help="of the page")
+    parser.add_argument("--once", action="store_true", help="end after the video's border was saved")
+    return parser.parse_args(arguments)
+
+
+def _floor_view(source: str, port: int, truth: Optional[Dict[str, Any]]) -> FloorView:
+    if truth is None:
+        return asyncio.run(_ask(source, port))
+    corners, size = np.array(truth["corners"]), (truth["width"], truth["depth"])
+    return view_rectangle(corners, size, tuple(truth["image"]))
+
+
+async def _ask(source: str, port: int) -> FloorView:
+    return await CornerPage(source).ask(port)
+
+
+def run(arguments: Optional[List[str]] = None) -> int:
+    """Asks for the corners, starts the lab, and keeps the borders' file until Ctrl-C; 0 unless something failed."""
+    given = _arguments(arguments)
+    import rospkg
+
+    package = Path(rospkg.RosPack().get_path("vb_bringup"))
+    source, truth = (parse_camera(given.camera), None) if given.camera else (str(package / "try/room.mp4"), {})
+    if truth is not None:
+        truth = yaml.safe_load((package / "try/room.yaml").read_text(encoding="utf-8"))
+    out, port = given.out.expanduser().resolve(), free_port(given.port)
+    address = f"http://127.0.0.1:{port}/"
+    if truth is None:
+        print(f"Open {address} and mark four corners of something on the floor whose size you know.", flush=True)
+        webbrowser.open(address)
+    profiles = next(path for path in (package / "robots", package.parents[1] / "robots") if path.is_dir())
+    write_try(out / "lab", source, _floor_view(source, port, truth), profiles)
+    ros = free_port()
+    os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{ros}", ROS_LOG_DIR=str(out / "log"))
+    print("Starting the detector, the map and the page ...", flush=True)
+    lab = roslaunch([out / "lab/lab.launch"], out / "log/roslaunch.txt", ros, rviz=False, page_port=port)
+    try:
+        return _follow(out, address, truth, given.once, lab)
+    finally:
+        lab.stop()
+
+
+def _follow(out: Path, address: str, truth: Optional[Dict[str, Any]], once: bool, lab: Any) -> int:
+    """Follows the running lab."""
+    end = time.monotonic() + _START_TIMEOUT
+    with contextlib.suppress(OSError):  # roslaunch brings the master
+        while lab.running and time.monotonic() < end and not _master_runs():
+            time.sleep(0.1)
+    if not lab.running:
+        print(lab.tail(), file=sys.stderr)
+        return 1
+    rospy.init_node("try_camera", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
+    try:
+        rospy.wait_for_service(names.COMMAND, _START_TIMEOUT)
+    except rospy.ROSException:
+        print(lab.tail(), file=sys.stderr)
+        return 1
+    running = TryLab(out)
+    print(f"The page is at {address}", flush=True)
+    if truth is None:
+        print(
+            "On it: press Define border and draw; press Mark what is off limits and hold the spot there; press Save.",
+            flush=True,
+        )
+    else:
+        running.play()
+        error = compare(running.borders[-1], truth)
+        print(f"The border's corners are within {100 * error:.1f} cm of where the video's hand drew them.", flush=True)
+        if once:
+            return 0
+    print("Ctrl-C ends it.", flush=True)
+    while lab.running:
+        time.sleep(0.5)
+    return 1
+
+
+def _master_runs() -> bool:
+    import rosgraph
+
+    return rosgraph.is_master_online()
+
+
+def main() -> None:
+    """Runs the program."""
+    try:
+        sys.exit(run())
+    except CodedError as error:
+        print(error, file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""Layers of a grid map: a window of it, the distance to what is blocked, values at points, the nearest cell of a kind."""
+
+from __future__ import annotations
+
+from typing import Optional, Tuple
+
+import numpy as np
+
+from vb_core.grid_map import GridMap, distance_to
+
+Window = Tuple[float, float, float, float]
+
+
+def crop(grid: GridMap, window: Window) -> GridMap:
+    """Cuts a window (x_min, y_min, x_max, y_max) [m] out of a map; what lies off the map is unknown."""
+    corners = np.array([[window[i], window[j]] for i in (0, 2) for j in (1, 3)])
+    cells = np.floor(grid.world_to_grid(corners) + 0.5).astype(int)[:, ::-1]
+    low, high = cells.min(axis=0), cells.max(axis=0)
+    data = np.full(high - low + 1, -1, dtype=np.int8)
+    begin, end = np.maximum(low, 0), np.minimum(high + 1, grid.shape)
+    if (begin < end).all():
+        data[begin[0] - low[0] : end[0] - low[0], begin[1] - low[1] : end[1] - low[1]] = grid.data[
+            begin[0] : end[0], begin[1] : end[1]
+        ]
+    x, y = grid.grid_to_world(low[None, ::-1] - 0.5)[0]
+    return GridMap(data, grid.resolution, (x, y, grid.origin[2]))
+
+
+def clearance_grid(blocked: np.ndarray, resolution: float, edge: bool = True) -> np.ndarray:
+    """Measures (H, W) float32 [m] how far each cell's centre is from the nearest blocked cell; 0 in blocked cells.
+
+    Half a cell's diagonal is taken off the distance between centres, so that it never says more than there is.
+
+    Args:
+        edge: whether the map's edge counts as blocked. If it does not and nothing is blocked, all is inf.
+    """
+    distance = distance_to(np.pad(blocked, 1, constant_values=edge))[1:-1, 1:-1]
+    return np.maximum(distance - np.sqrt(0.5), 0.0) * np.float32(resolution)
+
+
+def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float = 0.0) -> np.ndarray:
+    """Reads (N,) values of a layer (H, W) of a grid at points (N, 2) [m]; `outside` for points off the map."""
+    cells = grid.world_to_cell(points)
+    inside = grid.contains_cells(cells)
+    values = np.full(len(cells), outside, dtype=float)
+    values[inside] = layer[cells[inside, 0], cells[inside, 1]]
+    return values
+
+
+def nearest_cell(grid: GridMap, mask: np.ndarray, point, reach: float) -> Tuple[Optional[Tuple[int, int]], np.ndarray]:
+    """Finds the cell (row, column) of a mask (H, W) nearest to a point (2,) [m] within reach [m], and its centre (2,) [m].
+
+    Returns None and the point itself if there is none.
+    """
+    point = np.asarray(point, dtype=float)
+    row, column = grid.world_to_cell(point)[0]
+    half = int(np.ceil(reach / grid.resolution))
+    top, left = max(row - half, 0), max(column - half, 0)
+    cells = np.argwhere(mask[top : max(row + half + 1, 0), left : max(column + half + 1, 0)]) + (top, left)
+    centers = grid.cell_to_world(cells) if len(cells) else np.zeros((0, 2))
+    gaps = np.linalg.norm(centers - point, axis=1)
+    best = int(np.argmin(gaps)) if len(cells) else -1
+    if best < 0 or gaps[best] > reach:
+        return None, point
+    return (int(cells[best, 0]), int(cells[best, 1])), centers[best]

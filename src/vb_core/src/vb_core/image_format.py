@@ -1,0 +1,125 @@
+"""The one table of image encodings, as sensor_msgs names them: how bytes become pixels, and pixels a picture."""
+
+from __future__ import annotations
+
+import re
+from typing import Dict, NamedTuple
+
+import cv2
+import numpy as np
+
+from vb_core.errors import CodedError
+
+_BAYER = {f"bayer_{name}": getattr(cv2, f"COLOR_Bayer{name.upper()}2BGR") for name in ("rggb", "bggr", "gbrg", "grbg")}
+# what a picture's 8-bit pixels can be, and OpenCV's way from there to bgr
+_TO_BGR = {"mono": cv2.COLOR_GRAY2BGR, "rgb": cv2.COLOR_RGB2BGR, **_BAYER}
+_CHANNELS = {"mono": 1, "bgr": 3, "rgb": 3, "bgra": 4, "rgba": 4, **dict.fromkeys(_BAYER, 1)}
+# brightness apart from colour: becomes bgr as it is read
+_YUV = {
+    "uyvy": (2, cv2.COLOR_YUV2BGR_UYVY),
+    "yuyv": (2, cv2.COLOR_YUV2BGR_YUYV),
+    "nv12": (1, cv2.COLOR_YUV2BGR_NV12),
+    "nv21": (1, cv2.COLOR_YUV2BGR_NV21),
+}
+_GENERAL = re.compile(r"(8|16|32|64)([USF])(?:C([1-9][0-9]?))?")
+_KINDS = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32S": "i4", "32F": "f4", "64F": "f8"}
+
+
+class Encoding(NamedTuple):
+    """How an image is stored: numpy's type and the number of a pixel's channels, and what they are; "": no picture."""
+
+    dtype: np.dtype
+    channels: int
+    content: str
+
+    def rows(self, height: int) -> int:
+        """Returns how many rows of bytes an image of a height [px] has: some put colours below the brightness."""
+        return height * 3 // 2 if self.content in ("nv12", "nv21") else height
+
+
+def _table() -> Dict[str, Encoding]:
+    table = {name: Encoding(np.dtype("u1"), channels, name) for name, (channels, _) in _YUV.items()}
+    table.update({"yuv422": table["uyvy"], "yuv422_yuy2": table["yuyv"]})
+    for bits, kind in ((8, "u1"), (16, "u2")):
+        table.update({f"{name}{bits}": Encoding(np.dtype(kind), n, name) for name, n in _CHANNELS.items()})
+        for general, name in (("C1", "mono"), ("", "mono"), ("C3", "bgr"), ("C4", "bgra")):
+            table[f"{bits}U{general}"] = table[f"{name}{bits}"]
+    return table
+
+
+_ENCODINGS = _table()
+
+
+def encoding_of(name: str) -> Encoding:
+    """Looks up an encoding.
+
+    Raises:
+        CodedError: "bad_image" if nobody can read it.
+    """
+    general = _GENERAL.fullmatch(name)
+    kind = _KINDS.get(general.group(1) + general.group(2)) if general else None
+    if name.lower() in _ENCODINGS:
+        return _ENCODINGS[name.lower()]
+    if name in _ENCODINGS:
+        return _ENCODINGS[name]
+    if kind is None:
+        raise CodedError("bad_image", f"cannot read an image with the unknown encoding '{name}'")
+    return Encoding(np.dtype(kind), int(general.group(3) or 1), "")
+
+
+class Picture(NamedTuple):
+    """An image that a person would recognise.
+
+    Attributes:
+        pixels: (H, W) or (H, W, 3) uint8, contiguous.
+        content: what they are: "mono", "bgr", "rgb", or a Bayer pattern by its first row, "bayer_rggb" ...
+    """
+
+    pixels: np.ndarray
+    content: str
+
+    @property
+    def mosaic(self) -> bool:
+        """Returns whether each pixel has one colour only."""
+        return self.content in _BAYER
+
+    def bgr(self) -> np.ndarray:
+        """Returns a bgr copy (H, W, 3)."""
+        return cv2.cvtColor(self.pixels, _TO_BGR[self.content]) if self.content in _TO_BGR else self.pixels.copy()
+
+    def gray(self) -> np.ndarray:
+        """Returns grey levels (H, W)."""
+        return self.pixels if self.content == "mono" else cv2.cvtColor(self.bgr(), cv2.COLOR_BGR2GRAY)
+
+
+class PixelReader:
+    """Reads the images of one camera; remembers how many bits it really uses.
+
+    A camera of 10 or 12 bits sends them in 16: the largest value so far tells how many there are.
+    """
+
+    def __init__(self) -> None:
+        self._bits = 8
+
+    def read(self, image: np.ndarray, encoding: str) -> Picture:
+        """Converts an image to 8-bit pixels, once.
+
+        Args:
+            image: the message's pixels as they are.
+            encoding: as in sensor_msgs/Image.
+
+        Raises:
+            CodedError: "unknown_encoding" for images that no spot can be seen in, such as depth.
+        """
+        content = encoding_of(encoding).content
+        if not content:
+            raise CodedError("unknown_encoding", encoding=encoding)
+        if content in _YUV:
+            return Picture(cv2.cvtColor(image, _YUV[content][1]), "bgr")
+        if image.dtype == np.uint16:
+            largest = int(image.max()) if image.size else 0
+            while largest >> self._bits and self._bits < 16:
+                self._bits += 2
+            image = cv2.convertScaleAbs(image, alpha=255.0 / ((1 << self._bits) - 1))
+        colors = image[:, :, :3] if image.ndim == 3 else image
+        return Picture(np.ascontiguousarray(colors), {"bgra": "bgr", "rgba": "rgb"}.get(content, content))

@@ -1,0 +1,77 @@
+"""Which nodes run, and what they publish, subscribe to and serve, at one moment; and who could command a base. No ROS."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Iterable, List, Mapping, Sequence, Set, Tuple
+
+_Entries = Iterable[Tuple[str, Sequence[str]]]
+
+
+class NodeGraph:
+    """The ROS graph, as a master knows it; `vb_core.ros.graph.read_graph` asks for it.
+
+    Args:
+        published, subscribed, services: (name, nodes) of the topics or services.
+        types: of topics.
+
+    Attributes:
+        publishers, subscribers, services: nodes by the name of the topic or service.
+        types: of topics.
+    """
+
+    def __init__(
+        self, published: _Entries, subscribed: _Entries, services: _Entries = (), types: Mapping[str, str] = {}
+    ) -> None:
+        self.publishers, self.subscribers, self.services = (
+            defaultdict(list, {name: list(nodes) for name, nodes in entries})
+            for entries in (published, subscribed, services)
+        )
+        self.types = dict(types)
+
+    @property
+    def nodes(self) -> Set[str]:
+        """All nodes."""
+        groups = (self.publishers, self.subscribers, self.services)
+        return {node for by_name in groups for nodes in by_name.values() for node in nodes}
+
+    def subscriptions(self, node: str, kinds: Sequence[str]) -> List[str]:
+        """Returns the topics of these types that a node subscribes to."""
+        return [topic for topic, nodes in self.subscribers.items() if node in nodes and self.types.get(topic) in kinds]
+
+    def publications(self, node: str, kinds: Sequence[str]) -> List[str]:
+        """Returns the topics of these types that a node publishes."""
+        return [topic for topic, nodes in self.publishers.items() if node in nodes and self.types.get(topic) in kinds]
+
+    def find_other_commanders(self, driver: str, topic: str, output: str) -> Tuple[Set[str], Set[str]]:
+        """Finds the nodes that could command the base past its driver, which must be the only way to its wheels.
+
+        Not what is heard counts but who has registered: a node that is silent now may drive at any time, and behind a
+        mux nothing of the others is heard at all.
+
+        Args:
+            driver: the driver's node; topic: of its commands.
+            output: the topic on which a mux commands the base; "": the base listens to `topic` itself.
+
+        Returns:
+            These nodes, among them those that feed the mux with velocities by another of its inputs; and the mux.
+        """
+        commands = {
+            name: set(nodes)
+            for name, nodes in self.publishers.items()
+            if self.types.get(name, "").startswith("geometry_msgs/Twist")
+        }
+        at_output = commands.get(output, set()) if output else set()
+        muxes = at_output & set(self.subscribers.get(topic, ()))
+        beside = at_output.union(
+            *(
+                commands.get(name, set())
+                for name, nodes in self.subscribers.items()
+                if name not in (topic, output) and muxes & set(nodes)
+            )
+        )
+        return (commands.get(topic, set()) | (beside - muxes)) - {driver}, muxes
+
+    def is_heard(self, driver: str, topic: str) -> bool:
+        """Returns whether another node than the driver listens to its commands."""
+        return bool(set(self.subscribers.get(topic, ())) - {driver})

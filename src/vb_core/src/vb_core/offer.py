@@ -1,0 +1,188 @@
+"""What people are offered and told, from what is connected. No ROS.
+
+The idea: a lab may have cameras or not, and a robot may plan on the map with borders or not, be driven by this stack's
+driver or not, be localised or not. One pure function, `offer`, makes of that which commands have an effect, which zones
+a robot keeps, and the sentences that say so. Page, display, check_lab and notices all use it, so that none of them
+offers a Stop that stops nothing, or calls a zone in force that nobody keeps.
+
+>>> mine = ConnectedRobot("", navigation=True, plans_round_borders=True, localized=True)
+>>> offer(Connections((mine,))).commands
+('go',)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from vb_core import sentences
+from vb_core.notices import Notice, Severity
+from vb_core.vocabulary import CAMERA, COMMANDS, DRIVER, STOPPABLE
+from vb_core.zones import KEEP_OUT, ZONES
+
+READY, NO_ROBOT, UNREADY = "ready", "no_robot", "robot_unready"
+
+
+@dataclass(frozen=True)
+class ConnectedRobot:
+    """What is connected to a robot; the fields are those of vb_msgs/RobotStatus, where they are explained.
+
+    `navigation`: a move_base is running for it.
+    """
+
+    name: str
+    navigation: bool = False
+    plans_round_borders: bool = False
+    driver: bool = False
+    localized: bool = False
+    obeys_stop: bool = False
+    obeys_speed: bool = False
+    bypassed: bool = False
+    maps: Tuple[str, ...] = ()
+    missing_maps: Tuple[str, ...] = ()
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there is something that could drive it."""
+        return self.navigation or self.driver
+
+    @property
+    def plans(self) -> bool:
+        """Whether its navigation takes goals, and plans them round borders."""
+        return self.navigation and self.plans_round_borders and not self.missing_maps
+
+    @property
+    def stops(self) -> bool:
+        """Whether it obeys Stop."""
+        return self.driver or (self.navigation and self.obeys_stop)
+
+    def keeps(self, zone: str) -> bool:
+        """Returns whether it keeps a zone's rule, by the zone's name; one that does not know where it is keeps none."""
+        return self.localized and ZONES[zone].kept_by(self)
+
+
+@dataclass(frozen=True)
+class Connections:
+    """What is connected to a lab: its robots, whether cameras report, whether an interaction manager belongs to it."""
+
+    robots: Tuple[ConnectedRobot, ...] = ()
+    cameras: bool = False
+    interaction: bool = False
+
+
+@dataclass(frozen=True)
+class Line:
+    """A sentence about a robot: it always holds as long as the connections are these."""
+
+    robot: str
+    severity: Severity
+    code: str
+    values: Mapping[str, Any]
+
+    def notice(self) -> Notice:
+        """Returns the same as a notice for people."""
+        return Notice(self.code, self.severity, robot=self.robot, values=dict(self.values))
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What is offered and told.
+
+    Attributes:
+        state: READY, NO_ROBOT or UNREADY: a robot that is there drives through borders.
+        commands: those of vb_core.vocabulary that need something and have it; "go" if a robot can be sent to a place.
+        zones: those that at least one robot keeps.
+        ignored_by: by zone, the names of the robots that are there and do not keep it.
+        goes: the names of the robots that can be sent to a place.
+        lines: what holds for each robot.
+    """
+
+    state: str
+    commands: Tuple[str, ...]
+    zones: Tuple[str, ...]
+    ignored_by: Mapping[str, Tuple[str, ...]]
+    goes: Tuple[str, ...]
+    lines: Tuple[Line, ...]
+
+    def notices(self) -> List[Notice]:
+        """Returns what is wrong, as notices."""
+        return [line.notice() for line in self.lines if line.severity >= Severity.WARNING]
+
+
+def offer(seen: Connections) -> Offer:
+    """Says what is offered and told where this is connected."""
+    there = [robot for robot in seen.robots if robot.is_there]
+    ignored = {zone: tuple(robot.name for robot in there if not robot.keeps(zone)) for zone in ZONES}
+    goes = tuple(robot.name for robot in there if robot.plans and robot.keeps(KEEP_OUT.name))
+    pointing = seen.interaction and seen.cameras
+    has = {
+        CAMERA: pointing,
+        DRIVER: pointing and any(robot.driver for robot in there),
+        STOPPABLE: any(robot.stops for robot in there),
+    }
+    commands = [name for name, command in COMMANDS.items() if has.get(command.needs)] + ["go"] * bool(goes)
+    state = NO_ROBOT if not there else UNREADY if ignored[KEEP_OUT.name] else READY
+    return Offer(
+        state,
+        tuple(commands),
+        tuple(zone for zone in ZONES if len(ignored[zone]) < len(there)),
+        ignored,
+        goes,
+        tuple(line for robot in seen.robots for line in _lines(robot)),
+    )
+
+
+def effective(found: Offer, commands: Sequence[str]) -> Tuple[str, ...]:
+    """Returns those of an interaction's available commands that have an effect where this is connected."""
+    judged = {name for name, command in COMMANDS.items() if command.needs}
+    return tuple(name for name in commands if name in found.commands or name not in judged)
+
+
+def unkept(found: Offer, zone: str, robots: Sequence[str]) -> Optional[Tuple[str, Dict[str, str]]]:
+    """Returns code and values of the sentence that a border is not kept, or None.
+
+    Args:
+        zone: the border's, by its name; robots: the names of those that it is for; none: all.
+    """
+    ignoring = [name for name in found.ignored_by[zone] if not robots or name in robots]
+    if found.state == NO_ROBOT:
+        return "border_without_robot", {}
+    if not ignoring:
+        return None
+    return f"border_unkept_{zone}", {"who": ", ".join(map(sentences.robot_value, ignoring))}
+
+
+def _lines(robot: ConnectedRobot) -> List[Line]:
+    values = {"who": sentences.robot_value(robot.name), "maps": ", ".join(robot.maps) or "-"}
+    values["map"] = f"/{robot.name}/virtual_borders/map" if robot.name else "/virtual_borders/map"
+
+    def line(severity: Severity, code: str, **more: str) -> Line:
+        return Line(robot.name, severity, code, {**values, **more})
+
+    if not robot.is_there:
+        return [line(Severity.INFO, "robot_not_connected")]
+    lines = []
+    if robot.missing_maps:
+        lines.append(line(Severity.ERROR, "robot_waits_for_map", missing=", ".join(robot.missing_maps)))
+    elif robot.plans:
+        lines.append(line(Severity.INFO, "robot_plans_round_borders"))
+    elif robot.navigation:
+        severity = Severity.WARNING if robot.driver else Severity.ERROR
+        lines.append(line(severity, "robot_plans_through_borders" if robot.driver else "robot_ignores_borders"))
+    if robot.name and robot.plans and values["map"] not in robot.maps and robot.maps:
+        lines.append(line(Severity.INFO, "robot_keeps_all_borders"))
+    # a driver tells by itself that it does not know where the robot is, when it is to drive
+    if not robot.localized:
+        lines.append(line(Severity.INFO if robot.driver else Severity.WARNING, "robot_not_localized"))
+    if robot.bypassed:
+        lines.append(line(Severity.ERROR, "robot_bypasses_driver"))
+    lines.append(line(Severity.INFO, _obedience(robot)))
+    return lines
+
+
+def _obedience(robot: ConnectedRobot) -> str:
+    if robot.driver:
+        return "robot_has_driver"
+    if robot.stops and robot.obeys_speed:
+        return "robot_obeys_by_navigation"
+    return "robot_obeys_stop_only" if robot.stops else "robot_obeys_borders_only"

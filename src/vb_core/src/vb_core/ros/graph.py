@@ -1,0 +1,53 @@
+"""Asks a ROS master which nodes run, and who could command a robot's base now, whether it does or not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional, Set
+
+import rosgraph
+import rospy
+
+from vb_core.node_graph import NodeGraph
+from vb_core.robot_profile import Base
+from vb_core.ros.node import is_gone
+
+
+def read_graph(master: Optional[rosgraph.Master] = None) -> NodeGraph:
+    """Reads the graph of a master, by default this node's.
+
+    Raises:
+        rosgraph.MasterException, OSError: if it does not answer.
+    """
+    master = master or rosgraph.Master(rospy.get_name())
+    return NodeGraph(*master.getSystemState(), dict(master.getTopicTypes()))
+
+
+@dataclass(frozen=True)
+class Commanders:
+    """Who can command a base.
+
+    Attributes:
+        others: running nodes that could do so past the driver; allowed: the driver, its mux, and trusted nodes.
+        heard: whether anybody listens to the driver's commands.
+    """
+
+    others: Set[str]
+    allowed: Set[str]
+    heard: bool
+
+
+def find_commanders(driver: str, base: Base, master: rosgraph.Master) -> Commanders:
+    """Finds who can command a base; `driver` is the driver node's full name, in the robot's namespace.
+
+    Raises:
+        rosgraph.MasterException, OSError: if the master does not answer.
+    """
+    namespace = driver.rpartition("/")[0] + "/"
+    topic, output, *trusted = (
+        name and rosgraph.names.ns_join(namespace, name) for name in (base.topic, base.output, *base.trusted)
+    )
+    graph = read_graph(master)
+    others, muxes = graph.find_other_commanders(driver, topic, output)
+    others = {name for name in others - set(trusted) if not is_gone(master, name)}
+    return Commanders(others, {driver, *muxes, *trusted}, graph.is_heard(driver, topic))

@@ -1,0 +1,70 @@
+"""The system's sounds: one table, by the names that vb_msgs/Sound carries.
+
+Going up: the interaction goes on; each active state ends on its own tone, a third or more from the next (the states'
+tones stand in their rows, vb_core.vocabulary). Going down: back to Default. A refusal is low and repeated, a success the
+longest run up: both are told without knowing the others. A question is one tone twice; a stop falls from high to low. A
+spoken command that was understood is answered at once, short, before its own tone. A tick is far above all of them and
+soft: it comes often.
+
+>>> round(SOUNDS["success"].seconds, 2), SOUNDS["border"].beep
+(0.57, 'BUTTON')
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Dict, Tuple
+
+from vb_core.vocabulary import DEFAULT, STATES
+
+# [Hz] the notes of four octaves, equally tempered, by their names: A4 is 440 Hz
+_SEMITONES = {"C": -9, "D": -7, "E": -5, "F": -4, "G": -2, "A": 0, "B": 2}
+PITCHES = {
+    f"{name}{octave}": 440.0 * 2.0 ** (octave - 4 + semitone / 12.0)
+    for octave in range(3, 8)
+    for name, semitone in _SEMITONES.items()
+}
+
+
+@dataclass(frozen=True)
+class Note:
+    """A tone, or silence.
+
+    Attributes:
+        pitch: one of PITCHES; "": silence.
+        seconds: [s]
+        loudness: share of the loudest note.
+    """
+
+    pitch: str
+    seconds: float
+    loudness: float = 1.0
+
+
+@dataclass(frozen=True)
+class Tones:
+    """A sound: its notes, and a Kobuki's own sound for it, a constant of kobuki_msgs/Sound; "": it makes none."""
+
+    notes: Tuple[Note, ...]
+    beep: str = ""
+
+    @property
+    def seconds(self) -> float:
+        """[s] how long it lasts."""
+        return sum(note.seconds for note in self.notes)
+
+
+_REST = Note("", 0.05)
+TICK, SUCCESS, ERROR, QUESTION, STOPPED, RECOGNIZED = "tick", "success", "error", "question", "stopped", "recognized"
+SOUNDS: Dict[str, Tones] = {
+    **{
+        name: Tones((Note(state.tone[0], 0.09), Note(state.tone[1], 0.16)), "OFF" if state == DEFAULT else "BUTTON")
+        for name, state in STATES.items()
+    },
+    SUCCESS: Tones((Note("C5", 0.09), Note("E5", 0.09), Note("G5", 0.09), Note("C6", 0.30)), "CLEANINGEND"),
+    QUESTION: Tones((Note("E5", 0.10), _REST, Note("E5", 0.16)), "RECHARGE"),
+    STOPPED: Tones((Note("C6", 0.10), Note("A3", 0.40)), "OFF"),
+    ERROR: Tones((Note("A3", 0.16), _REST, Note("A3", 0.24)), "ERROR"),
+    RECOGNIZED: Tones((Note("G6", 0.08),)),
+    TICK: Tones((Note("C7", 0.02, 0.15),)),  # no beep: a Kobuki's are too loud for what comes so often
+}

@@ -1,0 +1,211 @@
+"""The stop of all robots: who holds it, what releases it, and how it outlives crashes and full disks.
+
+The idea: with each stop the latch makes a new number, and only a `resume` that names the newest number releases it: its
+sender has seen that stop. Whatever was said before a stop can therefore not undo it, however late it arrives. Two sides
+share this: `StopLatch` answers commands (the interaction manager), `HeldStops` is what one robot obeys (its driver).
+
+A robot keeps every stop that it has heard of until somebody who knows of all of them says that robots may drive. So a stop
+holds even if the latch has never heard of it, or has lost its memory; the robot tells it.
+
+>>> latch, robot = StopLatch(), HeldStops()
+>>> robot.hear("1a")                        # a button's stop reaches the robot ...
+>>> robot.follow(latch.stopped, latch.stops)
+>>> robot.stopped                           # ... and holds, although the latch does not know of it yet
+True
+>>> latch.stop("1a", "button"), latch.resume("an older number"), latch.resume(latch.number)
+(True, False, True)
+>>> robot.follow(latch.stopped, latch.stops)
+>>> robot.stopped
+False
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+import uuid
+from pathlib import Path
+from typing import Any, List, Optional, Sequence, Tuple
+
+from vb_core.errors import CodedError
+from vb_core.files import write_atomically
+
+KEPT = 32  # stops that the latch remembers: a robot that was away for more of them counts as stopped again
+HELD = 4  # stops that a robot holds one by one: eight robots hold no more than the latch remembers
+
+
+def new_id() -> str:
+    """Makes the id of a stop, or its number: nobody has had the same before, not even after a loss of memory."""
+    return uuid.uuid4().hex[:12]
+
+
+class _Stored:
+    """A few values in a file. What cannot be stored or read counts as a stop. Thread safe.
+
+    Args:
+        path: the file; None: memory only.
+
+    Attributes:
+        lost: whether it stopped because its file was damaged or cannot be written.
+        stored: whether the last `store` succeeded.
+    """
+
+    def __init__(self, path: Optional[Path]) -> None:
+        self._path = path
+        self._lock, self._writing = threading.Lock(), threading.Lock()
+        self._written: Any = None
+        self.lost, self.stored = False, True
+        readable = True
+        try:
+            if path is not None:
+                self._restore(json.loads(_read(path)))
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            readable = False
+        if not readable or not self.store():
+            self._stop_in_doubt()
+            self.lost = True
+            self.store()
+
+    def _restore(self, content: Any) -> None:
+        raise NotImplementedError
+
+    def _content(self) -> Any:
+        raise NotImplementedError
+
+    def _stop_in_doubt(self) -> None:
+        raise NotImplementedError
+
+    def store(self) -> bool:
+        """Brings the file up to date, durably; returns False if that is not possible.
+
+        A full disk takes no new file, but the old one can still be emptied, and an empty one counts as a stop.
+        """
+        with self._writing:
+            with self._lock:
+                content = self._content()
+            if self._path is not None and content != self._written:
+                try:
+                    write_atomically(self._path, json.dumps(content).encode("utf-8"))
+                    self._written, self.stored = content, True
+                except CodedError:
+                    self._written, self.stored = None, False
+                    _empty(self._path)
+            return self.stored
+
+
+class StopLatch(_Stored):
+    """Whether robots are stopped, for all of them.
+
+    Attributes:
+        number: of the newest stop; also before the first, so that each command can name it.
+        stops: ids of the newest stops, made by their senders, the newest last.
+        stopped, by: whether the newest holds, and who said it first.
+    """
+
+    def __init__(self, path: Optional[Path] = None) -> None:
+        self.number, self.stops = new_id(), ()
+        self.stopped, self.by = False, ""
+        super().__init__(path)
+
+    def stop(self, identity: str, by: str) -> bool:
+        """Stops all robots; returns False for a stop that is known, which changes nothing: one press may come twice."""
+        with self._lock:
+            if identity in self.stops:
+                return False
+            self.by = self.by if self.stopped else by
+            self.number, self.stops, self.stopped = new_id(), (*self.stops, identity)[-KEPT:], True
+            return True
+
+    def read(self) -> Tuple[bool, str, str, Tuple[str, ...]]:
+        """Returns whether robots are stopped, by whom, the number and the stops: all of one moment."""
+        with self._lock:
+            return self.stopped, self.by, self.number, self.stops
+
+    def resume(self, seen: str) -> bool:
+        """Releases the stop with a number, if it is the newest; returns whether robots may drive now."""
+        with self._lock:
+            if seen == self.number:
+                self.stopped, self.by, self.lost = False, "", False
+            return not self.stopped
+
+    def _restore(self, content: Any) -> None:
+        stops, stopped, by = _texts([content["number"], *content["stops"]]), content["stopped"], content["by"]
+        if not isinstance(stopped, bool):
+            raise ValueError("not a stop")
+        self.number, *self.stops = stops
+        self.stops, self.stopped, self.by = tuple(self.stops), stopped, str(by)
+
+    def _content(self) -> Any:
+        return {"number": self.number, "stops": list(self.stops), "stopped": self.stopped, "by": self.by}
+
+    def _stop_in_doubt(self) -> None:
+        self.stop(new_id(), self.by or "interaction_manager")
+
+
+class HeldStops(_Stored):
+    """The stops that one robot holds: heard of, and not yet released by somebody who knows of all of them.
+
+    Attributes:
+        ids: of these stops.
+    """
+
+    def __init__(self, path: Optional[Path] = None) -> None:
+        self.ids: Tuple[str, ...] = ()
+        self._told = False  # whether the newest state says stopped
+        super().__init__(path)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the robot must stand."""
+        return self._told or bool(self.ids)
+
+    def hear(self, identity: str) -> None:
+        """Adds a stop. Where there are too many, a new one takes the place of all."""
+        with self._lock:
+            if identity not in self.ids:
+                self.ids = (*self.ids, identity) if len(self.ids) < HELD else (new_id(),)
+
+    def follow(self, stopped: bool, stops: Sequence[str]) -> None:
+        """Obeys what the latch says: whether robots are stopped, and which stops it knows, the newest last."""
+        if stopped and stops:
+            self.hear(stops[-1])
+        with self._lock:
+            self._told = stopped
+            if not stopped and set(self.ids) <= set(stops):
+                self.ids, self.lost = (), False
+
+    def _restore(self, content: Any) -> None:
+        self.ids = tuple(_texts(content))
+
+    def _content(self) -> Any:
+        return list(self.ids)
+
+    def _stop_in_doubt(self) -> None:
+        self.hear(new_id())
+
+
+def _texts(values: Any) -> List[str]:
+    if not isinstance(values, list) or not all(isinstance(value, str) and value for value in values):
+        raise ValueError("expected a list of ids")
+    return values
+
+
+def _read(path: Path) -> bytes:
+    return path.read_bytes()
+
+
+def _empty(path: Path) -> None:
+    """Empties a file in its place, if it can."""
+    try:
+        descriptor = os.open(str(path), os.O_WRONLY | os.O_TRUNC)
+    except OSError:
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError:
+        pass
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,137 @@
+"""The commands and the states of the interaction (paper, Sect. 4.2): one table each.
+
+The idea: what a command or a state means to others stands in its row, and everything reads it there: the interaction, the
+fusion, robots, the display, LED, sounds, voice, buttons, console, and the page, which gets both tables when it connects.
+Only the messages repeat names and numbers (vb_msgs/Command, vb_msgs/InteractionState), and a test compares them. The
+words are languages/<language>/interaction.yaml's: command_<name>, state_<name>, page_command_<name>, page_state_<name>.
+
+>>> COMMANDS[DEFINE_SEED].enters, STATES["seed"].collects, spoken_form(DEFINE_SEED)
+('seed', 'seed', 'define seed')
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Dict, List, Tuple
+
+from vb_core.sentences import spelled_out
+
+
+@dataclass(frozen=True)
+class State:
+    """A state of the interaction.
+
+    Attributes:
+        number: in vb_msgs/InteractionState.
+        collects: the part of a border that a spot becomes, "border" or "seed"; "": spots are ignored.
+        guides: whether a robot follows the spot, also while ceiling cameras see it.
+        prompt: code of the sentence that says what to do in it; "" in Default.
+        color: on the display, the LED, the page and the console, "#rrggbb"; told apart with any colour vision (the set
+            of Okabe and Ito, 2008).
+        led: a Kobuki's, a constant of kobuki_msgs/Led, as near to the colour as it can get; dark where spots are ignored.
+        tone: the two notes that tell that it was entered.
+    """
+
+    name: str
+    number: int
+    collects: str = ""
+    guides: bool = False
+    prompt: str = ""
+    color: str = "#ffffff"
+    led: str = "BLACK"
+    tone: Tuple[str, str] = ("E5", "C5")
+
+    @property
+    def robots_act(self) -> bool:
+        """Whether a robot may follow the spot, or come to look for it; the time in these states is counted."""
+        return self.guides or bool(self.collects)
+
+
+_STATES = (
+    State("default", 0),
+    State("border", 1, "border", prompt="draw_border", color="#e69f00", led="ORANGE", tone=("C5", "E5")),
+    State("seed", 2, "seed", prompt="point_seed", color="#56b4e9", led="GREEN", tone=("C5", "G5")),
+    State("guide", 3, guides=True, prompt="guide", color="#e150a0", led="RED", tone=("C5", "C6")),
+    State("paused", 4, prompt="paused", color="#9682ff", tone=("G6", "E6")),
+)
+STATES: Dict[str, State] = {state.name: state for state in _STATES}
+DEFAULT, BORDER, SEED, GUIDE, PAUSED = _STATES
+
+
+def state_of(number: int) -> State:
+    """Returns the state with a number of vb_msgs/InteractionState; nothing is done in one that is not known."""
+    return next((state for state in _STATES if state.number == number), State("unknown", number))
+
+
+# what a command needs that it has an effect
+CAMERA = "camera"  # cameras that report
+DRIVER = "driver"  # cameras, and a robot with this stack's driver
+STOPPABLE = "stoppable"  # a robot that obeys Stop
+
+# when a command would at once move a robot, change the map or lose a drawing: it is asked about then if it may have been
+# misheard
+ALWAYS = "always"
+NEVER = "never"
+WHILE_DRAWN = "while_drawn"  # there is a drawing that can be lost
+WHILE_STOPPED = "while_stopped"  # robots would move again
+WHILE_POINTING = "while_pointing"  # the laser is on: a robot would follow it, or a line become the seed
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command; its name is what people say, and what vb_msgs/Command carries.
+
+    Attributes:
+        key: on the wizard's console.
+        needs: what must be connected; "": nothing.
+        matters: when it has consequences: ALWAYS, NEVER, WHILE_...
+        enters: the name of the state that it leads to; "": the same, or one that depends on the interaction.
+        carried_out_elsewhere: another node does it, and until its answer other commands are "busy".
+        phrases: what people say besides its name, in English.
+        button_place: its place among the page's buttons for the laser pointer; 0: none. Of commands that share one, that
+            which is available is shown.
+    """
+
+    name: str
+    key: str
+    needs: str = ""
+    matters: str = WHILE_POINTING
+    enters: str = ""
+    carried_out_elsewhere: bool = False
+    phrases: Tuple[str, ...] = ()
+    button_place: int = 0
+
+
+_COMMANDS = (
+    Command("define_border", "b", CAMERA, enters="border", button_place=1),
+    Command("define_seed", "d", CAMERA, enters="seed", button_place=2),
+    Command("guide_robot", "g", DRIVER, enters="guide", button_place=6),
+    Command("save", "s", CAMERA, ALWAYS, carried_out_elsewhere=True, button_place=4),
+    Command("cancel", "c", CAMERA, WHILE_DRAWN, button_place=3),
+    Command("stop", " ", STOPPABLE, NEVER, phrases=("stop robot", "no, stop", "stop, stop")),
+    Command("resume", "p", STOPPABLE, WHILE_STOPPED),
+    Command("undo", "u", matters=ALWAYS, carried_out_elsewhere=True),
+    Command("redo", "r", matters=ALWAYS, carried_out_elsewhere=True),
+    Command("pause", "h", CAMERA, enters="paused", button_place=5),
+    Command("continue", "k", CAMERA, button_place=5),
+)
+COMMANDS: Dict[str, Command] = {command.name: command for command in _COMMANDS}
+DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO, PAUSE, CONTINUE = COMMANDS
+
+
+def normalize(text: str) -> str:
+    """Converts a command as people write it ("Define border") to its name ("define_border")."""
+    return "_".join(text.replace("-", " ").replace("_", " ").replace(",", " ").lower().split())
+
+
+def spoken_form(command: str) -> str:
+    """Converts a command's name to what one says: "define border"."""
+    return spelled_out(command)
+
+
+def tables() -> Dict[str, List[Dict[str, Any]]]:
+    """Returns both tables as plain values, for the page."""
+    return {
+        "states": [asdict(state) for state in _STATES],
+        "commands": [{**asdict(command), "spoken": spoken_form(command.name)} for command in _COMMANDS],
+    }

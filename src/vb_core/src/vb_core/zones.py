@@ -1,0 +1,65 @@
+"""What the area of a border means for robots: one table of zones.
+
+The idea: what reads, checks, integrates, offers or shows a border asks its zone, and does not know which zones there
+are. vb_msgs/VirtualBorder repeats names and numbers, and a test compares them. The words are
+languages/<language>/zones.yaml's: page_zone_<name>, border_unkept_<name>.
+
+>>> AVOID.value(0.75), SLOW.value(1.0), SLOW.limits_speed
+(75, 0, True)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, List
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A zone.
+
+    Attributes:
+        number: in vb_msgs/VirtualBorder.
+        kept_by: whether a robot keeps to it, a vb_core.offer.ConnectedRobot that knows where it is.
+        restricts: whether its area stands in the map with borders.
+        soft: whether robots may go there if the detour is long: its delta is below 1.
+        limits_speed: whether it has a highest speed.
+        occupancy: delta of a border of it, if nobody says another one.
+    """
+
+    name: str
+    number: int
+    kept_by: Callable[[Any], bool]
+    restricts: bool = True
+    soft: bool = False
+    limits_speed: bool = False
+    occupancy: float = 1.0
+
+    def value(self, occupancy: float) -> int:
+        """Returns delta as an occupancy value of the map, 0 .. 100; 0 if the zone does not change the map."""
+        return int(round(100.0 * occupancy)) if self.restricts else 0
+
+
+KEEP_OUT, AVOID, SLOW = _ZONES = (
+    Zone("keep_out", 0, lambda robot: robot.plans or robot.driver),
+    # a detour is taken where it is cheap, and the area is crossed where it is the only path
+    Zone("avoid", 1, lambda robot: robot.plans, soft=True, occupancy=0.75),
+    Zone(
+        "slow",
+        2,
+        lambda robot: robot.driver or (robot.navigation and robot.obeys_speed),
+        restricts=False,
+        limits_speed=True,
+    ),
+)
+ZONES: Dict[str, Zone] = {zone.name: zone for zone in _ZONES}
+
+
+def zone_of(number: int) -> Zone:
+    """Returns the zone with a number of vb_msgs/VirtualBorder; robots keep out of one that is not known."""
+    return next((zone for zone in _ZONES if zone.number == number), KEEP_OUT)
+
+
+def table() -> List[Dict[str, Any]]:
+    """Returns what the page must know of each zone, the usual one first, as plain values."""
+    return [{"name": zone.name, "limits_speed": zone.limits_speed} for zone in _ZONES]

@@ -1,0 +1,142 @@
+"""What is offered where what is connected: all combinations, and a table that a person can read."""
+
+import itertools
+from dataclasses import replace
+
+import pytest
+
+from vb_core import sentences
+from vb_core.notices import Severity
+from vb_core.zones import ZONES
+from vb_core.offer import NO_ROBOT, READY, UNREADY, ConnectedRobot, Connections, effective, offer, unkept
+
+# what obeys stop and slow zones: nobody, robot_monitor with or without a known local planner, the driver
+OBEDIENCE = {
+    "nothing": {},
+    "goals": dict(obeys_stop=True),
+    "goals and speed": dict(obeys_stop=True, obeys_speed=True),
+    "driver": dict(driver=True),
+}
+
+
+def robots(name):
+    """Every robot that there can be, with words for what it is: (words, robot)."""
+    for wired, obedience, localized in itertools.product((True, False), OBEDIENCE, (True, False)):
+        found = ConnectedRobot(
+            name, navigation=True, plans_round_borders=wired, localized=localized, **OBEDIENCE[obedience]
+        )
+        yield (wired, obedience, localized), found
+
+
+def labs():
+    """Every lab: cameras or not, one robot or two in namespaces."""
+    for cameras in (True, False):
+        for _, robot in robots(""):
+            yield Connections((robot,), cameras, cameras)
+        for (_, ada), (_, bob) in itertools.product(robots("ada"), robots("bob")):
+            yield Connections((ada, bob), cameras, cameras)
+
+
+def test_every_lab_is_offered_what_has_an_effect_and_nothing_else():
+    count = 0
+    for lab in labs():
+        count += 1
+        found = offer(lab)
+        # Stop stops something; what it does not stop is told of that robot
+        assert ("stop" in found.commands) == any(robot.driver or robot.obeys_stop for robot in lab.robots)
+        assert ("resume" in found.commands) == ("stop" in found.commands)
+        laser = {"define_border", "define_seed", "save", "cancel"}
+        assert laser & set(found.commands) == (laser if lab.cameras else set())
+        assert ("guide_robot" in found.commands) == (lab.cameras and any(robot.driver for robot in lab.robots))
+        told = {(line.robot, line.code): line.severity for line in found.lines}
+        for robot in lab.robots:
+            kept = [zone for zone in ZONES if robot.name not in found.ignored_by[zone]]
+            # nobody claims a zone that neither plan nor driver keeps, or for a robot that is lost
+            assert ("keep_out" in kept) == (robot.localized and (robot.plans_round_borders or robot.driver))
+            assert ("slow" in kept) == (robot.localized and (robot.driver or robot.obeys_speed))
+            # nobody is sent through borders
+            assert (robot.name in found.goes) == (robot.localized and robot.plans_round_borders)
+            lost = not robot.plans_round_borders and not robot.driver
+            assert (told.get((robot.name, "robot_ignores_borders")) is Severity.ERROR) == lost
+            assert ((robot.name, "robot_not_localized") in told) == (not robot.localized)
+            says_stop = {"robot_has_driver", "robot_obeys_by_navigation", "robot_obeys_stop_only"}
+            assert bool(says_stop & {code for name, code in told if name == robot.name}) == robot.stops
+        assert (found.state == READY) == all(robot.keeps("keep_out") for robot in lab.robots)
+        for line in found.lines:
+            for language in sentences.languages():
+                assert set(sentences.placeholders(sentences.catalog(language)[line.code])) <= set(line.values)
+    assert count == 2 * (16 + 16 * 16)
+
+
+def test_the_table():
+    """Made from the function, so that a change of what is offered is seen as one."""
+    rows = []
+    for (wired, obedience, localized), robot in robots(""):
+        found = offer(Connections((robot,)))
+        zones = " ".join(zone for zone in found.zones) or "-"
+        rows.append((wired, obedience, localized, found.state, " ".join(found.commands) or "-", zones))
+    assert rows == [
+        (True, "nothing", True, READY, "go", "keep_out avoid"),
+        (True, "nothing", False, UNREADY, "-", "-"),
+        (True, "goals", True, READY, "stop resume go", "keep_out avoid"),
+        (True, "goals", False, UNREADY, "stop resume", "-"),
+        (True, "goals and speed", True, READY, "stop resume go", "keep_out avoid slow"),
+        (True, "goals and speed", False, UNREADY, "stop resume", "-"),
+        (True, "driver", True, READY, "stop resume go", "keep_out avoid slow"),
+        (True, "driver", False, UNREADY, "stop resume", "-"),
+        (False, "nothing", True, UNREADY, "-", "-"),
+        (False, "nothing", False, UNREADY, "-", "-"),
+        (False, "goals", True, UNREADY, "stop resume", "-"),
+        (False, "goals", False, UNREADY, "stop resume", "-"),
+        (False, "goals and speed", True, UNREADY, "stop resume", "slow"),
+        (False, "goals and speed", False, UNREADY, "stop resume", "-"),
+        (False, "driver", True, READY, "stop resume", "keep_out slow"),
+        (False, "driver", False, UNREADY, "stop resume", "-"),
+    ]
+
+
+def test_a_lab_without_a_robot_alarms_nobody():
+    found = offer(Connections((ConnectedRobot(""),), cameras=True, interaction=True))
+    assert found.state == NO_ROBOT and found.notices() == []
+    assert [line.code for line in found.lines] == ["robot_not_connected"]
+    assert unkept(found, "keep_out", ()) == ("border_without_robot", {})
+
+
+def test_commands_without_an_effect_are_not_offered():
+    found = offer(Connections((ConnectedRobot("", driver=True, localized=True),), interaction=True))
+    assert effective(found, ("define_border", "guide_robot", "stop", "undo")) == ("stop", "undo")
+
+
+def test_a_border_says_which_of_its_robots_does_not_keep_it():
+    wired = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
+    found = offer(Connections((wired, replace(wired, name="bob", plans_round_borders=False))))
+    assert unkept(found, "keep_out", ()) == ("border_unkept_keep_out", {"who": "bob"})
+    assert unkept(found, "keep_out", ("ada",)) is None
+    assert unkept(found, "slow", ()) == ("border_unkept_slow", {"who": "ada, bob"})
+    assert "bob" in sentences.translate(*unkept(found, "keep_out", ("bob",)))
+
+
+@pytest.mark.parametrize(
+    "changes, code",
+    [
+        (dict(plans_round_borders=False, maps=("/map",)), "robot_ignores_borders"),
+        (dict(plans_round_borders=False, driver=True), "robot_plans_through_borders"),
+        (dict(missing_maps=("/robot_driver/keep_out",)), "robot_waits_for_map"),
+        (dict(bypassed=True), "robot_bypasses_driver"),
+        (dict(localized=False), "robot_not_localized"),
+    ],
+)
+def test_each_fault_is_a_notice_that_names_its_robot(changes, code):
+    good = ConnectedRobot("ada", navigation=True, plans_round_borders=True, localized=True)
+    assert offer(Connections((good,))).notices() == []
+    notices = offer(Connections((replace(good, **changes),))).notices()
+    assert [notice.code for notice in notices] == [code]
+    assert notices[0].robot == "ada" and "ada" in notices[0].sentence()
+
+
+def test_a_robot_that_plans_on_the_map_of_all_says_that_it_keeps_the_others_borders_too():
+    common = ConnectedRobot("ada", navigation=True, plans_round_borders=True, maps=("/virtual_borders/map",))
+    own = replace(common, maps=("/ada/virtual_borders/map",))
+    alone = replace(common, name="")
+    told = [[line.code for line in offer(Connections((robot,))).lines] for robot in (common, own, alone)]
+    assert ["robot_keeps_all_borders" in codes for codes in told] == [True, False, False]

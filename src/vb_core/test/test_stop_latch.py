@@ -1,0 +1,321 @@
+"""No stop is ever released by a command that was given before it, and none is lost, whatever is killed or full."""
+
+import random
+from pathlib import Path
+
+import pytest
+
+from vb_core import stop_latch
+from vb_core.errors import CodedError
+from vb_core.stop_latch import HeldStops, StopLatch, new_id
+
+SEQUENCES = 10_000
+
+
+def test_a_resume_releases_only_the_stop_that_its_sender_saw():
+    latch = StopLatch()
+    assert not latch.stopped and latch.resume("anything") and latch.number
+    latch.stop("a", "page")
+    first = latch.number
+    latch.stop("b", "voice")
+    assert not latch.resume(first) and not latch.resume("b") and latch.stopped and latch.by == "page"
+    assert latch.resume(latch.number) and not latch.stopped
+
+
+def test_a_stop_that_was_forgotten_and_comes_again_does_not_make_an_old_resume_valid():
+    latch = StopLatch()
+    latch.stop("a", "page")
+    old = latch.number
+    for number in range(stop_latch.KEPT):
+        latch.stop(f"b{number}", "page")
+    latch.stop("a", "a robot that still holds it")
+    assert not latch.resume(old) and latch.stopped
+
+
+def test_one_press_that_comes_twice_is_one_stop_even_after_it_was_released():
+    latch = StopLatch()
+    assert latch.stop("a", "page") and not latch.stop("a", "page")
+    assert latch.resume(latch.number)
+    assert not latch.stop("a", "page") and not latch.stopped
+
+
+@pytest.mark.parametrize(
+    "content", ["", "{", "[]", '{"number": "", "stops": [], "stopped": false, "by": ""}', '{"stopped": false}']
+)
+def test_a_damaged_file_counts_as_stopped(tmp_path, content):
+    path = tmp_path / "stop"
+    path.write_text(content)
+    latch = StopLatch(path)
+    assert latch.stopped and latch.lost and latch.by
+    again = StopLatch(path)
+    assert again.stopped and again.number == latch.number
+    assert latch.resume(latch.number) and not latch.lost
+
+
+@pytest.mark.parametrize("content", ["", "{", "{}", "[1]", '[""]'])
+def test_a_robot_with_a_damaged_file_counts_as_stopped(tmp_path, content):
+    path = tmp_path / "stops"
+    path.write_text(content)
+    assert HeldStops(path).stopped
+
+
+def test_a_latch_that_cannot_store_counts_as_stopped_and_says_so(tmp_path):
+    (tmp_path / "file").write_text("")
+    latch = StopLatch(tmp_path / "file" / "stop")  # no folder, and none can be made
+    assert latch.stopped and latch.lost and not latch.stored
+    assert latch.resume(latch.number) and not latch.stopped and not latch.store()
+
+
+def test_a_stop_that_finds_the_disk_full_outlives_the_program(tmp_path, monkeypatch):
+    path = tmp_path / "stop"
+    latch = StopLatch(path)
+    assert latch.store()
+    monkeypatch.setattr(stop_latch, "write_atomically", full_disk)
+    latch.stop("a", "page")
+    assert not latch.store() and not latch.stored
+    monkeypatch.undo()
+    assert StopLatch(path).stopped
+
+
+def test_a_disk_that_has_room_again_is_written(tmp_path, monkeypatch):
+    path = tmp_path / "stop"
+    latch = StopLatch(path)
+    monkeypatch.setattr(stop_latch, "write_atomically", full_disk)
+    latch.stop("a", "page")
+    assert not latch.store()
+    monkeypatch.undo()
+    assert latch.store() and StopLatch(path).stops[-1] == "a"
+
+
+def test_a_robot_keeps_a_stop_that_the_latch_does_not_know():
+    robot = HeldStops()
+    robot.hear("a")
+    robot.hear("b")
+    robot.follow(False, ["x", "b"])
+    assert robot.ids == ("a", "b") and robot.stopped
+    robot.follow(True, ["x", "b", "a"])
+    robot.follow(False, [])  # a manager that knows of nothing
+    assert robot.stopped
+    robot.follow(False, ["b", "a"])
+    assert not robot.stopped
+
+
+def full_disk(path, _content):
+    raise CodedError("cannot_write", what=str(path), reason="no space left")
+
+
+class Lab:
+    """One manager, two robots and five people. Messages arrive late and in any order between two programs' connections.
+
+    The oracle is what people did: when each stop was pressed, and when each resume that was obeyed was given.
+    """
+
+    def __init__(self, random, full):
+        self.random, self.time, self.full = random, 0.0, full
+        self.queue = []  # (time of arrival, action)
+        self.pressed, self.promised, self.resumes = (
+            {},
+            set(),
+            [],
+        )  # id: time; ids answered as stored; times of obeyed ones
+        self.manager = StopLatch(Path("manager"))
+        self.robots = [HeldStops(Path(f"robot {number}")) for number in range(2)]
+        self.known = set()  # every stop that the manager ever knew of
+        self.heard = [set(), set()]  # by robot: stops that it has heard and, as far as it was killed since, stored
+        self.seen = [""] * 5  # by person: the newest stop that they saw
+
+    def later(self, action):
+        self.queue.append((self.time + self.random.choice([0.0, 0.05, 0.3, self.random.uniform(0.0, 8.0)]), action))
+
+    # ------------------------------------------------------------- what people do
+    def press_stop(self, person):
+        identity = new_id()
+        self.pressed[identity] = self.time
+        for robot in range(2):
+            if self.random.random() < 0.7:  # a message may find nobody
+                self.later(lambda robot=robot: self.hear(robot, identity))
+        self.later(lambda: self.handle_stop(identity))
+
+    def press_resume(self, person):
+        if self.random.random() < 0.7:
+            self.look(person)
+        seen, given = self.seen[person], self.time
+        self.later(lambda: self.handle_resume(seen, given))
+
+    def look(self, person):
+        self.seen[person] = self.manager.number if self.manager is not None else self.seen[person]
+
+    # ------------------------------------------------------------- what programs do
+    def hear(self, robot, identity):
+        if self.robots[robot] is None:
+            return
+        self.robots[robot].hear(identity)
+        if self.random.random() < 0.05:
+            self.kill_robot(robot)  # before it is stored
+            return
+        self.robots[robot].store()
+        self.heard[robot].add(identity)
+        self.count_own(robot)
+
+    def count_own(self, robot):
+        """A stop of the robot's own stands for all that it had heard of."""
+        own = [identity for identity in self.robots[robot].ids if identity not in self.pressed]
+        for identity in own:
+            self.pressed[identity], self.heard[robot] = self.time, set(self.robots[robot].ids)
+
+    def handle_stop(self, identity):
+        if self.manager is None:
+            return
+        self.manager.stop(identity, "person")
+        self.known.add(identity)
+        if self.random.random() < 0.05:
+            self.kill_manager()  # before it is stored, and answered
+            return
+        self.manager.store()
+        self.promised.add(identity)
+        assert self.manager.stopped or self.released(identity)
+
+    def handle_resume(self, seen, given):
+        if self.manager is None:
+            return
+        known, was_stopped = self.manager.stops, self.manager.stopped
+        if self.manager.resume(seen) and was_stopped:
+            late = [identity for identity in known if self.pressed.get(identity, -1.0) >= given]
+            assert not late, "it released a stop that came after it"
+            self.resumes.append((given, set(self.known)))
+        if self.random.random() >= 0.05:
+            self.manager.store()
+        else:
+            self.kill_manager()
+
+    def tell_robots(self):
+        if self.manager is not None:
+            stopped, _by, _number, stops = self.manager.read()
+            for robot in range(2):
+                self.later(lambda robot=robot: self.follow(robot, stopped, stops))
+
+    def follow(self, robot, stopped, stops):
+        if self.robots[robot] is not None:
+            self.robots[robot].follow(stopped, stops)
+            self.robots[robot].store()
+            self.count_own(robot)
+
+    def tell_manager(self):
+        for robot in filter(None, self.robots):
+            for identity in robot.ids:
+                self.later(lambda identity=identity: self.hear_of(identity))
+
+    def hear_of(self, identity):
+        if self.manager is not None:
+            self.manager.stop(identity, "robot")
+            self.known.add(identity)
+
+    def kill_manager(self):
+        self.manager = None
+
+    def kill_robot(self, robot):
+        self.robots[robot] = None
+
+    def start(self):
+        """Starts what is dead."""
+        # what has lost its memory holds one stop of its own in the place of all that it knew
+        if self.manager is None:
+            self.manager = StopLatch(Path("manager"))
+            if self.manager.lost:
+                own = self.manager.stops[-1]
+                self.pressed[own], self.promised = self.time, {own}
+                self.known.add(own)
+        for robot in range(2):
+            if self.robots[robot] is None:
+                self.robots[robot] = HeldStops(Path(f"robot {robot}"))
+                self.count_own(robot)
+
+    # ------------------------------------------------------------- the oracle
+    def released(self, identity):
+        """Whether somebody gave a resume after a stop, knowing of it."""
+        at = self.pressed[identity]
+        return any(given > at and identity in known for given, known in self.resumes)
+
+    def check(self):
+        for robot, heard in zip(self.robots, self.heard):
+            if robot is not None and not robot.stopped:
+                lost = [identity for identity in heard if not self.released(identity)]
+                assert not lost, "a robot drives although it has heard of a stop that nobody released"
+        if self.manager is not None and not self.manager.stopped:
+            lost = [identity for identity in self.promised if not self.released(identity)]
+            assert not lost, "a stop that was answered is lost"
+
+    def step(self):
+        self.time += self.random.expovariate(3.0)
+        for entry in sorted(self.queue, key=lambda entry: entry[0]):
+            if entry[0] <= self.time:
+                self.queue.remove(entry)
+                entry[1]()
+                self.check()
+        person = self.random.randrange(5)
+        actions = [
+            (0.22, lambda: self.press_stop(person)),
+            (0.22, lambda: self.press_resume(person)),
+            (0.2, lambda: self.look(person)),
+            (0.14, self.tell_robots),
+            (0.08, self.tell_manager),
+            (0.03, self.kill_manager),
+            (0.03, lambda: self.kill_robot(person % 2)),
+            (0.05, self.start),
+            (0.03, lambda: self.full.update(self.random.sample(["manager", "robot 0", "robot 1"], 1))),
+        ]
+        weights, choices = zip(*actions)
+        self.random.choices(choices, weights)[0]()
+        if self.random.random() < 0.05:
+            self.full.clear()
+        self.check()
+
+    def end_well(self):
+        """Everything runs again, and one person looks and says resume until robots drive."""
+        self.full.clear()
+        self.queue.clear()
+        for _ in range(4):
+            self.start()
+            self.tell_manager()
+            self.time += 10.0
+            self.tell_robots()
+            self.time += 10.0
+            for _at, action in [self.queue.pop(0) for _ in list(self.queue)]:
+                action()
+                self.check()
+            self.look(0)
+            self.handle_resume(self.seen[0], self.time)
+        for robot in range(2):
+            self.start()
+            self.follow(robot, *self.manager.read()[::3])
+
+
+@pytest.mark.parametrize("part", range(10))
+def test_whatever_happens_no_stop_is_released_by_an_older_command_and_none_is_lost(part, monkeypatch):
+    files, full = {}, set()
+
+    def write(path, content):
+        if path.name in full:
+            full_disk(path, content)
+        files[path.name] = content
+
+    def read(path):
+        if path.name not in files:
+            raise FileNotFoundError(path)
+        return files[path.name]
+
+    monkeypatch.setattr(stop_latch, "write_atomically", write)
+    monkeypatch.setattr(stop_latch, "_read", read)
+    monkeypatch.setattr(stop_latch, "_empty", lambda path: files.update({path.name: b""} if path.name in files else {}))
+    released = stopped = 0
+    for seed in range(part * SEQUENCES // 10, (part + 1) * SEQUENCES // 10):
+        files.clear()
+        full.clear()
+        lab = Lab(random.Random(seed), full)
+        for _ in range(60):
+            lab.step()
+        released += len(lab.resumes)
+        stopped += len(lab.pressed)
+        lab.end_well()
+        assert lab.manager is None or not any(robot.stopped for robot in lab.robots), seed
+    assert released > SEQUENCES // 20 and stopped > SEQUENCES // 5, "the sequences must contain what they test"

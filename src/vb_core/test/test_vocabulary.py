@@ -1,0 +1,58 @@
+"""The tables of commands and states against what must stay apart: messages, and words in each language."""
+
+import pytest
+
+from vb_core import sentences
+from vb_core.vocabulary import COMMANDS, STATES, normalize, spoken_form, state_of, tables
+from vb_msgs.msg import InteractionState
+from vb_msgs.srv import CommandRequest
+
+
+def constants(message, kind):
+    return {
+        name: value
+        for name, value in vars(message).items()
+        if name.isupper() and isinstance(value, kind) and not name.startswith("_")
+    }
+
+
+def test_the_messages_name_the_same_states_and_commands():
+    assert constants(InteractionState, int) == {state.name.upper(): state.number for state in STATES.values()}
+    assert list(constants(CommandRequest, str).items()) == [(name.upper(), name) for name in COMMANDS]
+
+
+def test_a_state_that_is_not_known_makes_nothing_happen():
+    assert all(state_of(state.number) is state for state in STATES.values())
+    unknown = state_of(200)
+    assert unknown not in STATES.values() and not unknown.robots_act and not unknown.collects
+
+
+def test_rows_that_a_reader_must_tell_apart_differ():
+    for column in ("color", "tone", "number"):
+        assert len({getattr(state, column) for state in STATES.values()}) == len(STATES)
+    lit = [state.led for state in STATES.values() if state.robots_act]
+    assert len({*lit, "BLACK"}) == len(lit) + 1, "dark where spots are ignored"
+    assert len({command.key for command in COMMANDS.values()}) == len(COMMANDS)
+    assert {command.enters for command in COMMANDS.values()} - {""} <= set(STATES)
+    phrases = [phrase for command in COMMANDS.values() for phrase in (spoken_form(command.name), *command.phrases)]
+    assert len(set(phrases)) == len(phrases)
+
+
+def test_commands_are_read_as_people_write_them():
+    assert all(normalize(spoken_form(name).title()) == name for name in COMMANDS)
+
+
+@pytest.mark.parametrize("language", sentences.languages())
+def test_each_row_has_its_words(language):
+    known = sentences.catalog(language)
+    for name in STATES:
+        assert known[f"state_{name}"] and known[f"page_state_{name}"]
+    for name in COMMANDS:
+        assert known[f"command_{name}"] and known[f"page_command_{name}"]
+    assert {state.prompt for state in STATES.values()} - {""} <= set(known)
+
+
+def test_the_page_gets_plain_values():
+    page = tables()
+    assert [row["name"] for row in page["states"]] == list(STATES)
+    assert {row["name"]: row["spoken"] for row in page["commands"]} == {name: spoken_form(name) for name in COMMANDS}

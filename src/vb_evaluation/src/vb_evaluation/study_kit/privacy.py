@@ -1,0 +1,93 @@
+"""What people are owed: a copy of the data that nobody can be found in, and deletion on request."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+from pathlib import Path
+from typing import List
+
+import pandas
+
+from vb_core.errors import CodedError
+from vb_evaluation.report.data import RUNS, read_sheet
+from vb_evaluation.study_kit import blind, protocol
+from vb_evaluation.study_kit.measure import attempts
+
+SHEETS = ("questionnaire.csv", "demographics.csv")
+# free text, dates, folders and versions may tell who it was
+IDENTIFYING = ("note", "recording", "interaction", "map", "revision")
+AGE_BAND = 10  # [years]
+
+
+def export(results: Path, out: Path) -> List[Path]:
+    """Writes the measured tables with new numbers for the participants, in random order, without free text.
+
+    The numbers are not kept anywhere. Ages become bands of ten years. Raw recordings are not exported.
+
+    Raises:
+        CodedError: "cannot_write_into" if the folder exists; "bad_study" if there is nothing measured.
+    """
+    tables = {RUNS: read_sheet(results / RUNS, ("participant",))}
+    tables.update({name: read_sheet(results / name, ("participant",)) for name in SHEETS if (results / name).is_file()})
+    people = sorted({name for table in tables.values() for name in table.participant})
+    secrets.SystemRandom().shuffle(people)
+    numbers = {name: f"a{number:02d}" for number, name in enumerate(people, 1)}
+    try:
+        out.mkdir(parents=True)
+        for name, table in tables.items():
+            told = table.drop(columns=[column for column in IDENTIFYING if column in table])
+            told = told.assign(participant=told.participant.map(numbers))
+            if "age" in told:
+                told["age"] = told.age.map(_age_band)
+            told.sort_values(list(told.columns[:1])).to_csv(out / name, index=False, lineterminator="\n")
+    except OSError as error:
+        raise CodedError("cannot_write_into", folder=str(out), reason=error.strerror) from None
+    return [out / name for name in tables]
+
+
+def _age_band(text: str) -> str:
+    low = int(text) // AGE_BAND * AGE_BAND if text.isdigit() else None
+    return "" if low is None else f"{low} to {low + AGE_BAND - 1}"
+
+
+def delete(path: Path, participant: str) -> List[str]:
+    """Deletes a participant's recordings, answers and judged pictures for good; returns what went.
+
+    The protocol keeps the lines, without recording and note, so that the plan of the others stays. Results must be
+    measured again.
+
+    Raises:
+        CodedError: "no_participant".
+    """
+    sheet = read_sheet(path, protocol.COLUMNS[:5], "bad_protocol")
+    mine = sheet.participant == participant
+    if not mine.any():
+        raise CodedError("no_participant", f"{path} has no participant '{participant}'", participant=participant)
+    names, gone = [name for name in sheet.recording[mine] if name], []
+    for name in names:
+        for folder in attempts(path.parent / Path(name).expanduser()):
+            shutil.rmtree(folder)
+            gone.append(str(folder))
+    _delete_pictures(path.parent, names)
+    sheet.loc[mine, [column for column in ("recording", "completed", "note") if column in sheet]] = ""
+    sheet.to_csv(path, index=False, lineterminator="\n")
+    for name in SHEETS:
+        if (path.parent / name).is_file():
+            answers = read_sheet(path.parent / name, ("participant",))
+            kept = answers[answers.participant != participant]
+            kept.to_csv(path.parent / name, index=False, lineterminator="\n")
+            gone += [f"{len(answers) - len(kept)} line(s) of {name}"]
+    return gone
+
+
+def _delete_pictures(study: Path, recordings: List[str]) -> None:
+    if not (study / blind.KEY).is_file():
+        return
+    key: pandas.DataFrame = read_sheet(study / blind.KEY, ("code", "recording"))
+    said = read_sheet(study / blind.FOLDER / blind.SHEET, ("code",))
+    codes = set(key.code[key.recording.isin(recordings)])
+    for code in codes:
+        (study / blind.FOLDER / f"{code}.png").unlink()
+    key[~key.code.isin(codes)].to_csv(study / blind.KEY, index=False, lineterminator="\n")
+    said[~said.code.isin(codes)].to_csv(study / blind.FOLDER / blind.SHEET, index=False, lineterminator="\n")

@@ -1,0 +1,104 @@
+"""A camera's pose and focal length from the four corners of a rectangle of known size on the floor.
+
+For a first try without a calibrated lens: the camera is taken to be without distortion, its axis through the middle of the
+image. A rectangle determines the focal length only where it is seen at a slant (Zhang, 2000); where it does not, a usual
+one is taken, and then it hardly matters.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_laser_detect.detection.projection import floor_points
+
+_CLICK_SIGMA = 1.0  # [px] how exactly a person marks a corner
+_USUAL_FOCAL, _FOCAL_SIGMA = 0.75, 0.35  # of the image's width, and of its logarithm: webcams and phones
+_FOCALS = np.geomspace(0.3, 3.0, 48)
+_MAX_ERROR = 0.02  # of the image's diagonal: corners in another order, or of something else
+_DRAWS = 16
+
+
+class FloorView(NamedTuple):
+    """How a camera sees the floor.
+
+    Attributes:
+        T_map_camera: (4, 4); the map's origin is the first corner, its x axis points to the second one.
+        points: (4, 2) [m] the corners in the map.
+        error_px: [px] rms, by which the corners are not a rectangle's.
+    """
+
+    camera: CameraModel
+    T_map_camera: np.ndarray
+    points: np.ndarray
+    error_px: float
+
+
+def view_rectangle(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[int, int]) -> FloorView:
+    """Finds the camera that sees a rectangle's corners at these pixels.
+
+    Args:
+        pixels: (4, 2) [px] the corners, one after the other round the rectangle.
+        size: [m] from the first corner to the second one, from the second to the third.
+        image: its width and height [px].
+
+    Raises:
+        CodedError: "bad_rectangle" if they are no corners of such a rectangle that lies on the floor.
+    """
+    pixels = np.asarray(pixels, float).reshape(4, 2)
+    hull = cv2.convexHull(pixels.astype(np.float32), returnPoints=False)
+    turns = float(cv2.contourArea(pixels.astype(np.float32), oriented=True))
+    if len(hull) != 4 or abs(turns) < 25.0 or min(size) <= 0.0:
+        raise CodedError("bad_rectangle")
+    # seen from above and going clockwise, the second side goes to the map's negative y
+    width, depth = size[0], -math.copysign(size[1], turns)
+    points = np.array([[0.0, 0.0], [width, 0.0], [width, depth], [0.0, depth]])
+    found = [_pose(pixels, points, image, factor * image[0]) for factor in _FOCALS]
+    costs = [
+        (error / _CLICK_SIGMA) ** 2 * 4 + (math.log(factor / _USUAL_FOCAL) / _FOCAL_SIGMA) ** 2
+        for factor, (_, _, error) in zip(_FOCALS, found)
+    ]
+    camera, pose, error = found[int(np.argmin(costs))]
+    if not error < _MAX_ERROR * math.hypot(*image):
+        raise CodedError("bad_rectangle")
+    return FloorView(camera, pose, points, error)
+
+
+def _pose(
+    pixels: np.ndarray, points: np.ndarray, image: Tuple[int, int], focal: float
+) -> Tuple[CameraModel, np.ndarray, float]:
+    """Returns the camera of a focal length [px], its pose above the floor, and the error [px]."""
+    camera = CameraModel.ideal(image[0], image[1], focal)
+    objects = np.column_stack([points, np.zeros(4)])
+    best = (camera, np.eye(4), math.inf)
+    solved = cv2.solvePnPGeneric(objects, pixels, camera.matrix, None, flags=cv2.SOLVEPNP_IPPE)
+    for turn, shift in zip(solved[1], solved[2]):
+        turn, shift = cv2.solvePnPRefineLM(objects, pixels, camera.matrix, None, turn, shift)
+        T = geometry.invert(geometry.transform(cv2.Rodrigues(turn)[0], shift.ravel()))
+        seen = camera.project(geometry.apply(geometry.invert(T), objects))
+        error = float(np.sqrt(np.mean(np.sum((seen - pixels) ** 2, axis=1))))
+        if T[2, 3] > 0.0 and error < best[2]:
+            best = (camera, T, error)
+    return best
+
+
+def uncertainty(pixels: np.ndarray, size: Tuple[float, float], image: Tuple[int, int], places: np.ndarray) -> float:
+    """Returns by how much [m] a spot may be off its place (rms), at the worst of some places (N, 2) [px], as people click."""
+    random = np.random.default_rng(1)
+    drawn = []
+    for _ in range(_DRAWS):
+        moved = np.asarray(pixels, float) + random.normal(0.0, _CLICK_SIGMA, (4, 2))
+        try:
+            view = view_rectangle(moved, size, image)
+        except CodedError:
+            return math.inf
+        drawn.append(floor_points(view.camera, view.T_map_camera, places)[:, :2])
+    spread = np.array(drawn)
+    with np.errstate(invalid="ignore"):
+        return float(np.nanmax(np.sqrt(np.mean(np.sum((spread - np.nanmean(spread, axis=0)) ** 2, axis=2), axis=0))))

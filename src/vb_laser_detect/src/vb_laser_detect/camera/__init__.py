@@ -1,0 +1,1 @@
+"""A camera that the detector reads itself: its images, its settings, its lens file. No ROS."""

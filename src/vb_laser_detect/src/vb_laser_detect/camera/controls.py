@@ -1,0 +1,78 @@
+"""Sets a device's exposure and white balance, by v4l2-ctl (Debian's v4l-utils)."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from typing import Dict, List
+
+from vb_core.errors import CodedError
+from vb_laser_detect.camera.source import CaptureParams
+
+_TIMEOUT = 5.0  # [s]
+_CONTROL = re.compile(r"^\s*(\w+) 0x[0-9a-f]+ \((\w+)\)\s*:(.*)$", re.MULTILINE)
+# what kernels have called them, the newest first
+_AUTO_EXPOSURE = ("auto_exposure", "exposure_auto")
+_EXPOSURE = ("exposure_time_absolute", "exposure_absolute")
+_AUTO_WHITE = ("white_balance_automatic", "white_balance_temperature_auto")
+_MANUAL, _APERTURE_PRIORITY = 1, 3  # of auto_exposure, as V4L2 defines them
+
+
+def run_v4l2(device: str, *arguments: str) -> str:
+    """Runs v4l2-ctl for a device; returns what it prints.
+
+    Raises:
+        CodedError: "no_v4l2" if it is not installed; "control_refused", with the device's reason.
+    """
+    try:
+        done = subprocess.run(
+            ["v4l2-ctl", "-d", device, *arguments], capture_output=True, text=True, timeout=_TIMEOUT, check=False
+        )
+    except FileNotFoundError:
+        raise CodedError("no_v4l2") from None
+    except subprocess.TimeoutExpired:
+        raise CodedError("control_refused", source=device, why="no answer") from None
+    if done.returncode:
+        raise CodedError("control_refused", source=device, why=" ".join((done.stderr or done.stdout).split()))
+    return done.stdout
+
+
+def plan(listing: str, params: CaptureParams) -> List[str]:
+    """Returns NAME=VALUE for each control to set, in order: automatic ones are switched off before values are set.
+
+    Args:
+        listing: what `v4l2-ctl --list-ctrls` prints. A control that a camera lacks is left out if it is automatic anyway.
+
+    Raises:
+        CodedError: "no_control" if a value is wanted that the camera does not let anybody set.
+    """
+    known: Dict[str, str] = {name: limits for name, _, limits in _CONTROL.findall(listing)}
+    steps: List[str] = []
+
+    def add(names: tuple, value: int, wanted: bool) -> None:
+        name = next((name for name in names if name in known), "")
+        if not name and wanted:
+            raise CodedError("no_control", control=names[0], known=", ".join(known) or "-")
+        if name:
+            limits = {key: int(number) for key, number in re.findall(r"(min|max)=(-?\d+)", known[name])}
+            steps.append(f"{name}={min(max(value, limits.get('min', value)), limits.get('max', value))}")
+
+    add(_AUTO_EXPOSURE, _MANUAL if params.exposure else _APERTURE_PRIORITY, bool(params.exposure))
+    if params.exposure:
+        add(_EXPOSURE, params.exposure, True)
+    if params.gain >= 0:
+        add(("gain",), params.gain, True)
+    add(_AUTO_WHITE, int(not params.white_balance), bool(params.white_balance))
+    if params.white_balance:
+        add(("white_balance_temperature",), params.white_balance, True)
+    return steps
+
+
+def apply(device: str, params: CaptureParams) -> None:
+    """Sets exposure, gain and white balance of a device.
+
+    Raises:
+        CodedError: what `run_v4l2` and `plan` raise.
+    """
+    for step in plan(run_v4l2(device, "--list-ctrls"), params):
+        run_v4l2(device, f"--set-ctrl={step}")

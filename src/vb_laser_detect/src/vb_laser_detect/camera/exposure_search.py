@@ -1,0 +1,68 @@
+"""Finds an exposure time at which the floor is grey, so that a laser spot is the only white thing."""
+
+from __future__ import annotations
+
+import math
+from typing import Callable, List, NamedTuple
+
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_laser_detect.detection.exposure import saturated_share
+
+FLOOR = 90.0  # [grey levels] of the middle of all pixels: a spot rises far above it, and shadows are not black
+_SHORTEST, _LONGEST = 1, 2000  # [0.1 ms]; longer ones smear the spot and slow the camera down
+_NEAR = 10.0  # [grey levels]
+_STEPS = 12
+_WHITE_SHARE = 0.005  # of the image may be white
+WHITE = 245.0  # [grey levels] a spot's core
+
+
+class Look(NamedTuple):
+    """What an image shows: the middle grey level of its pixels, and the share of white ones."""
+
+    middle: float
+    white: float
+
+
+def look_at(image: np.ndarray) -> Look:
+    """Measures an image (H, W, 3) or (H, W) uint8."""
+    small = image[::8, ::8]
+    return Look(float(np.median(small)), saturated_share(image))
+
+
+def find_exposure(try_exposure: Callable[[int], Look], tell: Callable[[str], None] = lambda text: None) -> int:
+    """Finds the exposure time [0.1 ms] by halving the range; a camera's image only becomes brighter with it.
+
+    Args:
+        try_exposure: sets an exposure time and looks.
+        tell: is told each step.
+
+    Raises:
+        CodedError: "too_dark", "too_bright" if no exposure time does it; "exposure_ignored" if it changes nothing.
+    """
+    low, high = math.log(_SHORTEST), math.log(_LONGEST)
+    seen: List[float] = []
+    for _ in range(_STEPS):
+        exposure = max(1, round(math.exp((low + high) / 2.0)))
+        look = try_exposure(exposure)
+        seen.append(look.middle)
+        tell(
+            f"{exposure / 10.0:g} ms: the floor is at {look.middle:.0f} of 255, {100 * look.white:.1f} % of the image is white"
+        )
+        dark_enough = look.white <= _WHITE_SHARE
+        if abs(look.middle - FLOOR) <= _NEAR and dark_enough:
+            return exposure
+        if look.middle > FLOOR or not dark_enough:
+            high = math.log(exposure)
+        else:
+            low = math.log(exposure)
+        if high - low < 0.02:
+            break
+    if max(seen) - min(seen) < 3.0:
+        raise CodedError("exposure_ignored")
+    if seen[-1] > FLOOR + _NEAR:
+        raise CodedError("too_bright")
+    if seen[-1] < FLOOR / 2.0 and look.white <= _WHITE_SHARE:
+        raise CodedError("too_dark")
+    return exposure  # a window or a lamp keeps it from being brighter

@@ -1,0 +1,59 @@
+"""A camera's lens, in the file that camera_calibration writes and drivers read (camera_info_manager's YAML)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Dict
+
+import numpy as np
+import yaml
+
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_core.files import write_atomically
+
+_FISHEYE = ("equidistant", "fisheye")
+
+
+def save(path: Path, name: str, camera: CameraModel) -> None:
+    """Writes a lens; inverse of `load`. Raises CodedError "cannot_write"."""
+
+    def matrix(values: np.ndarray) -> Dict[str, Any]:
+        values = np.atleast_2d(values)
+        return {"rows": values.shape[0], "cols": values.shape[1], "data": [float(value) for value in values.ravel()]}
+
+    model = "equidistant" if camera.fisheye else "plumb_bob" if camera.distortion.size <= 5 else "rational_polynomial"
+    content = {
+        "image_width": camera.width,
+        "image_height": camera.height,
+        "camera_name": name,
+        "camera_matrix": matrix(camera.matrix),
+        "distortion_model": model,
+        "distortion_coefficients": matrix(camera.distortion),
+        "rectification_matrix": matrix(np.eye(3)),
+        "projection_matrix": matrix(np.column_stack([camera.matrix, np.zeros(3)])),
+    }
+    write_atomically(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None).encode("utf-8"))
+
+
+def load(path: Path) -> CameraModel:
+    """Reads a lens; inverse of `save`.
+
+    Raises:
+        CodedError: "no_lens_file" if there is none, "bad_lens_file" if it says nothing that a camera can have.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return CameraModel(
+            int(content["image_width"]),
+            int(content["image_height"]),
+            np.array(content["camera_matrix"]["data"], float),
+            np.array(content["distortion_coefficients"]["data"], float),
+            content.get("distortion_model") in _FISHEYE,
+        )
+    except FileNotFoundError:
+        raise CodedError("no_lens_file", file=path, camera=path.stem) from None
+    except CodedError as error:
+        raise CodedError("bad_lens_file", file=path, why=error.message) from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        raise CodedError("bad_lens_file", file=path, why=str(error)) from None

@@ -1,0 +1,60 @@
+"""What people should send when their camera does not work."""
+
+from __future__ import annotations
+
+import platform
+import time
+from typing import List
+
+import av
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_laser_detect.camera.controls import run_v4l2
+from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_device, printable
+
+_SECONDS = 5.0
+
+
+def describe(source: str, params: CaptureParams) -> List[str]:
+    """Describes a camera in lines: driver, formats, sizes, rates and stamps; takes some seconds.
+
+    A device that the running detector reads is busy: then it says so, and lists what it could do.
+    """
+    versions = ", ".join(f"{name} {'.'.join(map(str, number))}" for name, number in av.library_versions.items())
+    lines = [f"source {printable(source)}", f"Linux {platform.release()}, PyAV {av.__version__}, {versions}"]
+    if is_device(source):
+        try:
+            lines += run_v4l2(source, "--info", "--list-formats-ext", "--list-ctrls-menus").splitlines()
+        except CodedError as error:
+            lines.append(str(error))
+    return lines + _watch(source, params)
+
+
+def _watch(source: str, params: CaptureParams) -> List[str]:
+    shots: List[Shot] = []
+    arrived: List[float] = []
+    faults: List[str] = []
+
+    def take(shot: Shot) -> None:
+        arrived.append(time.time())
+        shots.append(shot._replace(jpeg=None) if len(shots) > 1 and shot.jpeg else shot)
+
+    def tell(error: object) -> None:
+        if isinstance(error, CodedError):
+            faults.append(f"{error.code}: {error.values}")
+
+    reader = CameraSource(source, params, take, tell).start()
+    time.sleep(_SECONDS)
+    reader.close()
+    lines = [f"told: {fault}" for fault in dict.fromkeys(faults)]
+    if len(shots) < 2:
+        return [*lines, f"{len(shots)} images in {_SECONDS:g} s"]
+    first = shots[0]
+    stamps, ages = np.diff([shot.taken for shot in shots]), np.array(arrived) - [shot.taken for shot in shots]
+    return [
+        *lines,
+        f"{len(shots)} images in {_SECONDS:g} s, as {'JPEG' if first.jpeg else 'video'}, {first.picture().pixels.shape[1::-1]} px",
+        f"stamps: {1e3 * np.median(stamps):.1f} ms apart ({1e3 * stamps.min():.1f} to {1e3 * stamps.max():.1f})",
+        f"arrival after the stamp: {1e3 * np.median(ages):.1f} ms ({1e3 * ages.min():.1f} to {1e3 * ages.max():.1f})",
+    ]

@@ -1,0 +1,301 @@
+"""Reads images from a camera at this computer or in the network, or from a video file, until it is closed. No ROS.
+
+One idea for all of them: a demuxer (PyAV) delivers packets. A packet of motion JPEG is an image by itself and is decoded
+only when it is searched: one that comes too late costs nothing. Packets of other codecs build on each other, and are
+decoded as they come; once they are late, none is until the next that stands by itself. Whatever ends the stream, it is
+said in one sentence, and the camera is opened again.
+"""
+
+from __future__ import annotations
+
+import errno
+import re
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Callable, Deque, Dict, Iterator, NamedTuple, Optional, Tuple
+
+import av
+import numpy as np
+import simplejpeg
+
+from vb_core.errors import CodedError
+from vb_core.image_format import Picture
+from vb_core.parameters import Parameters, param
+
+_OPEN_TIMEOUT, _STALL_TIMEOUT = 5.0, 3.0  # [s] a phone that sleeps, a cable that was pulled from a switch
+_RETRY_PERIOD = 1.0  # [s]
+_POLL_PERIOD = 0.002  # [s] a device is asked: waiting for it could not be ended
+_NONBLOCK = "4"  # AVFMT_FLAG_NONBLOCK has no name among FFmpeg's options
+_CLOCK_LIMIT = 5.0  # [s] a device whose stamps are farther from now has no clock
+_OFFSET_WINDOW = 500  # [packets] over which the quickest one counts
+_QUEUED = 0.5  # [s] what is read later than that is not caught up with, image by image
+# FFmpeg's errors, to the code of the sentence; others are told in FFmpeg's own words
+_REASONS = {
+    errno.EBUSY: "camera_busy",
+    errno.ENODEV: "camera_unplugged",
+    errno.ENOENT: "camera_unplugged",
+    errno.ENXIO: "camera_unplugged",
+    errno.EIO: "camera_unreachable",
+    errno.EACCES: "camera_forbidden",
+    errno.EPERM: "camera_forbidden",
+    errno.ECONNREFUSED: "camera_unreachable",
+    errno.ECONNRESET: "camera_unreachable",
+    errno.EHOSTUNREACH: "camera_unreachable",
+    errno.ENETUNREACH: "camera_unreachable",
+    errno.ETIMEDOUT: "camera_unreachable",
+}
+_HTTP_REASONS = {
+    av.error.HTTPUnauthorizedError: "camera_password",
+    av.error.HTTPForbiddenError: "camera_password",
+    av.error.HTTPNotFoundError: "camera_no_stream",
+    av.error.InvalidDataError: "camera_no_stream",
+    av.error.ExitError: "camera_stalled",
+}
+
+
+@dataclass(frozen=True)
+class CaptureParams(Parameters):
+    """How a camera is read; see config/stationary.yaml."""
+
+    width: int = param(0, "px", low=0, high=16384)
+    height: int = param(0, "px", low=0, high=16384)
+    rate: float = param(0.0, "images/s", low=0.0, high=1000.0)
+    pixel_format: str = param("mjpeg")
+    delay_ms: float = param(0.0, "ms", low=0.0, high=5000.0, doc="time from an image to its arrival")
+    exposure: int = param(0, "0.1 ms", low=0, high=100000, doc="a device's exposure time; 0: automatic")
+    gain: int = param(-1, "", low=-1, high=100000, doc="a device's gain, as it counts; -1: as it is")
+    white_balance: int = param(0, "K", low=0, high=20000, doc="a device's white balance; 0: automatic")
+
+
+class Shot(NamedTuple):
+    """One image of a camera.
+
+    Attributes:
+        taken: [s] since 1970, when it was taken, as well as the source can tell.
+        jpeg: as it came; None if the camera sends something else.
+        decoded: (H, W, 3) bgr, if it is no JPEG.
+    """
+
+    taken: float
+    jpeg: Optional[bytes] = None
+    decoded: Optional[np.ndarray] = None
+
+    def picture(self) -> Picture:
+        """Returns the image.
+
+        Raises:
+            CodedError: "bad_image" for half a JPEG.
+        """
+        return Picture(self.decoded if self.jpeg is None else decode_jpeg(self.jpeg), "bgr")
+
+
+def decode_jpeg(jpeg: bytes) -> np.ndarray:
+    """Decodes a JPEG to bgr (H, W, 3) uint8; colours are not smoothed between pixels, which would take a third longer.
+
+    Raises:
+        CodedError: "bad_image"
+    """
+    try:
+        return simplejpeg.decode_jpeg(jpeg, "BGR", fastupsample=True, fastdct=False)
+    except ValueError as error:
+        raise CodedError("bad_image", f"cannot decode an image of the camera: {error}") from None
+
+
+def is_device(address: str) -> bool:
+    """Returns whether an address is a device of this computer."""
+    return address.startswith("/dev/")
+
+
+def is_network(address: str) -> bool:
+    """Returns whether an address is a camera in the network."""
+    return "://" in address
+
+
+def printable(address: str) -> str:
+    """Returns an address without its password."""
+    return re.sub(r"://[^/@]*@", "://", address)
+
+
+class _Clock:
+    """When images were taken, by their own time stamps and the times of their arrival.
+
+    The network delays some packets more than others: the quickest of the last ones tells how the camera's clock differs.
+    """
+
+    def __init__(self) -> None:
+        self._offsets: Deque[float] = deque(maxlen=_OFFSET_WINDOW)
+
+    def offset(self, stamp: float, arrived: float) -> float:
+        """Returns what is to be added to the camera's time [s]."""
+        if self._offsets and abs(arrived - stamp - self._offsets[-1]) > _CLOCK_LIMIT:
+            self._offsets.clear()  # the camera's clock was set
+        self._offsets.append(arrived - stamp)
+        return min(self._offsets)
+
+
+class CameraSource:
+    """Reads one camera in a thread of its own.
+
+    Args:
+        address: a device (/dev/video0), an address (rtsp://, http://), or a file, which is played again and again.
+        params: how.
+        handle: called with each image.
+        report: called with the reason whenever there are no images, and with None once they come again.
+
+    Attributes:
+        late: how many packets were too late to be decoded.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        params: CaptureParams,
+        handle: Callable[[Shot], None],
+        report: Callable[[Optional[CodedError]], None],
+    ) -> None:
+        self.address, self.params = address, params
+        self._handle, self._report = handle, report
+        self.late = 0
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def start(self) -> "CameraSource":
+        """Begins to read."""
+        self._thread.start()
+        return self
+
+    def close(self) -> None:
+        """Ends reading; waits until the camera is free for others."""
+        self._closed.set()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(_OPEN_TIMEOUT)
+
+    def _run(self) -> None:
+        while not self._closed.is_set():
+            try:
+                self._read()
+            except CodedError as error:
+                self._report(error.without_traceback())
+            self._closed.wait(_RETRY_PERIOD)
+
+    def _read(self) -> None:
+        """Reads until the stream ends.
+
+        Raises:
+            CodedError: why.
+        """
+        try:
+            with self._open() as container:
+                told = False
+                for shot in self._shots(container):
+                    if not told:
+                        self._report(None)
+                        told = True
+                    if self._closed.is_set():
+                        return
+                    self._handle(shot)
+        except (av.error.FFmpegError, OSError) as error:
+            raise self._fault(error) from None
+        raise CodedError("camera_ended", source=printable(self.address))
+
+    def _open(self) -> Any:
+        if is_device(self.address):
+            return av.open(self.address, format="v4l2", container_options=self._device_options())
+        options = {"rtsp_transport": "tcp", "fflags": "nobuffer"} if self.address.startswith("rtsp") else {}
+        if is_network(self.address):
+            return av.open(self.address, options=options, timeout=(_OPEN_TIMEOUT, _STALL_TIMEOUT))
+        return av.open(str(Path(self.address).expanduser()))
+
+    def _device_options(self) -> Dict[str, str]:
+        options = {"ts": "abs", "fflags": _NONBLOCK, "input_format": self.params.pixel_format}
+        if self.params.width and self.params.height:
+            options["video_size"] = f"{self.params.width}x{self.params.height}"
+        if self.params.rate:
+            options["framerate"] = f"{self.params.rate:g}"
+        return options
+
+    def _shots(self, container: Any) -> Iterator[Shot]:
+        if not container.streams.video:
+            raise CodedError("camera_no_stream", source=printable(self.address))
+        stream = container.streams.video[0]
+        # frames that several threads decode come out late
+        stream.thread_type, stream.codec_context.thread_count = "SLICE", 1
+        jpeg = stream.codec_context.name == "mjpeg"
+        delay, whole, newest = 1e-3 * self.params.delay_ms, True, 0.0
+        for packet, offset in self._packets(container, stream):
+
+            def taken(item: Any, offset: Optional[float] = offset) -> float:
+                known = offset is not None and item.pts is not None
+                return (float(item.pts * item.time_base) + offset if known else time.time()) - delay
+
+            if jpeg:
+                if packet.size:
+                    yield Shot(taken(packet), jpeg=bytes(packet))
+                continue
+            at = taken(packet)
+            late = time.time() - delay - at > _QUEUED
+            # one that stands by itself twice a second, however late: a network may have become slower for good
+            whole = packet.is_keyframe and (not late or at - newest > _QUEUED) or whole and not late
+            if not whole:
+                self.late += 1
+                continue
+            newest = at
+            for frame in packet.decode():
+                yield Shot(taken(frame), decoded=frame.to_ndarray(format="bgr24"))
+
+    def _packets(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
+        """Yields each packet, and what makes its time stamps times since 1970 [s]; None: they say nothing."""
+        if is_device(self.address):
+            return self._from_device(container, stream)
+        return self._from_network(container, stream) if is_network(self.address) else self._played(container, stream)
+
+    def _from_device(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
+        newest = time.monotonic()
+        while not self._closed.is_set():
+            try:
+                for packet in container.demux(stream):
+                    if packet.size:
+                        newest = time.monotonic()
+                        stamp = float(packet.pts * packet.time_base) if packet.pts is not None else 0.0
+                        yield packet, 0.0 if abs(time.time() - stamp) < _CLOCK_LIMIT else None
+            except av.error.BlockingIOError:
+                if time.monotonic() - newest > _STALL_TIMEOUT:
+                    raise CodedError("camera_stalled", source=self.address, seconds=f"{_STALL_TIMEOUT:g}") from None
+                self._closed.wait(_POLL_PERIOD)
+
+    def _from_network(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
+        # motion JPEG over HTTP has no time stamps: FFmpeg counts images
+        stamped, clock = self.address.startswith("rtsp"), _Clock()
+        for packet in container.demux(stream):
+            now = time.time()
+            if packet.size:
+                known = stamped and packet.dts is not None
+                yield packet, clock.offset(float(packet.dts * packet.time_base), now) if known else None
+
+    def _played(self, container: Any, stream: Any) -> Iterator[Tuple[Any, Optional[float]]]:
+        began = time.time()
+        while not self._closed.is_set():
+            first, due = None, began
+            for packet in container.demux(stream):
+                if packet.dts is not None:
+                    first = packet.dts if first is None else first
+                    due = began + float((packet.dts - first) * packet.time_base)
+                    self._closed.wait(max(0.0, due - time.time()))
+                if first is not None:
+                    yield packet, began - float(first * stream.time_base)
+            if first is None:
+                raise CodedError("camera_no_stream", source=self.address)
+            # a computer that was busy goes on from now
+            began = max(due + float(1 / (stream.average_rate or 25)), time.time() - _QUEUED)
+            container.seek(0)
+
+    def _fault(self, error: Any) -> CodedError:
+        """Returns the sentence for what FFmpeg says."""
+        code = next((code for kind, code in _HTTP_REASONS.items() if isinstance(error, kind)), "")
+        code = code or _REASONS.get(getattr(error, "errno", None), "camera_fault")
+        return CodedError(
+            code, source=printable(self.address), seconds=f"{_STALL_TIMEOUT:g}", why=getattr(error, "strerror", "")
+        )

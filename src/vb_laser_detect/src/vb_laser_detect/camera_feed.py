@@ -1,0 +1,224 @@
+"""The images of one camera, wherever they come from: a driver's topics, or the camera itself."""
+
+from __future__ import annotations
+
+import threading
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any, Callable, NamedTuple, Optional, Tuple
+
+import rospy
+import simplejpeg
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_core.image_format import Picture
+from vb_core.notices import Notice, Severity
+from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.images import message_from_image
+from vb_core.ros.notices import NoticePublisher
+from vb_laser_detect.camera import controls, lens_file
+from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_device, printable
+from vb_laser_detect.camera_geometry import require_size, sibling_topic
+from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
+
+_LENS_PERIOD = 2.0  # [s] between looks at the lens file: a new calibration needs no restart
+FOLDER = "~/.ros/virtual_borders"
+
+
+class ReceivedImage(NamedTuple):
+    """One image, not decoded yet: one that comes too late is dropped for nothing.
+
+    Attributes:
+        stamp: when it was taken.
+        read: decodes it; CodedError "bad_image", "unknown_encoding".
+        jpeg: as the camera sent it, if it did.
+    """
+
+    stamp: rospy.Time
+    frame_id: str
+    read: Callable[[], Picture]
+    jpeg: Optional[bytes] = None
+
+
+def lens_path(settings: str, camera: str) -> Path:
+    """Returns where a camera's lens file is: in the folder of the lab whose `settings` file, detectors/NAME.yaml, is known."""
+    lab = Path(settings).expanduser().resolve().parent.parent if settings else Path(FOLDER).expanduser()
+    return lab / "lenses" / f"{camera}.yaml"
+
+
+class LensFile:
+    """A camera's lens, from its file; it may come late, and change."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._looked, self._changed = -1e9, -1.0
+        self._latest: Tuple[Optional[CameraModel], Optional[CodedError]] = (None, None)
+
+    def model_for(self, shape: Tuple[int, ...]) -> CameraModel:
+        """Returns the model for images of this shape.
+
+        Raises:
+            CodedError: "no_camera_info" if there is no file, or one of another image size; "bad_lens_file".
+        """
+        if time.monotonic() - self._looked > _LENS_PERIOD:
+            self._looked = time.monotonic()
+            changed = self._path.stat().st_mtime if self._path.is_file() else 0.0
+            if changed != self._changed:
+                self._changed, self._latest = changed, self._load()
+        camera, error = self._latest
+        if camera is None:
+            raise error
+        return require_size(camera, shape)
+
+    def _load(self) -> Tuple[Optional[CameraModel], Optional[CodedError]]:
+        try:
+            return lens_file.load(self._path), None
+        except CodedError as error:
+            # the lab's monitor tells people of a lens that is not known by this code
+            missing = CodedError("no_camera_info", error.message) if error.code == "no_lens_file" else error
+            return None, missing.without_traceback()
+
+
+class CameraFeed:
+    """Reads a camera, and shows its images to others while they look.
+
+    Published topics:
+        <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage), camera_info
+            (sensor_msgs/CameraInfo): only if listened to
+        /virtual_borders/notices (vb_msgs/NoticeArray): why there are no images
+
+    Args:
+        camera: its name; frame: its optical frame.
+        source: see `CameraSource`.
+        image: topic.
+        settings: its file, detectors/NAME.yaml, if that is known.
+        put: takes each image.
+        report: of faults.
+    """
+
+    def __init__(
+        self,
+        camera: str,
+        frame: str,
+        source: str,
+        params: CaptureParams,
+        image: str,
+        settings: str,
+        put: Callable[[ReceivedImage], None],
+        report: DetectorDiagnostics,
+    ) -> None:
+        self.lens = LensFile(lens_path(settings, camera))
+        self._camera, self._frame, self._put, self._report = camera, frame, put, report
+        self._raw = rospy.Publisher(image, Image, queue_size=1)
+        self._compressed = rospy.Publisher(f"{image}/compressed", CompressedImage, queue_size=1)
+        self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
+        self._notices = NoticePublisher()
+        self._setting = threading.Lock()
+        self._late = 0
+        self._source = CameraSource(source, params, self._take, self._tell).start()
+
+    def close(self) -> None:
+        """Sets the camera free."""
+        self._source.close()
+        self._notices.close()
+
+    def set_params(self, params: CaptureParams) -> None:
+        """Changes delay, exposure, gain and white balance while images come.
+
+        Raises:
+            CodedError: what `controls.apply` raises: then nothing is changed but what the camera took.
+        """
+        with self._setting:
+            if is_device(self._source.address):
+                controls.apply(self._source.address, params)
+            elif _controlled(params):
+                raise CodedError("control_refused", source=printable(self._source.address), why="$only_devices")
+            self._source.params = params
+
+    def publish(self, image: ReceivedImage, picture: Picture) -> None:
+        """Publishes an image as far as somebody listens."""
+        if self._raw.get_num_connections():
+            self._raw.publish(message_from_image(picture.pixels, "bgr8", image.stamp, image.frame_id))
+        if self._compressed.get_num_connections():
+            message = CompressedImage(format="bgr8; jpeg compressed bgr8")
+            message.header.stamp, message.header.frame_id = image.stamp, image.frame_id
+            message.data = image.jpeg or simplejpeg.encode_jpeg(picture.pixels, quality=90, colorspace="BGR")
+            self._compressed.publish(message)
+        if self._info.get_num_connections():
+            try:
+                model = self.lens.model_for(picture.pixels.shape)
+            except CodedError:
+                return  # the search tells why
+            self._info.publish(info_from_camera(model, image.stamp, image.frame_id))
+
+    def _take(self, shot: Shot) -> None:
+        # simulated time has another clock than the camera
+        for _ in range(self._late, self._source.late):
+            self._report.count("late_image")
+        self._late = self._source.late
+        stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.taken)
+        self._put(ReceivedImage(stamp, self._frame, shot.picture, shot.jpeg))
+
+    def _tell(self, error: Optional[CodedError]) -> None:
+        severity = Severity.ERROR
+        if error is None:
+            rospy.loginfo("%s: reads %s", rospy.get_name(), printable(self._source.address))
+            error, severity = self._apply(), Severity.WARNING
+        if error is None:
+            self._notices.set([])
+            return
+        values = {**error.values, "camera": self._camera}
+        self._report.fault(CodedError(error.code, **values))
+        self._notices.set([Notice.from_values(error.code, severity, values)])
+
+    def _apply(self) -> Optional[CodedError]:
+        """Sets exposure and white balance of a camera that was opened; returns why not."""
+        try:
+            if is_device(self._source.address) or _controlled(self._source.params):
+                self.set_params(self._source.params)
+        except CodedError as error:
+            return error.without_traceback()
+        return None
+
+
+def _controlled(params: CaptureParams) -> bool:
+    """Returns whether anything is to be set that only devices can."""
+    return bool(params.exposure or params.white_balance or params.gain >= 0)
+
+
+class TopicFeed:
+    """Takes images from a driver's topic.
+
+    Subscribed topics:
+        <image> (sensor_msgs/Image), or <image>/compressed (sensor_msgs/CompressedImage)
+
+    Args:
+        read: message to picture.
+        frame: instead of the one that the images name, unless it is empty.
+    """
+
+    def __init__(
+        self,
+        image: str,
+        compressed: bool,
+        frame: str,
+        read: Callable[[Any], Picture],
+        put: Callable[[ReceivedImage], None],
+    ) -> None:
+        self._frame, self._read, self._put = frame, read, put
+        kind, topic = (CompressedImage, f"{image}/compressed") if compressed else (Image, image)
+        # the buffer must hold a whole image, else rospy hands over images that are older than the newest one
+        rospy.Subscriber(topic, kind, self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True)
+
+    def close(self) -> None:
+        """Nothing to set free."""
+
+    def publish(self, image: ReceivedImage, picture: Picture) -> None:
+        """The driver has published it."""
+
+    def _take(self, message: Any) -> None:
+        header = message.header
+        self._put(ReceivedImage(header.stamp, self._frame or header.frame_id, partial(self._read, message)))

@@ -1,0 +1,316 @@
+"""Sets up a camera that its detector reads itself: lens, delay, exposure.
+
+Subscribed topics:
+    <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage): of the running detector
+    <camera>/camera_info (sensor_msgs/CameraInfo): beside it
+"""
+
+from __future__ import annotations
+
+import argparse
+import http.server
+import queue
+import random
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any, Dict, List, Tuple
+
+import cv2
+import dynamic_reconfigure.client
+import numpy as np
+import rospy
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_core.image_format import Picture, PixelReader
+from vb_core.ros.cameras import camera_from_info
+from vb_laser_detect.calibration.board import BoardParams, find_board
+from vb_laser_detect.calibration.lens import LensCalibration
+from vb_laser_detect.camera import lens_file, settings_file
+from vb_laser_detect.camera.delay import brightness, measure_delay
+from vb_laser_detect.camera.exposure_search import WHITE, Look, find_exposure, look_at
+from vb_laser_detect.camera_feed import lens_path
+from vb_laser_detect.camera_geometry import decode, is_rectified, require_size, sibling_topic
+
+_TIMEOUT = 15.0  # [s] for the next image
+_SETTLED = 0.5  # [s] after which a new exposure time is in the images
+_BLINKS, _SHORTEST, _LONGEST = 40, 0.25, 0.65  # switches of the light, and [s] between two of them
+_SPOT_TIMEOUT = 30.0  # [s]
+_USUAL_WHITE = 4600  # [K] between lamps and daylight: what counts is that it stays
+_WIDTH = 960  # [px] of the live picture
+PAPER = dict(default="A3", help="of the board: A4, A3 (default), A2, A1, A0")
+
+
+class CameraImages:
+    """The images of a camera whose detector runs, and its settings.
+
+    Subscribed topics:
+        <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage); camera_info beside it
+
+    Attributes:
+        params: of its detector.
+        frame: its optical frame; images name it unless the detector's parameters do.
+    """
+
+    def __init__(self, camera: str) -> None:
+        self.camera, self.node = camera, f"/spot_detector_{camera}"
+        self.params: Dict[str, Any] = rospy.get_param(self.node, {})
+        self.settings = str(self.params.get("settings", ""))
+        self.frame = str(self.params.get("frame", ""))
+        self._reader = PixelReader()
+        self._newest: "queue.Queue[Any]" = queue.Queue(1)
+        self._image = "/" + (self.params.get("image") or f"{camera}/image_raw").lstrip("/")
+        compressed = self.params.get("image_transport") == "compressed"
+        kind, self._topic = (CompressedImage, f"{self._image}/compressed") if compressed else (Image, self._image)
+        rospy.Subscriber(self._topic, kind, self._take, queue_size=1, buff_size=2**24)
+
+    def _take(self, message: Any) -> None:
+        try:
+            self._newest.get_nowait()
+        except queue.Empty:
+            pass
+        self._newest.put(message)
+
+    def next(self, after: float = 0.0) -> Tuple[float, Picture]:
+        """Waits for an image that was taken after a time; returns its stamp [s] and itself.
+
+        Raises:
+            CodedError: "no_images", "bad_image", "unknown_encoding"
+        """
+        end = time.monotonic() + _TIMEOUT
+        while time.monotonic() < end and not rospy.is_shutdown():
+            try:
+                message = self._newest.get(timeout=0.5)
+            except queue.Empty:
+                continue
+            self.frame = self.frame or message.header.frame_id
+            if message.header.stamp.to_sec() >= after:
+                return message.header.stamp.to_sec(), self._reader.read(*decode(message))
+        raise CodedError("no_images", topics=self._topic)
+
+    def model(self) -> CameraModel:
+        """Waits for camera_info and an image; returns the camera's model.
+
+        Raises:
+            CodedError: "no_images" if they do not come; "bad_camera_info", "no_camera_info" if the lens is not calibrated, or
+                for images of another size.
+        """
+        info = sibling_topic(self._image, "camera_info")
+        try:
+            message = rospy.wait_for_message(info, CameraInfo, _TIMEOUT)
+        except rospy.ROSException:
+            raise CodedError("no_images", topics=info) from None
+        return require_size(camera_from_info(message, is_rectified(self._image)), self.next()[1].pixels.shape)
+
+    def set(self, **values: Any) -> None:
+        """Changes settings of the running camera.
+
+        Raises:
+            CodedError: "control_refused" if the camera did not take them.
+        """
+        client = dynamic_reconfigure.client.Client(f"{self.node}/capture", timeout=_TIMEOUT)
+        taken = client.update_configuration(values)
+        client.close()
+        refused = [name for name, value in values.items() if taken[name] != value]
+        if refused:
+            raise CodedError("control_refused", source=self.params["source"], why=", ".join(refused))
+
+    def require_source(self) -> "CameraImages":
+        """Returns itself; raises CodedError "no_source" if the detector does not read this camera itself."""
+        if not self.params.get("source"):
+            raise CodedError("no_source", camera=self.camera)
+        return self
+
+    def keep(self, **values: Any) -> None:
+        """Writes settings into the camera's file, or says what to write if the lab has none."""
+        if not self.settings:
+            print("put this into the camera's settings:  capture: " + str(values).replace("'", ""))
+            return
+        settings_file.set_capture(Path(self.settings).expanduser(), values)
+        print(f"wrote {self.settings}")
+
+
+class LivePicture:
+    """Shows a picture that changes, to browsers of this computer."""
+
+    def __init__(self) -> None:
+        self._jpeg = b""
+        outer = self
+
+        class Handler(http.server.BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                image = self.path.startswith("/image")
+                body = outer._jpeg if image else _PAGE
+                self.send_response(200)
+                self.send_header("Content-Type", "image/jpeg" if image else "text/html")
+                self.send_header("Cache-Control", "no-store")
+                self.end_headers()
+                self.wfile.write(body)
+
+            def log_message(self, *_: Any) -> None:
+                pass
+
+        self._server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self.address = f"http://127.0.0.1:{self._server.server_address[1]}/"
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def show(self, image: np.ndarray) -> None:
+        """Replaces the picture."""
+        small = cv2.resize(image, (_WIDTH, round(image.shape[0] * _WIDTH / image.shape[1])))
+        self._jpeg = cv2.imencode(".jpg", small)[1].tobytes()
+
+
+_PAGE = b"""<!doctype html><title>Lens</title><body style="margin:0;background:#222"><img id=i style="width:100%">
+<script>const i=document.getElementById("i");i.onload=i.onerror=()=>setTimeout(()=>i.src="image?"+Date.now(),150);i.src="image"</script>"""
+
+
+def calibrate_lens(arguments: argparse.Namespace) -> int:
+    """Collects views of the board until they are enough, and writes the lens file."""
+    images = CameraImages(arguments.camera).require_source()
+    board = BoardParams.for_paper(arguments.paper)
+    board = board if arguments.square is None else board.replace(square=arguments.square)
+    image = images.next()[1].pixels
+    lens, picture = LensCalibration(image.shape[1::-1], arguments.fisheye), LivePicture()
+    print("Hold the board before the camera: near and far, at every edge of the picture, turned and tilted, and still.")
+    print(f"The live picture: {picture.address}    Ctrl-C ends without writing.")
+    while not rospy.is_shutdown():
+        image = images.next()[1].bgr()
+        _look_for_board(lens, board, image, picture)
+        try:
+            camera, rms = lens.solve()
+        except CodedError:
+            continue
+        path = lens_path(images.settings, arguments.camera)
+        lens_file.save(path, arguments.camera, camera)
+        print(
+            f"wrote {path}: focal length {camera.focal_px:.0f} px, error {rms:.2f} px; the running lab takes it within seconds"
+        )
+        return 0
+    return 1
+
+
+def _look_for_board(lens: LensCalibration, board: BoardParams, image: np.ndarray, picture: LivePicture) -> None:
+    """Adds the board if it shows something new, and draws what was covered."""
+    text = "no board"
+    try:
+        view = find_board(board, image)
+        if lens.add(view):
+            print(f"  {lens.describe()}", flush=True)
+        text = ""
+        for u, v in view.pixels:
+            cv2.circle(image, (round(u), round(v)), max(4, image.shape[1] // 240), (0, 220, 0), -1)
+    except CodedError as error:
+        text = error.message
+    height, width = image.shape[:2]
+    columns, rows = lens.covered.shape
+    for column, row in np.argwhere(~lens.covered):
+        corner = (
+            (column * width // columns, row * height // rows),
+            ((column + 1) * width // columns, (row + 1) * height // rows),
+        )
+        cv2.rectangle(image, *corner, (0, 140, 255), max(1, width // 640))
+    for line, words in enumerate((lens.describe(), text)):
+        cv2.putText(
+            image, words, (10, (line + 1) * height // 18), cv2.FONT_HERSHEY_SIMPLEX, height / 700, (0, 0, 255), 2
+        )
+    picture.show(image)
+
+
+def measure_camera_delay(arguments: argparse.Namespace) -> int:
+    """Blinks with this terminal's window, and measures how late the camera's images show it."""
+    images = CameraImages(arguments.camera).require_source()
+    print(
+        "Let the camera see this window, as large as it can be and in a dim room. It blinks for 20 s; do not move anything."
+    )
+    time.sleep(3.0)
+    images.next()
+    seen: List[Tuple[float, np.ndarray]] = []
+    ended = threading.Event()
+
+    def watch() -> None:
+        while not ended.is_set():
+            stamp, image = images.next()
+            seen.append((stamp, brightness(image.gray())))
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    switched = _blink()
+    time.sleep(3.0)  # images that are late
+    ended.set()
+    watcher.join(_TIMEOUT)
+    found = measure_delay(switched, seen)
+    before = float(images.params.get("capture", {}).get("delay_ms", 0.0))
+    delay = round(max(0.0, before + 1e3 * found.seconds), 1)
+    print(
+        f"The images are {delay:.0f} ms late, to within {1e3 * found.uncertainty:.0f} ms; the screen's own delay, often 20 to "
+        "50 ms, is in it."
+    )
+    images.set(delay_ms=delay)
+    images.keep(delay_ms=delay)
+    return 0
+
+
+def _blink() -> List[float]:
+    """Makes the terminal's window light and dark at uneven times; returns them [s]."""
+    switched = []
+    for number in range(_BLINKS):
+        # all cells in reverse video or not, and nothing written
+        sys.stdout.write("\x1b[0m\x1b[2J" if number % 2 else "\x1b[107m\x1b[2J")
+        sys.stdout.flush()
+        switched.append(rospy.Time.now().to_sec())
+        time.sleep(random.uniform(_SHORTEST, _LONGEST))
+    sys.stdout.write("\x1b[0m\x1b[2J\x1b[H")
+    sys.stdout.flush()
+    return switched
+
+
+def set_exposure(arguments: argparse.Namespace) -> int:
+    """Finds an exposure time at which the floor is grey, and looks whether the laser is white then."""
+    images = CameraImages(arguments.camera).require_source()
+
+    def try_exposure(exposure: int) -> Look:
+        images.set(exposure=exposure)
+        return look_at(images.next(rospy.Time.now().to_sec() + _SETTLED)[1].bgr())
+
+    values: Dict[str, Any] = {"exposure": find_exposure(try_exposure, lambda text: print(f"  {text}", flush=True))}
+    try:
+        images.set(white_balance=_USUAL_WHITE)
+        values["white_balance"] = _USUAL_WHITE
+    except CodedError as error:
+        print(f"! the white balance stays automatic: {error.message}")
+    images.keep(**values)
+    print(f"Point the laser at the floor ({_SPOT_TIMEOUT:.0f} s) ...", flush=True)
+    before = images.next()[1].bgr().max(axis=2)
+    end = time.monotonic() + _SPOT_TIMEOUT
+    while time.monotonic() < end:
+        new = (images.next()[1].bgr().min(axis=2) >= WHITE) & (before < WHITE)
+        if 3 <= np.count_nonzero(new) < 0.001 * new.size:
+            print(f"The spot is white, {np.count_nonzero(new)} px: this is a good exposure.")
+            return 0
+    print("No white spot was seen. If the laser was on the floor, its light is too weak for a floor as bright as this.")
+    return 1
+
+
+COMMANDS = {"lens": calibrate_lens, "delay": measure_camera_delay, "exposure": set_exposure}
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Runs one of the commands; returns the exit status."""
+    return COMMANDS[arguments.command](arguments)
+
+
+def add_commands(commands: Any) -> None:
+    """Adds this module's commands to a parser."""
+    lens = commands.add_parser(
+        "lens", help="the lens, from the printed board, of a camera that its detector reads itself"
+    )
+    lens.add_argument("--paper", **PAPER)
+    lens.add_argument("--square", type=float, help="[m] side of a square as measured, if the print is not exact")
+    lens.add_argument("--fisheye", action="store_true", help="for lenses that see more than about 120 degrees")
+    delay = commands.add_parser("delay", help="how late the camera's images are, by this window's blinking")
+    exposure = commands.add_parser("exposure", help="an exposure time at which the floor is grey and the spot is white")
+    for command in (lens, delay, exposure):
+        command.add_argument("camera", help="its name")

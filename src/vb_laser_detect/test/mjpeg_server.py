@@ -1,0 +1,65 @@
+"""A camera in the network that can fail: motion JPEG over HTTP, as phones and cheap cameras send it."""
+
+import socketserver
+import threading
+import time
+from http.server import BaseHTTPRequestHandler
+
+
+class Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
+    daemon_threads, allow_reuse_address, request_queue_size = True, True, 64
+
+
+class MjpegServer:
+    """Serves JPEG images at a rate to everybody who asks.
+
+    Attributes:
+        jpegs: sent in turn; may be replaced while it runs.
+        stalled: while set, connections stay open and nothing is sent.
+        broken: while set, connections are closed at once.
+        status: answered to a request; other than 200: nothing is sent.
+        sent: times [s] at which images went out, by their number.
+    """
+
+    def __init__(self, jpegs, rate=25.0, port=0):
+        self.jpegs, self.rate, self.status = jpegs, rate, 200
+        self.stalled, self.broken, self.closed = threading.Event(), threading.Event(), threading.Event()
+        self.sent = []
+        outer = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self):
+                outer.answer(self)
+
+            def log_message(self, *_):
+                pass
+
+        self.server = Server(("127.0.0.1", port), Handler)
+        self.port = self.server.server_address[1]
+        threading.Thread(target=self.server.serve_forever, daemon=True).start()
+
+    def address(self, path="video"):
+        return f"http://127.0.0.1:{self.port}/{path}"
+
+    def answer(self, request):
+        request.send_response(self.status)
+        request.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        request.end_headers()
+        number, due = 0, time.monotonic()
+        try:
+            while self.status == 200 and not self.broken.is_set() and not self.closed.is_set():
+                if not self.stalled.is_set():
+                    jpeg = self.jpegs[number % len(self.jpegs)]
+                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n".encode()
+                    self.sent.append(time.time())
+                    request.wfile.write(head + jpeg + b"\r\n")
+                    number += 1
+                due += 1.0 / self.rate
+                self.closed.wait(max(0.0, due - time.monotonic()))
+        except OSError:
+            pass  # the other side has closed
+
+    def close(self):
+        self.closed.set()
+        self.server.shutdown()
+        self.server.server_close()

@@ -1,0 +1,186 @@
+#!/usr/bin/env python3
+"""A detector that reads its camera itself: spots, stamps, images for others, and what becomes of it when the camera fails."""
+
+import subprocess
+import sys
+import threading
+import time
+import unittest
+from pathlib import Path
+from tempfile import mkdtemp
+
+import cv2
+import numpy as np
+import rospkg
+import rospy
+import rostest
+import tf2_ros
+import yaml
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from mjpeg_server import MjpegServer  # noqa: E402
+from scenes import GREEN, Scene  # noqa: E402
+
+from vb_core import geometry, names  # noqa: E402
+from vb_core.camera_model import CameraModel  # noqa: E402
+from vb_core.ros import messages  # noqa: E402
+from vb_core.ros.images import array_from_image  # noqa: E402
+from vb_core.ros.notices import NoticeListener  # noqa: E402
+from vb_laser_detect.camera import lens_file  # noqa: E402
+from vb_msgs.msg import DetectorStatus, LaserSpot  # noqa: E402
+
+TIMEOUT = 60.0
+COMMAND = ("rosrun", "vb_laser_detect", "calibrate_camera")
+LATE_S = 0.4  # [s] by which the camera is late
+PLACE = (300.0, 200.0)
+T = geometry.transform(geometry.rotation_from_rpy(np.pi, 0, 0), (1.0, 2.0, 2.5))
+CAMERA = CameraModel(
+    640, 480, np.array([[500.0, 0, 319.5], [0, 500.0, 239.5], [0, 0, 1]]), np.array([-0.1, 0.01, 0, 0, 0])
+)
+
+
+def images(width=640, height=480):
+    """An empty floor, and one with a spot that trembles."""
+    scene = Scene(width, height, seed=2)
+    flags = [cv2.IMWRITE_JPEG_QUALITY, 92]
+    jpeg = lambda image: cv2.imencode(".jpg", image, flags)[1].tobytes()  # noqa: E731
+    empty = [jpeg(scene.render([])) for _ in range(8)]
+    spot = [jpeg(scene.render([(PLACE[0] + 2 * (i % 3), PLACE[1])], sigma=1.6, color=GREEN)) for i in range(9)]
+    return empty, spot
+
+
+def until(condition, what, timeout=TIMEOUT):
+    end = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > end:
+            raise AssertionError(f"waited in vain for {what}")
+        time.sleep(0.02)
+
+
+class TestCameraSource(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.empty, cls.spot = images()
+        cls.server = MjpegServer(cls.empty)
+        cls.notices = NoticeListener()
+        cls.spots, cls.status = [], []
+        rospy.Subscriber(names.SPOTS, LaserSpot, lambda m: cls.spots.append((time.time(), m)), queue_size=50)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, cls.status.append, queue_size=50)
+        cls.poses = tf2_ros.StaticTransformBroadcaster()
+        cls.poses.sendTransform([messages.message_from_transform(T, "map", "hall_optical_frame", rospy.Time.now())])
+        lab = Path(mkdtemp())
+        (lab / "detectors").mkdir()
+        cls.settings = lab / "detectors" / "hall.yaml"
+        cls.settings.write_text("{}\n")
+        lens_file.save(lab / "lenses" / "hall.yaml", "hall", CAMERA)
+        config = Path(rospkg.RosPack().get_path("vb_laser_detect")) / "config" / "stationary.yaml"
+        rospy.set_param("/spot_detector_hall", yaml.safe_load(config.read_text()))
+        for name, value in (("camera", "hall"), ("source", cls.server.address()), ("settings", str(cls.settings))):
+            rospy.set_param(f"/spot_detector_hall/{name}", value)
+        cls.node = subprocess.Popen(["rosrun", "vb_laser_detect", "spot_detector", "__name:=spot_detector_hall"])
+        until(lambda: cls.status and cls.status[-1].processed > 20, "the first images")
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.node.terminate()
+        cls.node.wait()
+        cls.server.close()
+
+    def codes(self):
+        return {notice.code for notice in self.notices.current() if notice.camera == "hall"}
+
+    def test_1_spots_are_where_and_when_they_were(self):
+        self.server.jpegs = self.spot
+        until(lambda: len(self.spots) > 20, "spots")
+        arrived, message = self.spots[-1]
+        rays = CAMERA.rays(np.array([PLACE])) @ T[:3, :3].T
+        truth = geometry.intersect_floor(T[:3, 3], rays)[0]
+        self.assertLess(np.hypot(message.position.x - truth[0], message.position.y - truth[1]), 0.025)
+        age = [came - spot.header.stamp.to_sec() for came, spot in self.spots[5:]]
+        self.assertGreaterEqual(min(age), 0.0)
+        sent = np.array(self.server.sent)
+        late = [np.abs(sent - spot.header.stamp.to_sec()).min() for _, spot in self.spots[5:]]
+        self.assertLess(np.median(late), 0.02)
+
+    def test_2_others_get_images_while_they_listen(self):
+        found = {}
+        kinds = {
+            "/hall/image_raw": Image,
+            "/hall/image_raw/compressed": CompressedImage,
+            "/hall/camera_info": CameraInfo,
+        }
+        for topic, kind in kinds.items():
+            found[topic] = rospy.wait_for_message(topic, kind, TIMEOUT)
+        picture = array_from_image(found["/hall/image_raw"])
+        self.assertEqual(picture.shape, (480, 640, 3))
+        self.assertEqual(found["/hall/image_raw"].header.frame_id, "hall_optical_frame")
+        self.assertIn(found["/hall/image_raw/compressed"].data, self.spot)  # as the camera sent it
+        np.testing.assert_allclose(found["/hall/camera_info"].K, CAMERA.matrix.ravel())
+
+    def test_3_a_stalled_camera_is_named_and_comes_back(self):
+        self.server.stalled.set()
+        until(lambda: "camera_stalled" in self.codes(), "the sentence")
+        self.server.stalled.clear()
+        self.comes_back()
+
+    def test_4_a_camera_that_vanishes_is_named_and_comes_back(self):
+        self.server.status = 401
+        self.server.broken.set()
+        until(lambda: "camera_password" in self.codes(), "the sentence")
+        self.server.broken.clear()
+        self.server.status = 200
+        self.comes_back()
+
+    def test_5_spots_are_dropped_while_the_lens_is_of_another_image_size(self):
+        self.server.jpegs = images(320, 240)[1]
+        until(lambda: self.refused("no_camera_info") > 0, "the refusal")
+        self.server.jpegs = self.spot
+        self.comes_back()
+
+    def test_6_two_detectors_of_one_camera_are_noticed(self):
+        other = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
+
+        def speak():
+            other.publish(DetectorStatus(camera="hall", frame_id="hall_optical_frame"))
+            return self.refused("camera_name_twice") > 0
+
+        until(speak, "the refusal")
+
+    def test_7_the_exposure_of_a_camera_in_the_network_cannot_be_set(self):
+        done = subprocess.run(
+            [*COMMAND, "exposure", "hall"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        self.assertEqual(done.returncode, 1, done.stdout)
+        self.assertIn("control_refused", done.stdout)
+
+    def test_8_the_delay_is_measured_with_the_terminal_s_light(self):
+        dark, light = (
+            [cv2.imencode(".jpg", np.full((480, 640, 3), level, np.uint8))[1].tobytes()] for level in (40, 160)
+        )
+        self.server.jpegs = dark
+        command = subprocess.Popen([*COMMAND, "delay", "hall"], stdout=subprocess.PIPE)
+        seen = b""
+        for byte in iter(lambda: command.stdout.read(1), b""):
+            seen += byte
+            for code, jpegs in ((b"\x1b[107m", light), (b"\x1b[0m\x1b[2J", dark)):
+                if seen.endswith(code):  # the camera shows it later
+                    threading.Timer(LATE_S, setattr, (self.server, "jpegs", jpegs)).start()
+        self.assertEqual(command.wait(TIMEOUT), 0, seen)
+        found = yaml.safe_load(self.settings.read_text())["capture"]["delay_ms"]
+        self.assertEqual(rospy.get_param("/spot_detector_hall/capture/delay_ms"), found)
+        self.assertLess(abs(found - 1e3 * LATE_S), 100.0)
+
+    def refused(self, code):
+        newest = [message for message in self.status if message.received][-1]
+        return dict(zip(newest.rejections, newest.rejection_counts)).get(code, 0)
+
+    def comes_back(self):
+        count = len(self.spots)
+        until(lambda: len(self.spots) > count + 10, "spots")
+        until(lambda: not self.codes(), "the sentence's end")
+
+
+if __name__ == "__main__":
+    rospy.init_node("test_camera_source")
+    rostest.rosrun("vb_laser_detect", "camera_source", TestCameraSource)

@@ -1,0 +1,239 @@
+"""Lens, delay, exposure and settings of a camera that the detector reads itself: against what is known."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_laser_detect.calibration.board import BoardParams, BoardView
+from vb_laser_detect.calibration.lens import LensCalibration
+from vb_laser_detect.camera import controls, lens_file
+from vb_laser_detect.camera.delay import brightness, measure_delay
+from vb_laser_detect.camera.exposure_search import Look, find_exposure
+from vb_laser_detect.camera.settings_file import set_capture
+from vb_laser_detect.camera.source import CaptureParams
+
+WIDE = CameraModel(
+    1280, 720, np.array([[820.0, 0, 655], [0, 824.0, 350], [0, 0, 1]]), np.array([-0.25, 0.08, 0.001, 0, 0])
+)
+FISH = CameraModel(
+    1280, 720, np.array([[520.0, 0, 640], [0, 520.0, 360], [0, 0, 1]]), np.array([0.02, -0.01, 0, 0]), True
+)
+
+
+# ------------------------------------------------------------- lens
+def held(camera, rng, tilt=0.6):
+    """A view of a board that a person holds before the camera."""
+    board = BoardParams.for_paper("A3")
+    corners = board.opencv().getChessboardCorners()
+    far = rng.uniform(0.4, 0.9) * camera.focal_px / 820.0
+    middle = camera.rays(np.array([[rng.uniform(0, camera.width), rng.uniform(0, camera.height)]]))[0] * far
+    turn = geometry.rotation_from_rpy(*rng.uniform(-tilt, tilt, 2), rng.uniform(-math.pi, math.pi))
+    points = (corners - corners.mean(axis=0)) @ turn.T + middle
+    pixels = camera.project(points) + rng.normal(0.0, 0.15, (len(points), 2))
+    inside = camera.contains(pixels)
+    return BoardView(pixels[inside], corners[inside, :2].astype(float), np.flatnonzero(inside))
+
+
+def calibrate(camera, seed, tilt=0.6):
+    rng, lens = np.random.default_rng(seed), LensCalibration((camera.width, camera.height), camera.fisheye)
+    for _ in range(80):
+        lens.add(held(camera, rng, tilt))
+    return lens.solve()[0]
+
+
+@pytest.mark.parametrize("camera", [WIDE, FISH], ids=["wide", "fisheye"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_lens_is_found(camera, seed):
+    found = calibrate(camera, seed)
+    assert found.focal_px == pytest.approx(camera.focal_px, rel=0.012)
+    # rays agree to a centimetre at three metres
+    grid = np.stack(np.meshgrid(np.linspace(60, 1220, 9), np.linspace(60, 660, 7)), axis=-1).reshape(-1, 2)
+    here, there = found.rays(grid), camera.rays(grid)
+    away = np.linalg.norm(
+        here / np.linalg.norm(here, axis=1)[:, None] - there / np.linalg.norm(there, axis=1)[:, None], axis=1
+    )
+    assert np.percentile(away - np.median(away), 90) < 0.01
+
+
+def test_a_board_that_is_never_tilted_does_not_determine_the_lens():
+    with pytest.raises(CodedError) as caught:
+        calibrate(WIDE, 1, tilt=0.0)
+    assert caught.value.code == "board_not_tilted"
+
+
+def test_the_same_view_does_not_count_twice():
+    lens = LensCalibration((1280, 720))
+    view = next(view for view in (held(WIDE, np.random.default_rng(seed)) for seed in range(20)) if len(view.ids) >= 8)
+    assert lens.add(view) and not lens.add(view)
+    with pytest.raises(CodedError) as caught:
+        lens.solve()
+    assert caught.value.code == "too_few_views"
+
+
+@pytest.mark.parametrize("camera", [WIDE, FISH], ids=["wide", "fisheye"])
+def test_a_lens_file_comes_back_as_it_was(tmp_path, camera):
+    lens_file.save(tmp_path / "hall.yaml", "hall", camera)
+    found = lens_file.load(tmp_path / "hall.yaml")
+    assert (found.width, found.height, found.fisheye) == (camera.width, camera.height, camera.fisheye)
+    assert np.array_equal(found.matrix, camera.matrix) and np.array_equal(found.distortion, camera.distortion)
+
+
+@pytest.mark.parametrize(
+    "text, code", [(None, "no_lens_file"), ("image_width: 3", "bad_lens_file"), (":", "bad_lens_file")]
+)
+def test_a_lens_file_that_says_nothing_is_refused(tmp_path, text, code):
+    if text is not None:
+        (tmp_path / "hall.yaml").write_text(text)
+    with pytest.raises(CodedError) as caught:
+        lens_file.load(tmp_path / "hall.yaml")
+    assert caught.value.code == code
+
+
+# ------------------------------------------------------------- delay
+def blinking(delay, rate, rng, contrast=60.0, noise=2.0, share=0.02):
+    """Switching times, and what a camera sees of a small window among people who move."""
+    switched = np.cumsum(rng.uniform(0.25, 0.65, 40)) + 100.0
+    seen = []
+    for stamp in np.arange(99.0, switched[-1] + 3.0, 1.0 / rate) + rng.normal(0, 0.002):
+        gathered = stamp - delay + np.linspace(-0.25, 0.25, 9) / rate
+        lit = np.mean(np.searchsorted(switched, gathered) % 2)
+        image = np.full((180, 320), 70.0)
+        side = int(math.sqrt(share * image.size))
+        image[40 : 40 + side, 200 : 200 + side] += contrast * lit
+        image[100:160, 20:120] += 15.0 * math.sin(0.9 * stamp)
+        seen.append((stamp, brightness(np.clip(image + rng.normal(0, noise, image.shape), 0, 255).astype(np.uint8))))
+    return switched, seen
+
+
+@pytest.mark.parametrize("delay, rate", [(0.0, 30.0), (0.045, 25.0), (0.3, 10.0), (1.6, 25.0)])
+def test_the_delay_is_measured(delay, rate):
+    found = measure_delay(*blinking(delay, rate, np.random.default_rng(int(1000 * delay + rate))))
+    assert abs(found.seconds - delay) < max(0.008, found.uncertainty)
+    assert found.uncertainty < 0.05
+
+
+def test_images_that_do_not_follow_the_light_say_nothing():
+    switched, seen = blinking(0.1, 25.0, np.random.default_rng(5), contrast=0.0)
+    with pytest.raises(CodedError) as caught:
+        measure_delay(switched, seen)
+    assert caught.value.code == "no_blinking"
+
+
+# ------------------------------------------------------------- exposure
+@pytest.mark.parametrize("light", [0.2, 1.0, 8.0, 60.0])
+def test_an_exposure_is_found_at_which_the_floor_is_grey(light):
+    def camera(exposure):
+        level = 255.0 * min(1.0, (light * exposure / 2000.0)) ** (1 / 2.2)
+        return Look(level, float(level > 250))
+
+    assert abs(camera(find_exposure(camera)).middle - 90.0) < 15.0
+
+
+@pytest.mark.parametrize(
+    "level, code",
+    [
+        (lambda e: 20.0, "exposure_ignored"),
+        (lambda e: 5.0 + e / 100.0, "too_dark"),
+        (lambda e: min(255.0, 150.0 + e), "too_bright"),
+    ],
+)
+def test_what_no_exposure_can_mend_is_told(level, code):
+    with pytest.raises(CodedError) as caught:
+        find_exposure(lambda exposure: Look(level(exposure), float(level(exposure) > 250)))
+    assert caught.value.code == code
+
+
+def test_a_window_in_the_image_keeps_the_exposure_short():
+    def camera(exposure):
+        return Look(min(255.0, 0.5 * exposure), 0.2 if exposure > 60 else 0.0)
+
+    assert 40 < find_exposure(camera) <= 62
+
+
+# ------------------------------------------------------------- controls
+NEW = """
+User Controls
+
+                 white_balance_automatic 0x0098090c (bool)   : default=1 value=1
+                                    gain 0x00980913 (int)    : min=0 max=255 step=1 default=0 value=0
+               white_balance_temperature 0x0098091a (int)    : min=2000 max=6500 step=1 default=4000 value=4000 flags=inactive
+
+Camera Controls
+
+                           auto_exposure 0x009a0901 (menu)   : min=0 max=3 default=3 value=3 (Aperture Priority Mode)
+                  exposure_time_absolute 0x009a0902 (int)    : min=3 max=2047 step=1 default=250 value=250 flags=inactive
+"""
+OLD = NEW.replace("auto_exposure", "exposure_auto").replace("exposure_time_absolute", "exposure_absolute")
+OLD = OLD.replace("white_balance_automatic", "white_balance_temperature_auto")
+
+
+def test_automatic_settings_are_switched_off_before_values_are_set():
+    params = CaptureParams(exposure=120, gain=10, white_balance=9000)
+    assert controls.plan(NEW, params) == [
+        "auto_exposure=1",
+        "exposure_time_absolute=120",
+        "gain=10",
+        "white_balance_automatic=0",
+        "white_balance_temperature=6500",  # as far as the camera goes
+    ]
+    assert controls.plan(OLD, params)[:2] == ["exposure_auto=1", "exposure_absolute=120"]
+
+
+def test_what_is_not_wanted_stays_automatic_even_where_a_camera_has_no_such_setting():
+    assert controls.plan(NEW, CaptureParams()) == ["auto_exposure=3", "white_balance_automatic=1"]
+    assert controls.plan("", CaptureParams()) == []
+    with pytest.raises(CodedError) as caught:
+        controls.plan("", CaptureParams(exposure=100))
+    assert caught.value.code == "no_control"
+
+
+def test_a_device_gets_each_setting(tmp_path, monkeypatch):
+    tool = tmp_path / "v4l2-ctl"
+    (tmp_path / "listing").write_text(NEW)
+    tool.write_text(
+        f'#!/bin/sh\necho "$@" >>{tmp_path}/calls\n[ "$3" = --list-ctrls ] && cat {tmp_path}/listing\nexit 0\n'
+    )
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    controls.apply("/dev/video7", CaptureParams(exposure=50))
+    calls = (tmp_path / "calls").read_text().splitlines()
+    assert calls[:3] == [
+        f"-d /dev/video7 {what}"
+        for what in ("--list-ctrls", "--set-ctrl=auto_exposure=1", "--set-ctrl=exposure_time_absolute=50")
+    ]
+    tool.write_text("#!/bin/sh\necho 'VIDIOC_S_EXT_CTRLS: failed: Permission denied' >&2\nexit 1\n")
+    with pytest.raises(CodedError) as caught:
+        controls.apply("/dev/video7", CaptureParams(exposure=50))
+    assert caught.value.code == "control_refused" and "Permission denied" in caught.value.message
+
+
+# ------------------------------------------------------------- settings
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# mine\n{}\n",
+        "source: /dev/video0   # the left one\n",
+        "source: x\ncapture:\n  delay_ms: 3.0   # guessed\n  width: 1280\nignore_regions: []\n",
+    ],
+)
+def test_settings_are_changed_and_all_else_stays(tmp_path, text):
+    path = tmp_path / "hall.yaml"
+    path.write_text(text)
+    set_capture(path, {"delay_ms": 48.5, "exposure": 100})
+    before, after = yaml.safe_load(text) or {}, yaml.safe_load(path.read_text())
+    assert after == {**before, "capture": {**before.get("capture", {}), "delay_ms": 48.5, "exposure": 100}}
+    for comment in ("# mine", "# the left one", "# guessed"):
+        assert (comment in text) == (comment in path.read_text())
+
+
+def test_a_file_in_another_style_is_left_as_it_is(tmp_path):
+    path = tmp_path / "hall.yaml"
+    path.write_text("capture: {width: 3}\n")
+    with pytest.raises(CodedError) as caught:
+        set_capture(path, {"delay_ms": 1.0})
+    assert caught.value.code == "bad_file" and path.read_text() == "capture: {width: 3}\n"

@@ -1,0 +1,221 @@
+"""What is in force on a map: the map with borders, and a verdict for each border.
+
+The idea: a border is what it closed off, not only where it was drawn. On the map on which a person accepted it, it is what
+was drawn. On any other map it is the same if the walls round it are where they should be and it closes off the same floor;
+else it waits for a person. While it waits it is in force to the safe side: on what it closed off, on what the line closes
+off now unless that is much more, and at its second possible place. If nothing of that is on the map, it does not fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Callable, Dict, Iterable, Mapping, Optional, Tuple
+
+import numpy as np
+
+from vb_core.grid_map import GridMap
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.borders.issues import IntegrationError
+from vb_map_integration.borders.schedule import is_scheduled
+from vb_map_integration.grid.layered_map import LayeredMap, Region, join_regions
+from vb_map_integration.integration import IntegrationParams, restricted_area
+from vb_map_integration.places.border_place import BorderPlace
+
+# why a border waits for a person, or is not in force
+TO_BE_CONFIRMED, DOES_NOT_FIT = "to_be_confirmed", "inactive_on_this_map"
+# what waits for which reason, besides the codes of `IntegrationError`
+PLACE, EFFECT = "$place_uncertain", "$closes_something_else"
+# a border closes off the same if this share of all that it closes off, before or now, is in both
+_SAME_EFFECT = 0.5
+# while it waits, it is in force on what it closes off now only up to this many times what it was accepted for
+_WITHIN_REASON = 2.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one border is on the current map.
+
+    Attributes:
+        stored: the border in its place's frame.
+        border: in the map's frame.
+        due: whether it is on at this time, and for this robot.
+        code: TO_BE_CONFIRMED, DOES_NOT_FIT, or "" if it is the same.
+        why: PLACE, EFFECT, or the code of the error; "" if it is the same.
+        region: what is in force; None if nothing is.
+        before: what it restricted when it was accepted, at its place on this map; None if nobody needs it.
+        area_m2: [m^2] that it would restrict once confirmed; 0 if nothing.
+    """
+
+    stored: VirtualBorder
+    border: VirtualBorder
+    due: bool
+    code: str = ""
+    why: str = ""
+    region: Optional[Region] = field(default=None, repr=False)
+    before: Optional[Region] = field(default=None, repr=False)
+    area_m2: float = 0.0
+
+    @property
+    def can_be_confirmed(self) -> bool:
+        """Returns whether a person can accept it as it is now."""
+        return self.code == TO_BE_CONFIRMED and self.why in (PLACE, EFFECT)
+
+    @property
+    def values(self) -> Dict[str, str]:
+        """The values for the sentence of its code."""
+        before = self.before.area_m2 if self.before else 0.0
+        areas = {"before": f"{before:.1f}", "now": f"{self.area_m2:.1f}"} if self.before else {}
+        return {"border": self.border.name, "why": self.why, **areas}
+
+
+@dataclass(frozen=True)
+class InForce:
+    """What is in force on a map.
+
+    Attributes:
+        layered_map: the map, and the regions of the borders that act on it.
+        verdicts: by border, the oldest first.
+    """
+
+    layered_map: LayeredMap
+    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
+
+    @property
+    def slow_zones(self) -> Tuple[Verdict, ...]:
+        """The slow zones that act."""
+        return tuple(one for one in self.verdicts.values() if one.region is not None and one.border.zone.limits_speed)
+
+    def area_m2(self, border_id: str) -> float:
+        """Returns the area [m^2] that a border restricts now; 0 if it is not in force."""
+        region = self.verdicts[border_id].region if border_id in self.verdicts else None
+        return region.area_m2 if region else 0.0
+
+    def status(self, border: VirtualBorder, robot: str) -> Tuple[bool, str]:
+        """Returns whether a border is in force for a robot ("": any), and what is to be said of it."""
+        verdict = self.verdicts[border.id]
+        if robot and border.robots and robot not in border.robots:
+            return False, "other_robot"
+        if not verdict.due:
+            return False, "off_schedule" if border.enabled else "disabled"
+        if verdict.code == DOES_NOT_FIT:
+            return False, verdict.code
+        if border.without_effect:
+            return False, "no_effect"
+        return True, verdict.code
+
+    @property
+    def speed_limits(self) -> GridMap:
+        """The highest speed in each cell [cm/s], 0: no limit; the geometry of the map."""
+        physical = self.layered_map.physical
+        cells = np.zeros(physical.shape, np.int8)
+        for verdict in self.slow_zones:
+            part, inside = cells[verdict.region.window], verdict.region.mask != 0  # type: ignore[union-attr]
+            limit = np.int8(max(1, min(127, round(100.0 * verdict.border.max_speed))))
+            part[inside] = np.where(part[inside] == 0, limit, np.minimum(part[inside], limit))
+        return physical.with_data(cells)
+
+
+def put_in_force(
+    grid: GridMap,
+    borders: Iterable[VirtualBorder],
+    locate: Callable[[VirtualBorder], BorderPlace],
+    params: IntegrationParams,
+    robot: str,
+    now: float,
+    before: Optional[InForce] = None,
+    checked: Optional[Tuple[str, LayeredMap]] = None,
+) -> InForce:
+    """Computes what is in force on a map.
+
+    Args:
+        grid: the physical map.
+        borders: stored ones, in the frame of their place.
+        locate: finds where a border is on the map.
+        robot: that the map is for; borders for others are left out; "": all count.
+        now: [s].
+        before: what was in force on the same map, with the same `locate`: verdicts of borders that are still the same
+            are taken from it.
+        checked: one of the borders, drawn on this map, and the map with it, which need not be computed again then.
+    """
+    known = before.verdicts if before else {}
+    verdicts: Dict[str, Verdict] = {}
+    regions: Dict[str, Optional[Region]] = {key: None for key in known}
+    for border in borders:
+        due = is_due(border, now) and (not robot or not border.robots or robot in border.robots)
+        verdict = known.get(border.id)
+        if verdict is not None and verdict.stored is border and verdict.due == due:
+            del regions[border.id]
+        else:
+            done = checked[1].region(border.id) if checked and checked[0] == border.id and due else None
+            verdict = _judge(border, locate(border), grid, params, due, done)
+            regions[border.id] = verdict.region if border.zone.restricts else None
+        verdicts[border.id] = verdict
+    layered = before.layered_map if before else LayeredMap(grid)
+    if checked and list(regions) == [checked[0]] and regions[checked[0]] is not None:
+        layered = checked[1]
+    elif any(region is not None or layered.region(key) is not None for key, region in regions.items()):
+        layered = layered.with_regions(regions)
+    return InForce(layered, verdicts)
+
+
+def _judge(
+    stored: VirtualBorder,
+    place: BorderPlace,
+    grid: GridMap,
+    params: IntegrationParams,
+    due: bool,
+    done: Optional[Region] = None,
+) -> Verdict:
+    border = place.border
+    if not due or done is not None:
+        return Verdict(stored, border, due, region=done, area_m2=done.area_m2 if done else 0.0)
+    now, why = _region(grid, border, params)
+    if place.accepted_here:
+        code = "" if now else DOES_NOT_FIT
+        return Verdict(stored, border, due, code, why, now, area_m2=now.area_m2 if now else 0.0)
+    before = place.region_before(grid, params) if _has_a_side(border) else now
+    if not why and not place.is_certain:
+        why = PLACE
+    if not why and before is not now and _shared(before, now) < _SAME_EFFECT:
+        why = EFFECT
+    possible = [now, *(_region(grid, other, params)[0] for other in place.others)]
+    if why and before is not None:
+        most = _WITHIN_REASON * before.area_m2
+        possible = [before, *(one for one in possible if one is not None and one.area_m2 <= most)]
+    region = join_regions([one for one in possible if one is not None])
+    code = "" if not why else TO_BE_CONFIRMED if region is not None else DOES_NOT_FIT
+    return Verdict(stored, border, due, code, why, region, before if why else None, now.area_m2 if now else 0.0)
+
+
+def _region(grid: GridMap, border: VirtualBorder, params: IntegrationParams) -> Tuple[Optional[Region], str]:
+    """Returns what a border restricts, or None and why it restricts nothing."""
+    try:
+        return Region.of(restricted_area(grid, border, params)), ""
+    except IntegrationError as error:
+        return None, error.code
+
+
+def _has_a_side(border: VirtualBorder) -> bool:
+    """Returns whether walls decide what a border closes off, and not its own line alone."""
+    return not border.closed and not border.wall
+
+
+def _shared(before: Optional[Region], now: Optional[Region]) -> float:
+    """Returns the share of the cells of two regions that is in both."""
+    if before is None or now is None:
+        return 0.0
+    (rows, columns), (r, c) = before.window, now.window
+    top, left = max(rows.start, r.start), max(columns.start, c.start)
+    bottom, right = min(rows.stop, r.stop), min(columns.stop, c.stop)
+    one, other = before.mask, now.mask
+    both = 0
+    if top < bottom and left < right:
+        part = one[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start] != 0
+        both = int((part & (other[top - r.start : bottom - r.start, left - c.start : right - c.start] != 0)).sum())
+    return both / max(1, int((one != 0).sum()) + int((other != 0).sum()) - both)
+
+
+def is_due(border: VirtualBorder, now: float) -> bool:
+    """Returns whether a border is on at a time [s], also if it expired and that could not be written yet."""
+    expired = 0.0 < border.expires <= now
+    return border.enabled != expired and is_scheduled(border.schedule, now)

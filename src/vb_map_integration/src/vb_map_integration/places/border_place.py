@@ -1,0 +1,87 @@
+"""Where one border is on a map, and what it restricted where it was accepted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.borders.issues import IntegrationError
+from vb_map_integration.grid.layered_map import Region
+from vb_map_integration.integration import IntegrationParams, restricted_area
+from vb_map_integration.places.local_fit import LocalFit
+from vb_map_integration.places.registration import Transform
+
+
+@dataclass(frozen=True)
+class BorderPlace:
+    """Where a border is on the current map.
+
+    Attributes:
+        border: there.
+        is_certain: whether the walls round it say so.
+        others: at other places where it may be, until somebody says where it is.
+        accepted: as it was accepted, on that map; None if that is the current one.
+        accepted_on: that map.
+        transform: from there to here.
+    """
+
+    border: VirtualBorder
+    is_certain: bool = True
+    others: Tuple[VirtualBorder, ...] = ()
+    accepted: Optional[VirtualBorder] = None
+    accepted_on: Optional[GridMap] = None
+    transform: Transform = Transform()
+
+    @property
+    def accepted_here(self) -> bool:
+        """Returns whether a person drew or accepted it on this very map."""
+        return self.accepted is None
+
+    def region_before(self, grid: GridMap, params: IntegrationParams) -> Optional[Region]:
+        """Returns the free floor of this map that it restricted where it was accepted; None if there is none."""
+        assert self.accepted is not None and self.accepted_on is not None
+        try:
+            area = restricted_area(self.accepted_on, self.accepted, params)
+        except IntegrationError:  # accepted with other parameters
+            return None
+        rows, columns = area.window
+        corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) + (columns.start, rows.start)
+        here = grid.world_to_grid(self.transform.apply(self.accepted_on.grid_to_world(corners)))
+        size = np.array([columns.stop - columns.start, rows.stop - rows.start])
+        matrix = np.column_stack([here[1] - here[0], here[2] - here[0], here[0]])
+        outline = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * size @ matrix[:, :2].T + matrix[:, 2]
+        low = np.maximum(np.floor(outline.min(axis=0)) - 1, 0).astype(int)
+        high = np.minimum(np.ceil(outline.max(axis=0)) + 2, grid.shape[::-1]).astype(int)
+        if (high <= low).any():
+            return None
+        matrix[:, 2] -= low
+        width, height = (int(value) for value in high - low)
+        mask = cv2.warpAffine(area.mask, matrix, (width, height), flags=cv2.INTER_NEAREST)
+        window = slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+        free = (grid.data[window] >= 0) & (grid.data[window] < OCCUPIED_THRESHOLD)
+        count = int(np.count_nonzero((mask != 0) & free))
+        if not count:
+            return None
+        return Region(window, np.packbits(mask), area.value, False, count * grid.resolution**2)
+
+
+def choose_place(
+    accepted: VirtualBorder, accepted_on: GridMap, start: Transform, fit: Optional[LocalFit], is_seen: bool
+) -> BorderPlace:
+    """Decides where a border is: where the walls round it say, or, if they do not, where it is expected.
+
+    Args:
+        accepted: on the map on which it was accepted.
+        start: from that map to the current one.
+        fit: what the walls say; None if there are too few.
+        is_seen: whether the current map knows the floor there; there is nothing to ask about before it does.
+    """
+    if fit is not None and fit.is_certain:
+        return BorderPlace(accepted.moved(fit.transform), True, (), accepted, accepted_on, fit.transform)
+    others = (accepted.moved(fit.transform),) if fit is not None and fit.is_possible else ()
+    return BorderPlace(accepted.moved(start), not is_seen, others, accepted, accepted_on, start)

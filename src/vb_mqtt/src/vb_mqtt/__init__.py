@@ -1,0 +1,1 @@
+"""The smart home's hub: Home Assistant and others, by MQTT."""

@@ -1,0 +1,171 @@
+"""The connection to the MQTT broker: it comes back by itself, and brings the newest states with it. No ROS.
+
+The idea: states are sent without asking for a receipt, and all of them again at each connection. So a message that was
+lost on the way is made good, and none that has become old is sent again after a newer one. What the broker would keep for
+us while we are away is not wanted (a clean session): nobody expects it any more.
+"""
+
+from __future__ import annotations
+
+import ssl
+import stat
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Callable, Dict, Tuple
+
+import paho.mqtt.client as paho
+import yaml
+
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
+
+KEEPALIVE = 10  # [s] a broker or a network that is gone without a word is noticed after one and a half of them
+_RETRIES = (1, 10)  # [s] between two tries to connect, the first and the longest
+
+
+@dataclass(frozen=True)
+class Connection(Parameters):
+    """How the broker is reached, as a file has it that nobody else can read."""
+
+    username: str = param("")
+    password: str = param("")
+    port: int = param(0, "", low=0, high=65535)  # 0: the usual one
+    tls: bool = param(False)
+    ca_file: str = param("")  # of the authority that signed the broker's certificate; empty: those of the system
+
+
+def read_connection(path: Path) -> Connection:
+    """Reads a file in YAML; none: a broker that lets everybody in.
+
+    Raises:
+        CodedError: "mqtt_file_open" if others can read it, "mqtt_file_bad", "bad_parameter".
+    """
+    try:
+        if not path.exists():
+            return Connection()
+        if stat.S_IMODE(path.stat().st_mode) & 0o077:
+            raise CodedError("mqtt_file_open", file=path)
+        return Connection.from_mapping(yaml.safe_load(path.read_text(encoding="utf-8")), str(path))
+    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or type(error).__name__  # the text may hold the password
+        raise CodedError("mqtt_file_bad", file=path, reason=reason) from None
+
+
+def split_host(address: str) -> Tuple[str, int]:
+    """Splits HOST or HOST:PORT; a port of 0 is none. An address of IPv6 with a port has brackets."""
+    host, colon, port = address.rpartition(":")
+    if colon and port.isdigit() and (":" not in host or host.endswith("]")):
+        return host.strip("[]"), int(port)
+    return address.strip("[]"), 0
+
+
+class Broker:
+    """A client of a broker. Its callbacks come from one thread of its own.
+
+    Args:
+        address: HOST or HOST:PORT.
+        client: its id, the same in each process: the broker ends an earlier connection before it takes a new one.
+        will: topic and payload that the broker publishes, retained, once this client is gone.
+        subscriptions: callbacks (topic, payload, retained) by the filters of what they receive, with QoS 1.
+        on_fault: called if a callback raised, which is a fault of the program.
+
+    Raises:
+        CodedError: "mqtt_file_bad" if the authority's certificate cannot be used.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        connection: Connection,
+        client: str,
+        will: Tuple[str, bytes],
+        subscriptions: Dict[str, Callable[[str, bytes, bool], None]],
+        on_fault: Callable[[Exception], None],
+    ) -> None:
+        host, port = split_host(address)
+        port = port or connection.port or (8883 if connection.tls else 1883)
+        self.address = f"{host}:{port}"
+        self.trouble = ""  # why the last connection failed, as the broker says; "": it cannot be reached
+        self._states: Dict[str, bytes] = {}
+        self._lock, self._connected = threading.Lock(), False
+        self._will, self._subscriptions, self._on_fault = will, subscriptions, on_fault
+        self._client = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id=client, clean_session=True)
+        self._client.will_set(*will, qos=1, retain=True)
+        if connection.username:
+            self._client.username_pw_set(connection.username, connection.password or None)
+        if connection.tls:
+            self._client.tls_set_context(_trust(connection.ca_file))
+        self._client.reconnect_delay_set(*_RETRIES)
+        self._client.on_connect, self._client.on_disconnect = self._on_connect, self._on_disconnect
+        self._client.on_subscribe = self._on_subscribe
+        for topics, callback in subscriptions.items():
+            self._client.message_callback_add(topics, self._receiver(callback))
+        self._client.connect_async(host, port, KEEPALIVE)
+
+    def start(self) -> None:
+        """Connects, and again whenever the connection is lost."""
+        self._client.loop_start()
+
+    @property
+    def connected(self) -> bool:
+        """Whether the broker has accepted this client."""
+        return self._connected
+
+    def put(self, topic: str, payload: bytes) -> None:
+        """Sets the retained message of a topic, now or as soon as there is a connection; an empty one deletes it."""
+        with self._lock:
+            if payload and self._states.get(topic) == payload:
+                return
+            self._states[topic] = payload
+            if not payload:
+                del self._states[topic]
+            if self._connected:
+                self._client.publish(topic, payload, qos=0, retain=True)
+
+    def send(self, topic: str, payload: bytes) -> bool:
+        """Sends a message for those who listen now; returns False if there is no connection."""
+        if self._connected:
+            self._client.publish(topic, payload, qos=0)
+        return self._connected
+
+    def close(self) -> None:
+        """Publishes the will, and disconnects."""
+        if self._connected:
+            self._client.publish(*self._will, qos=1, retain=True).wait_for_publish(2.0)
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    # ------------------------------------------------------------------ callbacks
+    def _on_connect(self, client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
+        if reason.is_failure:
+            self.trouble = str(reason)
+            return
+        client.subscribe([(topics, 1) for topics in self._subscriptions])  # first: who sees that it is online is heard
+        with self._lock:
+            self._connected, self.trouble = True, ""
+            for topic, payload in self._states.items():
+                client.publish(topic, payload, qos=0, retain=True)
+
+    def _on_disconnect(self, *_arguments: Any) -> None:
+        with self._lock:
+            self._connected = False
+
+    def _on_subscribe(self, _client: Any, _data: Any, _id: int, reasons: Any, _properties: Any) -> None:
+        self.trouble = next((str(reason) for reason in reasons if reason.is_failure), "")
+
+    def _receiver(self, callback: Callable[[str, bytes, bool], None]) -> Callable[..., None]:
+        def receive(_client: Any, _data: Any, message: Any) -> None:
+            try:
+                callback(message.topic, bytes(message.payload), bool(message.retain))
+            except Exception as error:  # it would end this thread, and nothing would be received any more
+                self._on_fault(error)
+
+        return receive
+
+
+def _trust(ca_file: str) -> ssl.SSLContext:
+    try:
+        return ssl.create_default_context(cafile=str(Path(ca_file).expanduser()) if ca_file else None)
+    except (OSError, ssl.SSLError) as error:
+        raise CodedError("mqtt_file_bad", file=ca_file, reason=error.strerror or error) from None

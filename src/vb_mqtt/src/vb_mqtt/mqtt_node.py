@@ -1,0 +1,321 @@
+"""Node: the smart home's hub, by MQTT."""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+import time
+import traceback
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Set, Tuple
+
+import rospy
+from vb_msgs.msg import DetectorStatus, InteractionState, RobotStatusArray, VirtualBorder, VirtualBorderArray
+from vb_msgs.srv import SetBorderEnabled, SetBorderEnabledRequest
+
+from vb_core import names, sentences
+from vb_core.errors import CodedError, ParameterError
+from vb_core.notices import Notice, Severity
+from vb_core.offer import Offer, effective, offer
+from vb_core.parameters import Parameters, param
+from vb_core.ros import messages, node, parameters, services
+from vb_core.ros.commands import CommandSender, send
+from vb_core.ros.messages import OccupancyGridArray
+from vb_core.ros.notices import NoticeListener, NoticePublisher
+from vb_core.ros.robots import connections_from_message
+from vb_core.vocabulary import COMMANDS, STOP
+from vb_mqtt import entities, states
+from vb_mqtt.broker import Broker, read_connection
+from vb_mqtt.entities import (
+    ANSWER,
+    COMMAND,
+    CONFIRM,
+    INTEGRATOR,
+    MANAGER,
+    MONITOR,
+    NOTICE,
+    OFFLINE,
+    ONLINE,
+    Lab,
+    key_of,
+)
+from vb_mqtt.inbox import Bucket, Inbox, Request
+
+SOURCE = "home_assistant"
+SWITCH = "switch_border"  # what it is called among the commands: all are carried out in the order they were given
+_PERIOD = 1.0  # [s] between two looks at what is silent
+_SILENCE = 4.0  # [s] a detector or robot_monitor says something every second, the interaction manager ten times
+_GRACE = 5.0  # [s] without a broker before people are told
+_INTEGRATOR = "$map_integrator"
+_UNREACHED = ("no_service", "no_response")
+
+
+@dataclass(frozen=True)
+class MqttParams(Parameters):
+    """Parameters of mqtt; config/mqtt.yaml explains them."""
+
+    broker: str = param("127.0.0.1")
+    connection_file: str = param("~/.ros/virtual_borders/mqtt.yaml")
+    device: str = param("virtual_borders")
+    title: str = param("Virtual borders")
+    language: str = param("en", choices=sentences.languages())
+    cameras: list = param([])
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not re.fullmatch(r"[A-Za-z0-9_-]{1,40}", self.device):
+            raise ParameterError("device", f"expected up to 40 letters, digits, _ and -, got {self.device!r}")
+
+
+class MqttNode:
+    """Shows this system in Home Assistant, and takes commands from there: MQTT discovery.
+
+    Subscribed topics:
+        /map, /virtual_borders/map (nav_msgs/OccupancyGrid)
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray), /virtual_borders/state (vb_msgs/InteractionState)
+        /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/robots (vb_msgs/RobotStatusArray)
+        /virtual_borders/notices (vb_msgs/NoticeArray)
+    Published topics:
+        /virtual_borders/stop (vb_msgs/Stop): on stop; robots hear it without any other node.
+        /virtual_borders/notices (vb_msgs/NoticeArray): mqtt_not_connected.
+    Services called:
+        /virtual_borders/command (vb_msgs/Command), /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled)
+    Parameters:
+        config/mqtt.yaml
+    """
+
+    def __init__(self, params: MqttParams) -> None:
+        self._language = params.language
+        self._lab = Lab(params.device, params.title, params.language, tuple(params.cameras))
+        self._lock = threading.Lock()
+        self._inbox, self._shown = Inbox(time.time()), Bucket()
+        self._refused: Dict[str, int] = {}  # how often, by code
+        self._described: Set[str] = set()  # topics on the broker that describe entities of this lab
+        self._borders: Dict[str, VirtualBorder] = {}  # by key
+        self._grids: Dict[str, Any] = {}
+        self._offer: Optional[Offer] = None
+        self._asked = False  # whether a question is open
+        self._heard: Dict[str, float] = {}  # [s] of the monotonic clock, by node or camera
+        self._told: Optional[Dict[Tuple, Notice]] = None
+        self._connected_at = time.monotonic()
+        connection = read_connection(Path(params.connection_file).expanduser())
+        subscriptions = {self._lab.topic(COMMAND): self._on_message, self._lab.discovery: self._on_described}
+        will = (self._lab.topic("availability"), OFFLINE.encode())
+        self._broker = Broker(params.broker, connection, params.device, will, subscriptions, _on_fault)
+        self._orders = CommandSender(SOURCE, self._on_answer)
+        self._orders.connect()
+        self._trouble, self._notices = NoticePublisher(), NoticeListener()
+        self._maps, self._beat = node.Mailbox(), node.WakeTimer(_PERIOD)
+        self._subscribe()
+        self._describe()
+        self._broker.put(will[0], ONLINE.encode())
+        node.Worker(self._maps, lambda _item: self._draw())
+        node.Worker(self._beat, lambda _woken: self._look())
+        self._look()
+        self._broker.start()
+        rospy.loginfo("%s: the broker is %s", rospy.get_name(), self._broker.address)
+
+    def close(self) -> None:
+        """Says that it goes, and ends the threads."""
+        self._maps.close()
+        self._beat.close()
+        self._broker.close()
+
+    # ------------------------------------------------------------------ what the stack says
+    def _subscribe(self) -> None:
+        self._integrator = rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=2)
+        for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS):
+            rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, queue_size=1, buff_size=2**24)
+        rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=2, tcp_nodelay=True)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=20)
+        rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1)
+
+    def _on_state(self, message: InteractionState) -> None:
+        self._heard[MANAGER] = time.monotonic()
+        self._put("state", states.state_value(message, self._language))
+        self._put("stopped", states.stop_value(message))
+        question = states.question_value(message, self._language)
+        self._put("question", question)
+        self._asked = bool(question["answer"])
+        self._put_health()
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        with self._lock:
+            self._borders = {key_of("border", border.id): border for border in message.borders}
+            self._lab = replace(self._lab, borders={border.id: border.name for border in message.borders})
+        for key, border in self._borders.items():
+            self._put(key, states.border_value(border))
+        self._describe()
+        self._maps.put(True)
+
+    def _on_robots(self, message: RobotStatusArray) -> None:
+        self._heard[MONITOR] = time.monotonic()
+        with self._lock:
+            self._offer = offer(connections_from_message(message))
+            found = tuple(robot.robot for robot in message.robots)
+            changed, self._lab = found != self._lab.robots, replace(self._lab, robots=found)
+        if changed:
+            self._describe()
+
+    def _on_detector(self, message: DetectorStatus) -> None:
+        self._heard["camera " + message.camera] = time.monotonic()
+
+    def _on_grid(self, message: Any) -> None:
+        self._grids[message._connection_header["topic"]] = message
+        self._maps.put(True)
+
+    def _draw(self) -> None:
+        grids = [self._grids.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS)]
+        if None in grids:
+            return
+        before, after = map(messages.grid_from_message, grids)
+        if before.same_geometry(after):
+            self._broker.put(self._lab.topic("map"), states.draw_map(before, after, list(self._borders.values())))
+
+    # ------------------------------------------------------------------ what the broker is told
+    def _put(self, key: str, value: Any) -> None:
+        self._broker.put(self._lab.topic(key), _json(value))
+
+    def _describe(self) -> None:
+        with self._lock:
+            lab, described = self._lab, list(self._described)
+        for topic, config in entities.describe(lab).items():
+            self._broker.put(topic, _json(config))
+        for topic in entities.leftovers(lab, described):
+            self._broker.put(topic, b"")
+            self._broker.put(lab.topic(entities.key_in(topic)), b"")
+
+    def _on_described(self, topic: str, payload: bytes, _retained: bool) -> None:
+        with self._lock:
+            (self._described.add if payload else self._described.discard)(topic)
+            new = payload and topic in entities.leftovers(self._lab, [topic])
+        if new:
+            self._describe()
+
+    def _is_heard(self, what: str) -> bool:
+        return time.monotonic() - self._heard.get(what, -1e9) < _SILENCE
+
+    def _put_health(self) -> None:
+        manager, monitor, found = self._is_heard(MANAGER), self._is_heard(MONITOR), self._offer
+        offered = effective(found, tuple(COMMANDS)) if found is not None and monitor else COMMANDS
+        health = {command: manager and command in offered for command in COMMANDS}
+        health.update({MANAGER: manager, MONITOR: monitor, CONFIRM: manager and self._asked})
+        health[INTEGRATOR] = self._integrator.get_num_connections() > 0
+        self._put("health", {key: ONLINE if well else OFFLINE for key, well in health.items()})
+
+    def _look(self) -> None:
+        """Tells what has become silent, what is wrong, and what is new of that."""
+        self._put_health()
+        notices = states.public(self._notices.current())
+        for camera in self._lab.cameras:
+            problems = [one.sentence(self._language) for one in notices if one.camera == camera and one.severity]
+            if not self._is_heard("camera " + camera):
+                problems.append(sentences.translate("mqtt_camera_silent", {"camera": camera}, self._language))
+            self._put(key_of("camera", camera), states.problem_value(problems))
+        for robot in self._lab.robots or ():
+            lines = self._offer.lines if self._offer is not None else ()
+            self._put(
+                key_of("robot", robot),
+                states.problem_value(states.robot_problems(robot, lines, notices, self._language)),
+            )
+        self._tell(notices)
+        self._watch_connection()
+
+    def _tell(self, notices: List[Notice]) -> None:
+        values = [states.notice_value(notice, self._language) for notice in notices]
+        with self._lock:
+            refused = dict(self._refused)
+        self._put("notices", {"count": len(values), "notices": values[:20], "refused": refused})
+        now = {(one.code, one.robot, one.border_id, one.camera): one for one in notices}
+        for key in now if self._told is not None else ():
+            if key not in self._told:
+                self._broker.send(self._lab.topic(NOTICE), _json(states.notice_value(now[key], self._language)))
+        self._told = now
+
+    def _watch_connection(self) -> None:
+        now = time.monotonic()
+        if self._broker.connected and not self._broker.trouble:
+            self._connected_at = now
+        silent = now - self._connected_at > _GRACE
+        values = {"broker": self._broker.address, "reason": self._broker.trouble or "$mqtt_unreachable"}
+        self._trouble.set([Notice("mqtt_not_connected", Severity.WARNING, values=values)] if silent else [])
+
+    # ------------------------------------------------------------------ what people ask for
+    def _on_message(self, _topic: str, payload: bytes, retained: bool) -> None:
+        try:
+            request = self._inbox.take(payload, retained, time.time())
+            if request is not None:
+                self._order(request)
+        except CodedError as error:
+            if retained:
+                self._broker.put(self._lab.topic(COMMAND), b"")  # else it would come again at each connection
+            self._refuse(Request("", getattr(error, "sender_id", "")), error)
+
+    def _order(self, request: Request) -> None:
+        taken = self._orders.put(
+            request.command or SWITCH,
+            request,
+            given=time.monotonic() - request.age,
+            seen_stop=request.seen_stop,
+            identity=request.id,
+            carry_out=send if request.command else lambda _given: self._switch(request),
+        )
+        if not taken and request.command == STOP:
+            self._show_unanswered(request)  # as ten others are; it went out on the topic of stops
+        elif not taken:
+            self._refuse(request, CodedError("mqtt_too_fast"))
+
+    def _switch(self, request: Request) -> Any:
+        with self._lock:
+            border = self._borders.get(request.border)
+        if border is None:
+            raise CodedError("mqtt_no_border", border=request.border)
+        wanted = SetBorderEnabledRequest(id=border.id, enabled=request.enabled, source=SOURCE)
+        return services.call(names.SET_BORDER_ENABLED, SetBorderEnabled, wanted, _INTEGRATOR)
+
+    def _on_answer(self, _given: Any, request: Request, answer: Any, error: Optional[CodedError]) -> None:
+        if error is None:
+            self._show(request, answer.success, answer.code, states.sentence(answer, self._language))
+        elif request.command == STOP and error.code in _UNREACHED:
+            self._show_unanswered(request)
+        else:
+            self._refuse(request, error)
+
+    def _show_unanswered(self, stop: Request) -> None:
+        if self._orders.stop_is_heard():  # the robots tell the manager once it is running
+            self._show(stop, True, "page_stop_sent", sentences.translate("page_stop_sent", {}, self._language))
+        else:
+            self._refuse(stop, CodedError("page_stop_unheard"))
+
+    def _refuse(self, request: Request, error: CodedError) -> None:
+        with self._lock:
+            self._refused[error.code] = self._refused.get(error.code, 0) + 1
+        self._show(
+            request, False, error.code, sentences.translate(error.code, error.values, self._language, error.message)
+        )
+
+    def _show(self, request: Request, success: bool, code: str, text: str) -> None:
+        what = request.command or request.border
+        rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {what or 'a message'}: {text} [{code}]")
+        # what was taken is limited as it is; refusals that are not shown are counted
+        if request.id or self._shown.allows(time.time()):
+            value = states.answer_value(request.sender_id, what, success, code, text)
+            self._broker.send(self._lab.topic(ANSWER), _json(value))
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, sort_keys=True).encode("utf-8")
+
+
+def _on_fault(error: Exception) -> None:
+    if isinstance(error, rospy.ROSException) and rospy.is_shutdown():
+        return
+    rospy.logerr("mqtt: %s", "".join(traceback.format_exception(type(error), error, error.__traceback__)))
+    node.shut_down_with_error(CodedError("internal_error"))
+
+
+def build() -> MqttNode:
+    """Reads the parameters and makes the node."""
+    return MqttNode(parameters.read(MqttParams))

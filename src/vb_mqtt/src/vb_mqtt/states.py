@@ -1,0 +1,149 @@
+"""What entities show: messages to the values of their states. Needs the messages' fields, no node.
+
+A state holds no more than people and automations use, and nothing that changes by itself: each change is an entry in the
+hub's history.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict, Iterable, List, Sequence
+
+import cv2
+import numpy as np
+
+from vb_core import sentences
+from vb_core.grid_map import UNKNOWN, GridMap
+from vb_core.notices import Notice, Severity
+from vb_core.offer import Line
+from vb_core.ros.messages import array_from_points, mapping_from_values
+from vb_core.sentences import translate
+from vb_core.zones import zone_of
+from vb_mqtt.entities import ANSWERS, NOTICES
+
+NOBODY_ASKS = "-"
+QUESTIONS = "confirm_"  # how the codes of questions begin
+QUESTION_TIME = 30.0  # [s] a question can be answered
+MAX_SIDE = 1000  # [px] of the map's picture
+# a page's code would open the page to everybody who can read the broker
+_SECRET = ("page_invitation",)
+_TEXT = 250  # letters; Home Assistant takes 255
+_WALL, _FREE, _UNSEEN = (34, 34, 40), (255, 255, 255), (208, 208, 208)
+_RESTRICTED, _SOFT = (60, 94, 213), (160, 175, 235)
+_LINE, _LINE_OFF = (0, 60, 170), (150, 150, 150)  # bgr
+
+
+def sentence(message: Any, language: str, prefix: str = "") -> str:
+    """Returns what a message with code, values and message says, in a language; `prefix`: of these fields."""
+    code, values, said = (getattr(message, prefix + field) for field in ("code", "values", "message"))
+    return translate(code, mapping_from_values(values), language, said)[:_TEXT] if code else ""
+
+
+def state_value(message: Any, language: str) -> Dict[str, Any]:
+    """Converts vb_msgs/InteractionState to the state and the last answer."""
+    return {
+        "state": message.name,
+        "available_commands": list(message.available_commands),
+        "last_command": message.last_command,
+        "last_source": message.last_source,
+        "last_code": message.last_code,
+        "last_answer": sentence(message, language, "last_"),
+    }
+
+
+def stop_value(message: Any) -> Dict[str, Any]:
+    """Converts vb_msgs/InteractionState to the stop and its number, which `resume` must name."""
+    return {"stopped": bool(message.stopped), "stopped_by": message.stopped_by, "stop_number": message.stop_number}
+
+
+def question_value(message: Any, language: str) -> Dict[str, Any]:
+    """Converts vb_msgs/InteractionState to the question that is open, who was asked, and the command that says yes."""
+    since = (message.header.stamp - message.last_answered).to_sec()
+    asked = message.last_code.startswith(QUESTIONS) and since <= QUESTION_TIME
+    answer = mapping_from_values(message.last_values).get("answer", "") if asked else ""
+    return {
+        "question": sentence(message, language, "last_") if asked else NOBODY_ASKS,
+        "command": message.last_command if asked else "",
+        "asked": message.last_source if asked else "",
+        "answer": answer.replace(" ", "_"),
+        "stop_number": message.stop_number,
+    }
+
+
+def border_value(border: Any) -> Dict[str, Any]:
+    """Converts vb_msgs/VirtualBorder."""
+    return {
+        "enabled": bool(border.enabled),
+        "border": border.name,
+        "area_m2": round(float(border.area_m2), 2) if math.isfinite(border.area_m2) else None,
+        "in_force": bool(border.in_force),
+        "reason": border.reason,
+        "zone": zone_of(border.zone).name,
+        "schedule": border.schedule,
+        "robots": list(border.robots),
+    }
+
+
+def problem_value(texts: Iterable[str]) -> Dict[str, Any]:
+    """Makes the state of a camera or robot of the sentences that say what is wrong with it."""
+    found = sorted(set(texts))
+    return {"problem": bool(found), "problems": found}
+
+
+def robot_problems(name: str, lines: Sequence[Line], notices: Iterable[Notice], language: str) -> List[str]:
+    """Lists what is wrong with a robot, or that it is not there."""
+    mine = [line.notice() for line in lines if line.robot == name]
+    bad = [one for one in mine if one.severity >= Severity.WARNING or one.code == "robot_not_connected"]
+    # the name of the only robot is empty, as it is where a notice is about no robot
+    who = sentences.robot_value(name)
+    bad += [one for one in notices if one.severity >= Severity.WARNING and who in (one.robot, one.values.get("who"))]
+    return [one.sentence(language) for one in bad]
+
+
+def public(notices: Iterable[Notice]) -> List[Notice]:
+    """Returns the notices without those that are for people in the room only."""
+    return [notice for notice in notices if notice.code not in _SECRET]
+
+
+def notice_value(notice: Notice, language: str) -> Dict[str, Any]:
+    """Converts a notice, to show it and as an event."""
+    about = {"robot": notice.robot, "border": notice.border_id, "camera": notice.camera}
+    return {
+        "event_type": NOTICES[notice.severity],
+        "code": notice.code,
+        "text": notice.sentence(language)[:_TEXT],
+        **{field: value for field, value in about.items() if value},
+    }
+
+
+def answer_value(sender_id: str, what: str, success: bool, code: str, text: str) -> Dict[str, Any]:
+    """Makes the event that tells what became of a command or a switch."""
+    kind = ANSWERS[0] if success else ANSWERS[1] if code.startswith(QUESTIONS) else ANSWERS[2]
+    return {"event_type": kind, "id": sender_id, "command": what, "code": code, "text": text[:_TEXT]}
+
+
+def draw_map(before: GridMap, after: GridMap, borders: Sequence[Any]) -> bytes:
+    """Draws the map with its borders as a PNG of at most MAX_SIDE pixels: walls, what is restricted, and each line.
+
+    Args:
+        before: without borders; after: with them, of the same geometry.
+        borders: vb_msgs/VirtualBorder; those that are not enabled are grey.
+    """
+    added = after.data > before.data
+    pixels = np.full((*before.shape, 3), _FREE, np.uint8)
+    pixels[before.data == UNKNOWN] = _UNSEEN
+    pixels[before.data > 50] = _WALL
+    pixels[added] = _SOFT
+    pixels[added & (after.data == 100)] = _RESTRICTED
+    scale = MAX_SIDE / max(before.shape)
+    # a large map's walls must not vanish between its pixels
+    kind = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_NEAREST
+    pixels = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=kind)
+    for border in borders:
+        line = (before.world_to_grid(array_from_points(border.points)) + 0.5) * scale
+        if len(line) and np.isfinite(line).all():
+            closed = border.kind == border.POLYGON
+            color = _LINE if border.enabled else _LINE_OFF
+            cv2.polylines(pixels, [np.rint(line.clip(-1e4, 1e4)).astype(np.int32)], closed, color, 3, cv2.LINE_AA)
+    # the map's last row is the picture's first
+    return cv2.imencode(".png", pixels[::-1])[1].tobytes()

@@ -1,0 +1,98 @@
+"""A real broker for tests, which can be killed, and what a hub or a phone does with it."""
+
+from __future__ import annotations
+
+import json
+import queue
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+import paho.mqtt.client as paho
+
+TIMEOUT = 30.0
+PROGRAM = "/usr/sbin/mosquitto"  # where Debian has it, which is in nobody's PATH but root's
+
+
+def until(condition, what, seconds=TIMEOUT):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        found = condition()
+        if found:
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"waited {seconds} s for {what}")
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Mosquitto:
+    """A broker without a disk: whatever it knew is gone when it is killed.
+
+    Args:
+        options: lines of its configuration.
+    """
+
+    def __init__(self, folder, options=("allow_anonymous true",)):
+        self.port = free_port()
+        self._file = Path(folder) / "mosquitto.conf"
+        self._file.write_text("\n".join([f"listener {self.port} 127.0.0.1", "user root", *options]))
+        self._process = None
+        self.start()
+
+    def start(self):
+        self._process = subprocess.Popen([PROGRAM, "-c", str(self._file)], stderr=subprocess.DEVNULL)
+        until(self._listens, "the broker")
+
+    def _listens(self):
+        assert self._process.poll() is None, "the broker has ended"
+        with socket.socket() as probe:
+            return probe.connect_ex(("127.0.0.1", self.port)) == 0
+
+    def kill(self):
+        self._process.kill()
+        self._process.wait()
+
+
+class Hub:
+    """A hub: keeps the newest message of each topic, and sends commands with QoS 1 as Home Assistant does."""
+
+    def __init__(self, port, topics="#", setup=lambda client: None):
+        self.messages, self.heard, self._changed = {}, queue.Queue(), False
+        self._client = paho.Client(paho.CallbackAPIVersion.VERSION2)
+        setup(self._client)
+        self._client.on_connect = lambda client, *_: client.subscribe(topics, 1)
+        self._client.on_message = self._on_message
+        self._client.reconnect_delay_set(1, 1)
+        self._client.connect_async("127.0.0.1", port, 10)
+        self._client.loop_start()
+        until(self._client.is_connected, "the hub's connection")
+
+    def _on_message(self, _client, _data, message):
+        self.messages[message.topic] = message.payload
+        self.heard.put((message.topic, message.payload))
+
+    def value(self, topic):
+        """The JSON on a topic; None if there is nothing."""
+        return json.loads(self.messages[topic]) if self.messages.get(topic) else None
+
+    def wait(self, topic, condition, what):
+        until(lambda: self.value(topic) is not None and condition(self.value(topic)), what)
+        return self.value(topic)
+
+    def send(self, topic, payload, retain=False, qos=1):
+        if not isinstance(payload, (bytes, str)):
+            payload = json.dumps(payload)
+        return self._client.publish(topic, payload, qos=qos, retain=retain)
+
+    def connected(self):
+        return self._client.is_connected()
+
+    def close(self):
+        self._client.disconnect()
+        self._client.loop_stop()

@@ -1,0 +1,339 @@
+#!/usr/bin/env python3
+"""The smart home's hub over a real roscore and a real broker, with the real nodes of map, borders and interaction.
+
+VB_BROKER_KILLS=50 scripts/test --only rostest mqtt     kills the broker as often, instead of 3 times
+"""
+
+from __future__ import annotations
+
+import collections
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+
+import cv2
+import numpy as np
+import rospy
+import rostest
+from geometry_msgs.msg import Point
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from mosquitto import Hub, Mosquitto, until  # noqa: E402
+from vb_core import names  # noqa: E402
+from vb_mqtt.inbox import MAX_AGE  # noqa: E402
+from vb_msgs.msg import BorderProgress, InteractionState, Stop, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_msgs.srv import AddBorder, Command, CommandResponse, GetDrawnBorder, GetDrawnBorderResponse  # noqa: E402
+from vb_msgs.srv import RemoveBorder  # noqa: E402
+
+KILLS = int(os.environ.get("VB_BROKER_KILLS", "3"))
+SEED = int(os.environ.get("VB_BROKER_SEED", "1"))
+CARPET = [Point(x, y, 0.0) for x, y in ((3.12, 0.8), (5.12, 0.8), (5.12, 2.05), (3.12, 2.05))]
+MIDDLE = Point(4.0, 1.4, 0.0)
+
+
+class Node:
+    """The node in a process of its own, which a test kills."""
+
+    def __init__(self, port, device, *arguments):
+        self.device = device
+        self._command = ["rosrun", "vb_mqtt", "mqtt", f"__name:=mqtt_{device}", f"_broker:=127.0.0.1:{port}"]
+        self._command += [f"_device:={device}", "_connection_file:=/none", "_cameras:=[red]", *arguments]
+        self.start()
+
+    def start(self):
+        self._process = subprocess.Popen(self._command)
+
+    def kill(self):
+        self._process.kill()
+        self._process.wait()
+
+    def stop(self):
+        self._process.terminate()
+        self._process.wait(20)
+
+
+class MqttTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rostest_mqtt")
+        cls.heard = {}
+        for topic, kind in ((names.STATE, InteractionState), (names.BORDERS, VirtualBorderArray), (names.STOP, Stop)):
+            rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
+        cls.progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=1)
+        cls.drawn = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, cls.on_drawn)
+        cls.server = Mosquitto(tempfile.mkdtemp(prefix="vb_mqtt_"))
+        cls.hub = Hub(cls.server.port)
+        cls.node = Node(cls.server.port, "home")
+        rospy.wait_for_service(names.COMMAND, 60)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.node.stop()
+        cls.hub.close()
+        cls.server.kill()
+
+    @staticmethod
+    def on_drawn(_request):
+        border = VirtualBorder(kind=VirtualBorder.POLYGON, points=CARPET, seed=MIDDLE)
+        return GetDrawnBorderResponse(success=True, code="ok", border=border)
+
+    def setUp(self):
+        self.hub.wait("home/health", lambda health: health["manager"] == health["integrator"] == "online", "all nodes")
+        if self.shown("stopped")["stopped"]:
+            number = self.heard[names.STATE].stop_number
+            until(lambda: self.is_done("resume", seen_stop=number), "robots that may drive")
+            self.wait("stopped", lambda value: not value["stopped"], "robots that may drive")
+        until(lambda: self.is_done("cancel"), "an end")
+        self.wait("state", lambda value: value["state"] == "default", "the default state")
+
+    # ------------------------------------------------------------------ as a hub
+    def shown(self, key):
+        return self.hub.value(f"home/{key}")
+
+    def wait(self, key, condition, what):
+        return self.hub.wait(f"home/{key}", condition, what)
+
+    def send(self, **fields):
+        """Sends a message and waits for its answer."""
+        fields = {"at": time.time(), "id": f"{random.getrandbits(64):x}", **fields}
+        self.hub.send("home/command", fields)
+        return self.wait("answer", lambda answer: answer["id"] == fields["id"], f"an answer to {fields}")
+
+    def give(self, command, **fields):
+        return self.send(command=command, **fields)
+
+    def is_done(self, command, **fields):
+        """Gives a command and waits a second; one that a flood covers gets no answer."""
+        identity = f"{random.getrandbits(64):x}"
+        self.hub.send("home/command", {"command": command, "at": time.time(), "id": identity, **fields})
+        try:
+            until(lambda: (self.shown("answer") or {}).get("id") == identity, "an answer", 1.0)
+        except AssertionError:
+            return False
+        return self.shown("answer")["event_type"] == "done"
+
+    def refusal(self, payload, retain=False):
+        """Sends what is to be refused without being understood; returns the code."""
+        self.hub.messages.pop("home/answer", None)
+        self.hub.send("home/command", payload, retain)
+        return self.wait("answer", lambda answer: answer["id"] == "", "a refusal")["code"]
+
+    def add_border(self, name):
+        border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, points=CARPET, seed=MIDDLE, occupancy=1.0)
+        return rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, source="test").id
+
+    def remove_border(self, identity):
+        self.assertTrue(rospy.ServiceProxy(names.REMOVE_BORDER, RemoveBorder)(id=identity, source="test").success)
+
+    # ------------------------------------------------------------------ what is shown
+    def test_the_lab_is_there_with_all_its_states(self):
+        identity = self.add_border("Nursery")
+        key = f"border_{identity}"
+        config = self.hub.wait(f"homeassistant/switch/home/{key}/config", lambda _: True, "the switch")
+        self.assertEqual(config["name"], "Nursery")
+        shown = self.wait(key, lambda value: value["in_force"], "the border's state")
+        self.assertEqual((shown["enabled"], shown["border"]), (True, "Nursery"))
+        self.assertAlmostEqual(shown["area_m2"], 2.5, delta=0.2)
+        self.assertEqual(self.hub.messages["home/availability"], b"online")
+        self.assertTrue(self.shown("camera_red")["problem"])  # none is running
+
+        def red():
+            picture = cv2.imdecode(np.frombuffer(self.hub.messages.get("home/map", b"0"), np.uint8), cv2.IMREAD_COLOR)
+            return picture is not None and int(((picture[..., 2] > 180) & (picture[..., 0] < 100)).sum())
+
+        with_border = until(red, "a picture with the border")
+        self.remove_border(identity)
+        until(lambda: red() is not None and red() < with_border / 2, "a picture without the border")
+        until(lambda: not self.hub.messages.get(f"homeassistant/switch/home/{key}/config"), "the switch to go")
+        until(lambda: not self.hub.messages.get(f"home/{key}"), "its state to go")
+
+    def test_a_border_is_switched_once_by_a_message_that_comes_twice(self):
+        identity = self.add_border("Nursery")
+        self.wait(f"border_{identity}", lambda value: value["enabled"], "the border")
+        off = {"border": f"border_{identity}", "enabled": False, "at": time.time(), "id": "off"}
+        self.hub.send("home/command", off)
+        self.wait(f"border_{identity}", lambda value: not value["enabled"], "the border to be off")
+        self.assertTrue(self.send(border=f"border_{identity}", enabled=True)["event_type"] == "done")
+        self.wait(f"border_{identity}", lambda value: value["enabled"], "the border to be on")
+        revision = self.heard[names.BORDERS].revision
+        self.hub.send("home/command", off)
+        self.give("cancel")  # whatever came before has been judged
+        self.assertEqual(self.heard[names.BORDERS].revision, revision)
+        self.assertTrue(self.shown(f"border_{identity}")["enabled"])
+        self.assertEqual(self.send(border="border_none", enabled=True)["code"], "mqtt_no_border")
+        self.remove_border(identity)
+
+    # ------------------------------------------------------------------ the same rules as for everybody
+    def test_save_is_asked_about_and_only_then_done(self):
+        before = len(self.heard[names.BORDERS].borders)
+        self.assertEqual(self.give("save")["code"], "nothing_to_save")
+        self.give("define_border")
+        state = self.wait("state", lambda value: value["state"] == "border", "the state border")
+        self.assertIn("cancel", state["available_commands"])
+        self.give("define_seed")
+        interaction = until(lambda: self.heard[names.STATE].interaction_id, "an interaction")
+        drawn = BorderProgress(interaction_id=interaction, border_spots=50, seed_spots=5, has_seed=True, code="ok")
+        drawn.header.stamp = rospy.Time.now()
+
+        def asked():
+            self.progress.publish(drawn)
+            return self.give("save")["code"] == "confirm_save"
+
+        until(asked, "the question")
+        question = self.wait("question", lambda value: value["command"] == "save", "the question")
+        self.assertEqual(question["asked"], "home_assistant")
+        self.wait("health", lambda health: health["confirm"] == "online", "the button that answers")
+        self.assertEqual(len(self.heard[names.BORDERS].borders), before)
+        self.assertEqual(self.give(question["answer"])["code"], "saved")
+        until(lambda: len(self.heard[names.BORDERS].borders) == before + 1, "the border")
+        self.wait("question", lambda value: value["command"] == "", "the question to be closed")
+        self.remove_border(self.heard[names.BORDERS].borders[-1].id)
+
+    def test_resume_releases_only_the_stop_that_was_shown(self):
+        self.give("stop")
+        shown = self.wait("stopped", lambda value: value["stopped"], "the stop")
+        self.assertEqual(shown["stopped_by"], "home_assistant")
+        self.assertEqual(self.heard[names.STOP].source, "home_assistant")
+        # somebody else stops them too, and the hub does not hear of it
+        self.server.kill()
+        rospy.ServiceProxy(names.COMMAND, Command)(command="stop", source="test", id="newer")
+        until(lambda: self.heard[names.STATE].stop_number != shown["stop_number"], "the newer stop")
+        self.server.start()
+        until(self.hub.connected, "the hub's connection")
+        self.wait("stopped", lambda value: value["stop_number"] != shown["stop_number"], "the newer stop at the hub")
+        self.assertEqual(self.give("resume", seen_stop=shown["stop_number"])["code"], "stopped_since")
+        self.assertEqual(self.give("resume")["code"], "resume_which_stop")
+        self.assertTrue(self.shown("stopped")["stopped"])
+        newest = self.shown("stopped")["stop_number"]
+        self.assertEqual(self.give("resume", seen_stop=newest)["code"], "resumed")
+        self.wait("stopped", lambda value: not value["stopped"], "robots that may drive")
+
+    def test_what_was_kept_is_old_or_makes_no_sense_does_nothing(self):
+        save = {"command": "define_border", "at": time.time()}
+        self.assertEqual(self.refusal({**save, "at": time.time() - 60.0}), "expired")
+        self.assertEqual(self.refusal({"command": "define_border"}), "mqtt_undated")
+        self.assertEqual(self.refusal(b"\xff\x00{"), "mqtt_bad_message")
+        # what the broker keeps comes with the next connection, and is not kept after that
+        self.node.kill()
+        until(lambda: self.hub.messages["home/availability"] == b"offline", "the will")
+        for payload in ("stop", {"command": "define_border", "at": time.time() + 4.0}):
+            self.hub.messages.pop("home/answer", None)
+            self.hub.send("home/command", payload, retain=True).wait_for_publish(5.0)
+            self.node.start()
+            self.assertEqual(self.wait("answer", lambda _: True, "a refusal")["code"], "mqtt_retained")
+            until(lambda: self.hub.messages["home/availability"] == b"online", "the node")
+            until(lambda: not self.hub.messages["home/command"], "what was kept to be deleted")
+            self.node.kill()
+        self.node.start()
+        self.wait("health", lambda health: health["manager"] == "online", "the node")
+        self.assertEqual(self.heard[names.STATE].name, "default")
+        self.assertFalse(self.heard[names.STATE].stopped)
+
+    def test_a_border_that_goes_while_nobody_looks_is_taken_back_later(self):
+        identity = self.add_border("Nursery")
+        topic = f"homeassistant/switch/home/border_{identity}/config"
+        self.hub.wait(topic, lambda _: True, "the switch")
+        self.node.kill()
+        until(lambda: self.hub.messages["home/availability"] == b"offline", "the will")
+        self.remove_border(identity)
+        self.node.start()
+        until(lambda: not self.hub.messages.get(topic), "the switch to go")
+
+    def test_a_flood_is_refused_and_stop_gets_through(self):
+        for number in range(2000):
+            self.hub.send("home/command", {"command": "cancel", "at": time.time(), "id": f"f{number}"}, qos=0)
+            if number % 10 == 0:
+                self.hub.send("home/command", os.urandom(300), qos=0)
+        self.hub.send("home/command", "stop")
+        self.wait("stopped", lambda value: value["stopped"], "the stop")
+        # what is too much even for the broker it drops itself
+        for code, count in (("mqtt_too_fast", 500), ("mqtt_bad_message", 50)):
+            self.wait("notices", lambda value: value["refused"].get(code, 0) > count, f"{count} of {code}")
+        # another process has its patience back
+        self.node.kill()
+        self.node.start()
+        until(lambda: self.is_done("resume", seen_stop=self.shown("stopped")["stop_number"]), "robots that may drive")
+
+    def test_a_resume_sent_right_behind_a_stop_does_not_overtake_it(self):
+        carried_out, overtaken = [], threading.Event()
+
+        def on_command(request):
+            if request.command == "stop":
+                overtaken.wait(2.0)  # what would overtake it has the time to
+            carried_out.append(request.command)
+            overtaken.set()
+            return CommandResponse(success=True, code="ok")
+
+        service = rospy.Service("/order/command", Command, on_command)
+        node = Node(self.server.port, "order", f"{names.COMMAND}:=/order/command", f"{names.STOP}:=/order/stop")
+        self.hub.wait("order/state", lambda _: True, "the other node")
+        for command in ("stop", "resume"):
+            self.hub.send("order/command", {"command": command, "at": time.time(), "id": command})
+        until(lambda: len(carried_out) == 2, "both commands")
+        self.assertEqual(carried_out, ["stop", "resume"])
+        node.stop()
+        service.shutdown()
+
+    # ------------------------------------------------------------------ a broker that dies
+    def test_a_broker_killed_with_commands_in_between(self):
+        """Nothing is done twice, nothing old is done late; and what is given while all are there is done."""
+        done, stopped = collections.defaultdict(list), collections.defaultdict(list)  # times by id
+
+        def on_command(request):
+            (stopped if request.command == "stop" else done)[request.id.partition(":")[2]].append(time.time())
+            return CommandResponse(success=True, code="ok")
+
+        # this node's commands reach nobody else
+        service = rospy.Service("/kills/command", Command, on_command)
+        node = Node(self.server.port, "kills", f"{names.COMMAND}:=/kills/command", f"{names.STOP}:=/kills/stop")
+        self.hub.wait("kills/state", lambda _: True, "the other node")
+        luck, given, stops = random.Random(SEED), {}, 0
+
+        def give(command="cancel"):
+            nonlocal stops
+            stops += command == "stop"
+            identity = f"k{len(given)}"
+            given[identity] = time.time()
+            self.hub.send("kills/command", {"command": command, "at": given[identity], "id": identity})
+            return identity
+
+        for _ in range(KILLS):
+            dies = luck.randrange(5)
+            for number in range(5):
+                give(luck.choice(("cancel", "undo", "define_border", "stop")))
+                time.sleep(luck.uniform(0.0, 0.2))
+                if number == dies:
+                    self.server.kill()
+            # a blip, or longer than a command lives
+            time.sleep(luck.uniform(0.0, 1.0) if luck.random() < 0.5 else luck.uniform(MAX_AGE, MAX_AGE + 2.0))
+            self.server.start()
+            until(self.hub.connected, "the hub's connection")
+            again = [give()]
+            until(
+                lambda: any(done[one] for one in again) or time.sleep(1.0) or again.append(give()),
+                "a command to be done",
+            )
+        done = {identity: times for identity, times in done.items() if times}
+        ages = [times[0] - given[identity] for identity, times in done.items()]
+        twice = [identity for identity, times in done.items() if len(times) > 1]
+        print(
+            f"\nbroker killed {KILLS} times, seed {SEED}: {len(given) - stops} commands given, {len(done)} done, {len(twice)} "
+            f"twice, oldest {max(ages):.2f} s; {stops} stops given, {len(stopped)} done",
+            file=sys.stderr,
+        )
+        self.assertEqual(twice, [])
+        self.assertLessEqual(max(ages), MAX_AGE)
+        self.assertLessEqual(set(done), set(given))
+        # a stop is never too old, and one that waits for another is the same stop
+        self.assertTrue(stops == 0 or 0 < len(stopped) <= stops)
+        node.stop()
+        service.shutdown()
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_mqtt", "rostest_mqtt", MqttTest)

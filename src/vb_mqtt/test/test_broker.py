@@ -1,0 +1,201 @@
+"""The connection to a real broker: it comes back with the newest states, over TLS and with a password."""
+
+import os
+import subprocess
+
+import pytest
+from mosquitto import PROGRAM, Hub, Mosquitto, until
+
+from vb_core.errors import CodedError
+from vb_mqtt.broker import Broker, Connection, read_connection, split_host
+
+pytestmark = pytest.mark.skipif(not os.path.exists(PROGRAM), reason="mosquitto is not installed")
+WILL = ("lab/availability", b"offline")
+
+
+def connect(port, connection=None, received=None, faults=None, host="127.0.0.1"):
+    def take(topic, payload, retained):
+        if payload == b"raise":
+            raise ValueError("a fault")
+        received.append((topic, payload, retained))
+
+    faults = [] if faults is None else faults
+    broker = Broker(f"{host}:{port}", connection or Connection(), "lab", WILL, {"lab/command": take}, faults.append)
+    broker.put(WILL[0], b"online")
+    broker.start()
+    return broker
+
+
+@pytest.fixture
+def server(tmp_path):
+    server = Mosquitto(tmp_path)
+    yield server
+    server.kill()
+
+
+def test_states_are_retained_and_a_broker_that_lost_them_gets_the_newest_again(server):
+    broker = connect(server.port)
+    broker.put("lab/state", b"one")
+    hub = Hub(server.port)
+    until(lambda: hub.messages.get("lab/state") == b"one" and hub.messages.get(WILL[0]) == b"online", "the state")
+    server.kill()
+    until(lambda: not broker.connected, "the loss to be noticed")
+    for number in range(50):
+        broker.put("lab/state", b"%d" % number)
+    broker.put("lab/gone", b"x")
+    broker.put("lab/gone", b"")
+    hub.messages.clear()
+    while not hub.heard.empty():
+        hub.heard.get()
+    server.start()
+    until(lambda: hub.messages.get("lab/state") == b"49", "the newest state")
+    until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
+    heard = []
+    while not hub.heard.empty():
+        heard.append(hub.heard.get())
+    # nothing that had become old was sent
+    assert {payload for topic, payload in heard if topic == "lab/state"} == {b"49"}
+    assert "lab/gone" not in hub.messages
+    hub.close()
+    broker.close()
+
+
+def test_the_hub_learns_at_once_that_the_process_is_gone(server):
+    broker = connect(server.port)
+    hub = Hub(server.port)
+    until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
+    broker.close()
+    until(lambda: hub.messages.get(WILL[0]) == b"offline", "the farewell")
+    hub.close()
+
+
+def test_what_is_sent_without_a_connection_is_not_sent_later(server):
+    broker = connect(server.port)
+    hub = Hub(server.port)
+    until(lambda: broker.connected, "a connection")
+    assert broker.send("lab/answer", b"1")
+    until(lambda: hub.messages.get("lab/answer") == b"1", "the answer")
+    server.kill()
+    until(lambda: not broker.connected, "the loss to be noticed")
+    assert not broker.send("lab/answer", b"2")
+    server.start()
+    until(lambda: broker.connected, "a connection")
+    until(
+        lambda: hub.connected() and broker.send("lab/answer", b"3") and hub.messages["lab/answer"] == b"3", "an answer"
+    )
+    heard = [hub.heard.get() for _ in range(hub.heard.qsize())]
+    assert ("lab/answer", b"2") not in heard
+    hub.close()
+    broker.close()
+
+
+def test_a_command_says_whether_the_broker_had_kept_it_and_a_fault_is_reported(server):
+    hub = Hub(server.port)
+    hub.send("lab/command", b"kept", retain=True).wait_for_publish(5.0)
+    received, faults = [], []
+    broker = connect(server.port, received=received, faults=faults)
+    until(lambda: received == [("lab/command", b"kept", True)], "what was kept")
+    hub.send("lab/command", b"raise")
+    hub.send("lab/command", b"new")
+    until(lambda: received[1:] == [("lab/command", b"new", False)], "what comes after a fault")
+    assert [str(fault) for fault in faults] == ["a fault"]
+    hub.close()
+    broker.close()
+
+
+def run(*command, **options):
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **options)
+
+
+@pytest.fixture(scope="module")
+def authority(tmp_path_factory):
+    """A throw-away authority with a broker's certificate for 127.0.0.1, and another authority."""
+    folder = tmp_path_factory.mktemp("authority")
+    for name in ("ca", "other"):
+        made = ("-keyout", f"{name}.key", "-out", f"{name}.crt")
+        run("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", f"/CN={name}", *made, cwd=folder)
+    run(
+        "openssl",
+        "req",
+        "-newkey",
+        "rsa:2048",
+        "-nodes",
+        "-subj",
+        "/CN=broker",
+        "-keyout",
+        "b.key",
+        "-out",
+        "b.csr",
+        cwd=folder,
+    )
+    (folder / "names").write_text("subjectAltName=IP:127.0.0.1")
+    signed = ("-CA", "ca.crt", "-CAkey", "ca.key", "-CAcreateserial", "-extfile", "names", "-out", "b.crt")
+    run("openssl", "x509", "-req", "-in", "b.csr", *signed, cwd=folder)
+    return folder
+
+
+@pytest.fixture
+def guarded(tmp_path, authority):
+    """A broker with TLS that asks for a password."""
+    passwords = tmp_path / "passwords"
+    run("mosquitto_passwd", "-b", "-c", str(passwords), "home", "secret")
+    files = [f"{kind} {authority / name}" for kind, name in (("certfile", "b.crt"), ("keyfile", "b.key"))]
+    server = Mosquitto(tmp_path, ["allow_anonymous false", f"password_file {passwords}", *files])
+    yield server
+    server.kill()
+
+
+def test_over_tls_with_a_password(guarded, authority):
+    known = {"tls": True, "ca_file": str(authority / "ca.crt"), "username": "home"}
+    broker = connect(guarded.port, Connection(password="secret", **known))
+
+    def secure(client):
+        client.tls_set(known["ca_file"])
+        client.username_pw_set("home", "secret")
+
+    hub = Hub(guarded.port, setup=secure)
+    until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
+    hub.close()
+    broker.close()
+    refused = connect(guarded.port, Connection(password="wrong", **known))
+    until(lambda: refused.trouble, "a refusal")
+    assert "authori" in refused.trouble.lower() and not refused.connected
+    refused.close()
+
+
+@pytest.mark.parametrize("host, ca_file", [("127.0.0.1", "other.crt"), ("127.0.0.1", ""), ("localhost", "ca.crt")])
+def test_a_broker_that_cannot_prove_who_it_is_gets_no_password(guarded, authority, host, ca_file):
+    tried = []
+    known = Connection(username="home", password="secret", tls=True, ca_file=ca_file and str(authority / ca_file))
+    broker = Broker(f"{host}:{guarded.port}", known, "lab", WILL, {}, tried.append)
+    broker._client.on_connect_fail = lambda *_: tried.append(True)
+    broker.start()
+    until(lambda: len(tried) > 1, "two tries")
+    assert not broker.connected
+    broker.close()
+
+
+def test_the_file_with_the_password_is_its_owners_only(tmp_path):
+    path = tmp_path / "mqtt.yaml"
+    assert read_connection(path) == Connection()
+    path.write_text("username: home\npassword: secret\ntls: true\n")
+    path.chmod(0o640)
+    with pytest.raises(CodedError) as caught:
+        read_connection(path)
+    assert caught.value.code == "mqtt_file_open"
+    path.chmod(0o600)
+    assert read_connection(path) == Connection(username="home", password="secret", tls=True)
+    for text, code in (("secret: x", "bad_parameter"), ("port: high", "bad_parameter"), ("a: [", "mqtt_file_bad")):
+        path.write_text(text)
+        with pytest.raises(CodedError) as caught:
+            read_connection(path)
+        assert caught.value.code == code
+    path.write_text("password: [secret")
+    with pytest.raises(CodedError) as caught:
+        read_connection(path)
+    assert "secret" not in str(caught.value)
+
+
+def test_addresses():
+    assert split_host("hub") == ("hub", 0) and split_host("hub:1884") == ("hub", 1884)
+    assert split_host("fd00::5") == ("fd00::5", 0) and split_host("[fd00::5]:1884") == ("fd00::5", 1884)

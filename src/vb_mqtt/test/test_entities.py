@@ -1,0 +1,107 @@
+"""What Home Assistant is told, and that the messages its buttons make of it are understood."""
+
+import json
+from datetime import datetime, timezone
+
+import jinja2
+import pytest
+
+from vb_core import sentences
+from vb_core.vocabulary import COMMANDS
+from vb_mqtt.entities import Lab, describe, key_in, key_of, leftovers
+from vb_mqtt.inbox import Inbox
+
+NOW = 1_700_000_000.25
+LAB = Lab("lab1", "Home", "en", ("red", "green"), ("", "ada"), {"b1": "Nursery", "ü/#+": "border 2"})
+
+
+def pressed(config, attributes, value="PRESS"):
+    """What Home Assistant sends: it renders the template with these names."""
+    environment = jinja2.Environment()
+    environment.globals["now"] = lambda: datetime.fromtimestamp(NOW, timezone.utc)
+    rendered = environment.from_string(config["command_template"]).render(this={"attributes": attributes}, value=value)
+    return Inbox(NOW - 60.0).take(rendered.encode(), False, NOW + 1.0)
+
+
+def config_of(key, lab=LAB):
+    return next(config for topic, config in describe(lab).items() if key_in(topic) == key)
+
+
+def test_everything_is_one_device_and_nothing_has_the_name_of_something_else():
+    found = describe(LAB)
+    assert len({config["unique_id"] for config in found.values()}) == len(found)
+    assert {tuple(config["device"]["identifiers"]) for config in found.values()} == {("lab1",)}
+    assert all(config["name"] for config in found.values())
+    for topic in found:
+        prefix, _, device, key, last = topic.split("/")
+        assert (prefix, device, last) == ("homeassistant", "lab1", "config")
+        assert key.replace("_", "").replace("-", "").isalnum() and key.isascii()
+
+
+def test_each_thing_of_the_lab_is_there():
+    kinds = {key_in(topic): topic.split("/")[1] for topic in describe(LAB)}
+    assert {key for key, kind in kinds.items() if kind == "button"} == {*COMMANDS, "confirm"}
+    assert [key for key, kind in kinds.items() if kind == "switch"] == ["border_b1", key_of("border", "ü/#+")]
+    assert [kinds[key] for key in ("camera_red", "camera_green", "robot", "robot_ada")] == ["binary_sensor"] * 4
+    assert [kinds[key] for key in ("state", "question", "stopped", "map")] == [
+        "sensor",
+        "sensor",
+        "binary_sensor",
+        "image",
+    ]
+
+
+@pytest.mark.parametrize("language", sentences.languages())
+def test_names_are_in_the_households_language(language):
+    lab = Lab("lab1", "Home", language, ("red",), ("",), {"b1": "border 2"})
+    shown = {key_in(topic): config["name"] for topic, config in describe(lab).items()}
+    assert shown["border_b1"] == sentences.border_name("border 2", language)
+    assert shown["robot"].lower() == sentences.translate("the_robot", {}, language).lower()
+
+
+def test_resume_names_the_stop_that_its_own_button_shows():
+    config = config_of("resume")
+    found = pressed(config, {"stop_number": "12ab", "stopped": True})
+    assert (found.command, found.seen_stop, found.age) == ("resume", "12ab", 1.0)
+    # nothing was shown yet: the manager then refuses, as it does for everybody
+    assert pressed(config, {}).seen_stop == "" and pressed(config, {"stop_number": None}).seen_stop == ""
+    assert config["json_attributes_topic"] == "lab1/stopped"
+
+
+def test_stop_is_there_as_long_as_there_is_a_broker_and_the_rest_while_it_has_an_effect():
+    assert len(config_of("stop")["availability"]) == 1
+    assert config_of("save")["availability"][1]["value_template"] == "{{ value_json.save }}"
+    assert config_of("border_b1")["availability"][1]["value_template"] == "{{ value_json.integrator }}"
+
+
+def test_yes_answers_the_question_that_is_shown():
+    assert pressed(config_of("confirm"), {"answer": "yes_save", "stop_number": "12ab"}).command == "yes_save"
+
+
+def test_switches_name_their_border_and_each_press_has_an_id_of_its_own():
+    found = pressed(config_of(key_of("border", "ü/#+")), {}, value="false")
+    assert (found.border, found.enabled) == (key_of("border", "ü/#+"), False)
+    assert pressed(config_of("border_b1"), {}, value="true").enabled
+    assert len({pressed(config_of("save"), {}).id for _ in range(20)}) > 15
+
+
+def test_each_template_of_a_button_works_in_the_hubs_sandbox():
+    # its range() refuses more than 100,000
+    for config in describe(LAB).values():
+        template = config.get("command_template", "")
+        assert all(int(part.split(")")[0]) <= 100_000 for part in template.split("range(")[1:])
+
+
+def test_what_an_earlier_process_described_is_taken_back_once_it_is_known_to_be_gone():
+    fewer = Lab("lab1", "Home", "en", ("red",), ("ada",), {})
+    seen = list(describe(LAB))
+    gone = {key_in(topic) for topic in leftovers(fewer, seen)}
+    assert gone == {"camera_green", "robot", "border_b1", key_of("border", "ü/#+")}
+    # as long as nobody has said which borders and robots there are, theirs are left alone
+    unknown = Lab("lab1", "Home", "en", ("red",))
+    assert {key_in(topic) for topic in leftovers(unknown, seen)} == {"camera_green"}
+    assert leftovers(LAB, seen) == []
+
+
+def test_what_is_sent_is_json():
+    assert all(json.loads(json.dumps(config)) == config for config in describe(LAB).values())

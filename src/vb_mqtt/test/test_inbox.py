@@ -1,0 +1,142 @@
+"""What arrives by MQTT: taken once, never when it is old or was kept by the broker, and nothing raises."""
+
+import json
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vb_core import sentences
+from vb_core.errors import CodedError
+from vb_mqtt.inbox import BURST, KNOWN, MAX_AGE, MAX_BYTES, RATE, Inbox, Request
+
+NOW = 1_700_000_000.0
+
+
+@pytest.fixture
+def inbox():
+    return Inbox(started=NOW - 60.0)
+
+
+def packed(**fields):
+    return json.dumps(fields).encode()
+
+
+def code_of(inbox, payload, retained=False, now=NOW):
+    with pytest.raises(CodedError) as caught:
+        inbox.take(payload, retained, now)
+    return caught.value.code
+
+
+def test_a_command_comes_with_its_id_its_age_and_the_stop_that_was_seen(inbox):
+    found = inbox.take(packed(command="resume", at=NOW - 1.5, id="a1", seen_stop="12ab"), False, NOW)
+    assert found == Request("mqtt:a1", "a1", "resume", "12ab", age=1.5)
+    found = inbox.take(packed(border="border_b7", enabled=False, at=NOW), False, NOW)
+    assert (found.command, found.border, found.enabled) == ("", "border_b7", False)
+
+
+def test_what_is_delivered_twice_is_taken_once(inbox):
+    for fields in ({"id": "a1"}, {}):
+        payload = packed(command="save", at=NOW, **fields)
+        assert inbox.take(payload, False, NOW) is not None
+        assert inbox.take(payload, False, NOW + 1.0) is None
+    # the same command, given again
+    assert inbox.take(packed(command="save", at=NOW + 0.5), False, NOW + 1.0) is not None
+
+
+def test_what_the_broker_kept_is_not_taken_and_not_even_a_stop(inbox):
+    for payload in (packed(command="save", at=NOW), packed(command="stop", at=NOW), b"stop"):
+        assert code_of(inbox, payload, retained=True) == "mqtt_retained"
+    assert inbox.take(b"", True, NOW) is None
+
+
+def test_what_is_old_from_the_future_or_without_a_time_is_not_taken(inbox):
+    assert code_of(inbox, packed(command="save", at=NOW - MAX_AGE - 0.01)) == "expired"
+    assert code_of(inbox, packed(command="save", at=NOW + MAX_AGE + 0.01)) == "mqtt_clock"
+    assert code_of(inbox, packed(border="border_1", enabled=True, at=NOW - 60.0)) == "expired"
+    for at in (None, True, "1", -1, float("nan"), float("inf"), 10**400, [NOW]):
+        assert code_of(inbox, packed(command="save", at=at)) == "mqtt_undated"
+    assert code_of(inbox, packed(command="save")) == "mqtt_undated"
+    assert code_of(inbox, b"save") == "mqtt_bad_message"
+
+
+def test_what_was_given_before_the_start_may_have_been_done_already():
+    inbox = Inbox(started=NOW)
+    assert code_of(inbox, packed(command="save", at=NOW - 0.1), now=NOW + 1.0) == "expired"
+    assert inbox.take(packed(command="save", at=NOW + 0.1), False, NOW + 1.0) is not None
+
+
+def test_a_stop_is_taken_in_any_form_at_any_age_and_as_often_as_it_is_given(inbox):
+    for payload in (b"stop", b" STOP\n", packed(command="stop"), packed(command="stop", at=1.0, id="x", more=[1])):
+        assert inbox.take(payload, False, NOW).command == "stop"
+    for _ in range(1000):
+        assert inbox.take(b"stop", False, NOW) is not None
+    # a sender without imagination: its second stop must not be taken for the first
+    same = packed(command="stop", id="kitchen")
+    assert inbox.take(same, False, NOW).id != inbox.take(same, False, NOW).id
+    # but one press that comes twice is one
+    same = packed(command="stop", id="a1", at=NOW)
+    assert inbox.take(same, False, NOW).id == inbox.take(same, False, NOW).id
+
+
+def test_too_many_at_once_are_refused_and_more_are_taken_later(inbox):
+    taken = 0
+    for number in range(100):
+        try:
+            taken += inbox.take(packed(command="save", at=NOW, id=str(number)), False, NOW) is not None
+        except CodedError as error:
+            assert error.code == "mqtt_too_fast"
+    assert taken == BURST
+    later = NOW + 3.0 / RATE
+    assert [inbox.take(packed(command="save", at=later, id=f"b{k}"), False, later) for k in range(3)]
+    assert code_of(inbox, packed(command="save", at=later, id="b3"), now=later) == "mqtt_too_fast"
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"command": "launch", "at": NOW},
+        {"command": "", "at": NOW},
+        {"command": ["save"], "at": NOW},
+        {"command": "save", "at": NOW, "source": "voice"},
+        {"command": "save", "at": NOW, "id": 5},
+        {"command": "save", "at": NOW, "id": "a b"},
+        {"command": "resume", "at": NOW, "seen_stop": 7},
+        {"command": "save", "border": "border_1", "enabled": True, "at": NOW},
+        {"border": "border_1", "enabled": "on", "at": NOW},
+        {"border": "", "enabled": True, "at": NOW},
+        {"at": NOW},
+    ],
+)
+def test_what_is_not_as_agreed_is_refused(inbox, fields):
+    assert code_of(inbox, packed(**fields)) == "mqtt_bad_message"
+
+
+scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
+values = st.recursive(scalars, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=5)
+keys = st.sampled_from(["command", "border", "enabled", "at", "id", "seen_stop"]) | st.text()
+messages = st.dictionaries(keys, st.sampled_from([*KNOWN, NOW, True]) | values).map(
+    lambda found: json.dumps(found).encode()
+)
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.lists(st.tuples(st.binary() | messages, st.booleans()), max_size=5))
+def test_nothing_that_arrives_raises_anything_but_a_refusal_with_a_sentence(arriving):
+    inbox = Inbox(started=NOW - 60.0)
+    for payload, retained in arriving:
+        try:
+            request = inbox.take(payload, retained, NOW)
+        except CodedError as error:
+            assert error.code in sentences.catalog() and "(" + "field)" not in error.message
+        else:
+            assert request is None or not retained
+            assert request is None or request.command in KNOWN or request.border
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [b"\xff\xfe", b"[" * 2000, b"{" * 2000, b'"', b"5", b"null", b'{"at": 1' + b"0" * 1900 + b"}", b"a" * (MAX_BYTES + 1)],
+)  # fmt: skip
+def test_hostile_messages_are_refused(inbox, payload):
+    assert code_of(inbox, payload) in ("mqtt_bad_message", "mqtt_undated")

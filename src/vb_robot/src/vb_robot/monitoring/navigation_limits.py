@@ -1,0 +1,93 @@
+"""Obeying stop and slow zones without the driver: by what a robot's own navigation can be asked.
+
+The idea: a local planner's highest speed is a parameter that can be set while it drives, and a goal can be cancelled.
+Both are requests: a planner that hangs, a joystick or another program that commands the wheels do not hear them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Dict, Mapping, Optional
+
+import numpy as np
+import rospy
+from dynamic_reconfigure.msg import Config, DoubleParameter
+from dynamic_reconfigure.srv import Reconfigure, ReconfigureRequest
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.ros import services
+
+TIMEOUT = 2.0  # [s] a planner that has not answered by then does not obey
+
+
+def limit_around(limits: Optional[GridMap], place, reach: float) -> float:
+    """Returns the lowest speed limit [m/s] within `reach` [m] of a place (2,) [m]; inf without one.
+
+    Args:
+        limits: the map that map_integrator publishes [cm/s]; 0 is no limit.
+    """
+    if limits is None:
+        return math.inf
+    row, column = limits.world_to_cell(place)[0]
+    half = int(math.ceil(reach / limits.resolution))
+    top, left = max(row - half, 0), max(column - half, 0)
+    part = limits.data[top : max(row + half + 1, 0), left : max(column + half + 1, 0)]
+    rows, columns = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
+    near = part[((rows - row) ** 2 + (columns - column) ** 2 <= half**2) & (part > 0)]
+    return float(near.min()) / 100.0 if near.size else math.inf
+
+
+def limited(usual: Mapping[str, float], limit: float) -> Dict[str, float]:
+    """Returns a planner's values under a limit [m/s]: highest speeds up to it, lowest speeds up to half of it."""
+    return {
+        name: min(value, limit if name.startswith("max") else 0.5 * limit) if value > 0.0 else value
+        for name, value in usual.items()
+    }
+
+
+class PlannerSpeed:
+    """The speed limit of one local planner.
+
+    Its usual values are kept on the parameter server while it is limited, so that they come back although this node or
+    the planner was restarted meanwhile. What a person sets while there is no limit is its usual value from then on.
+
+    Args:
+        server: the planner's name, for instance /move_base/DWAPlannerROS; names: of its values.
+    """
+
+    def __init__(self, server: str, names) -> None:
+        self._server, self._names = server, tuple(names)
+        self._kept = f"/usual_speed{server}"
+        self._set: Optional[float] = None  # the limit in force; None: not known
+
+    def apply(self, limit: float) -> None:
+        """Sets the limit [m/s], inf for none; asks nothing of the planner if it is in force already.
+
+        Raises:
+            CodedError: "no_service", "no_response", or "planner_refused" if it keeps a higher speed.
+        """
+        if limit == self._set:
+            return
+        self._set = None
+        usual = rospy.get_param(self._kept, None)
+        if usual is None:
+            usual = self._ask({})
+            if math.isinf(limit):
+                self._set = limit
+                return
+            rospy.set_param(self._kept, usual)
+        wanted = limited(usual, limit)
+        got = self._ask(wanted)
+        if any(got[name] > value + 1e-6 for name, value in wanted.items()):
+            raise CodedError("planner_refused", planner=self._server, limit=f"{limit:.2f}")
+        if math.isinf(limit):
+            rospy.delete_param(self._kept)
+        self._set = limit
+
+    def _ask(self, values: Mapping[str, float]) -> Dict[str, float]:
+        """Sets values, and returns those that the planner then has."""
+        config = Config(doubles=[DoubleParameter(name=name, value=value) for name, value in values.items()])
+        wanted = ReconfigureRequest(config)
+        answer = services.call(f"{self._server}/set_parameters", Reconfigure, wanted, self._server, TIMEOUT, TIMEOUT)
+        return {entry.name: float(entry.value) for entry in answer.config.doubles if entry.name in self._names}

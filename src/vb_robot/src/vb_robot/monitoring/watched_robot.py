@@ -1,0 +1,221 @@
+"""One robot as robot_monitor watches it: its navigation, its driver, its goal, its place. Nothing here waits."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any, List, Optional, Sequence, Tuple
+
+import numpy as np
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from geometry_msgs.msg import Point
+from move_base_msgs.msg import MoveBaseActionGoal
+from nav_msgs.msg import Path
+
+from vb_core import geometry, names, sentences
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.notices import Notice, Severity
+from vb_core.ros import robot_profile
+from vb_core.ros.messages import array_from_points, message_from_pose2d, points_from_array, pose2d_from_message
+from vb_core.ros.transforms import TransformLookup
+from vb_msgs.msg import RobotStatus
+from vb_robot.driving.workspace import KnownBorder
+from vb_robot.monitoring import wiring
+from vb_robot.monitoring.goals import GoalReview
+from vb_robot.monitoring.navigation_limits import PlannerSpeed
+from vb_robot.monitoring.wiring import Wiring, within
+
+RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
+DRIVER_SILENCE = 3.0  # [s] a driver reports twice a second
+POSE_SILENCE = 3.0  # [s] localisation that has not spoken for this long does not know where the robot is
+TOLD_AT_LEAST = 10.0  # [s] why a goal is refused is told while navigation works on it, and at least for this long
+PATH_POINTS = 100  # of a path are told
+DEFAULT_RADIUS = 0.18  # [m] of a robot of which neither costmap nor profile tells it
+
+
+class WatchedRobot:
+    """Collects what is connected to one robot, and asks its navigation for drives.
+
+    Args:
+        name: its namespace; "" for the only one; frame: of its base.
+        on_goal: called with this robot when its navigation got a goal.
+    """
+
+    def __init__(self, name: str, frame: str, transforms: TransformLookup, on_goal: Any) -> None:
+        self.name, self.frame = name, frame
+        self.who = sentences.robot_value(name)
+        self.wiring = Wiring()
+        self.bypassed = self.obeys_speed = False
+        self.pose: Optional[Tuple[float, float, float]] = None
+        self.goal: Optional[Tuple[float, float]] = None
+        self.speed: Optional[PlannerSpeed] = None
+        self._driver, self._driver_heard = "", -math.inf
+        self._running, self._path = False, np.zeros((0, 2))
+        self._maps: dict = {}
+        self._known: Sequence[KnownBorder] = ()
+        self._review: Optional[GoalReview] = None
+        self._refusal: Optional[Notice] = None
+        self._goal_at = -math.inf
+        self._transforms, self._on_goal = transforms, on_goal
+        self._ids = itertools.count()
+        self._goals = rospy.Publisher(within(name, "move_base/goal"), MoveBaseActionGoal, queue_size=2)
+        self._cancel = rospy.Publisher(within(name, "move_base/cancel"), GoalID, queue_size=2)
+        self._path_subscriber: Optional[rospy.Subscriber] = None
+        rospy.Subscriber(within(name, "move_base/goal"), MoveBaseActionGoal, self._take_goal, queue_size=5)
+        rospy.Subscriber(within(name, "move_base/status"), GoalStatusArray, self._take_status, queue_size=1)
+
+    # ------------------------------------------------------------- what is heard
+    def hear_driver(self, node: str, now: float) -> None:
+        """Notes that the robot's driver has reported at a time [s]."""
+        self._driver, self._driver_heard = node, now
+
+    def set_map(self, which: str, grid: GridMap) -> None:
+        """Adopts a map: "physical", "borders", "own" with only this robot's borders, or "keep_out" of its driver."""
+        self._maps[which], self._review = grid, None
+        self._review_goal()
+
+    def set_borders(self, known: Sequence[KnownBorder]) -> None:
+        """Adopts the borders that are in force for it; they lend names."""
+        self._known, self._review = known, None
+        self._review_goal()
+
+    def _review_goal(self) -> None:
+        """Asks for another review of the present goal: a border may have come into its way."""
+        if self.goal is not None and self._is_told(rospy.get_time()):
+            self._on_goal(self)
+
+    def _is_told(self, now: float) -> bool:
+        return self._running or now - self._goal_at < TOLD_AT_LEAST
+
+    def look(self, graph: Any) -> None:
+        """Looks at the ROS graph and the parameters of its navigation."""
+        node = wiring.find_move_base(graph, self.name)
+        parameters = rospy.get_param(node, {}) if node else {}
+        seen = wiring.observe(graph, self.name, parameters if isinstance(parameters, dict) else {})
+        if (seen.radius, seen.maps) != (self.wiring.radius, self.wiring.maps):
+            self._review = None
+        if (seen.move_base, seen.planner) != (self.wiring.move_base, self.wiring.planner):
+            names_of = wiring.PLANNERS.get(seen.planner)
+            self.speed = PlannerSpeed(f"{seen.move_base}/{seen.planner}", names_of) if names_of else None
+        if seen.path != self.wiring.path:
+            if self._path_subscriber is not None:
+                self._path_subscriber.unregister()
+            self._path_subscriber = rospy.Subscriber(seen.path, Path, self._take_path) if seen.path else None
+        driven = set(graph.publications(self._driver, wiring.TWISTS)) if self._driver else set()
+        self.bypassed = self._has_driver() and not driven.isdisjoint(seen.wheels)
+        self.wiring = seen
+
+    def locate(self) -> None:
+        """Looks up where it is."""
+        self.pose = None
+        try:
+            found = self._transforms.lookup(names.MAP_FRAME, self.frame, rospy.Time(0), 0.0)
+        except CodedError:
+            return
+        newest = self._transforms.newest(names.MAP_FRAME, self.frame)
+        if newest.is_zero() or abs((rospy.Time.now() - newest).to_sec()) < POSE_SILENCE:
+            self.pose = geometry.pose2d_from_transform(found)
+
+    def _has_driver(self) -> bool:
+        return 0.0 <= rospy.get_time() - self._driver_heard < DRIVER_SILENCE
+
+    def _take_goal(self, message: MoveBaseActionGoal) -> None:
+        target = message.goal.target_pose
+        x, y, _ = pose2d_from_message(target.pose)
+        try:
+            frame = target.header.frame_id.lstrip("/")
+            place = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0)) @ [x, y, 0.0, 1.0]
+        except CodedError:
+            return  # navigation cannot know either where that is
+        self.goal, self._path, self._refusal = (float(place[0]), float(place[1])), np.zeros((0, 2)), None
+        self._goal_at = rospy.get_time()
+        self._on_goal(self)
+
+    def _take_status(self, message: GoalStatusArray) -> None:
+        self._running = any(entry.status in RUNNING for entry in message.status_list)
+
+    def _take_path(self, message: Path) -> None:
+        if message.header.frame_id.lstrip("/") == names.MAP_FRAME:
+            points = array_from_points([entry.pose.position for entry in message.poses]).reshape(-1, 2)
+            self._path = points[:: max(1, len(points) // PATH_POINTS)]
+
+    # ------------------------------------------------------------- what follows
+    def status(self, cancels: bool) -> RobotStatus:
+        """Returns what is connected. `cancels`: whether goals are cancelled while a stop is in force."""
+        driver, seen = self._has_driver(), self.wiring
+        goal = self.goal if self._running else None
+        return RobotStatus(
+            robot=self.name,
+            frame=self.frame,
+            move_base=seen.move_base,
+            maps=seen.maps,
+            missing_maps=seen.missing_maps,
+            plans_round_borders=seen.plans_round_borders,
+            driver=driver and not self.bypassed,
+            bypassed=driver and self.bypassed,
+            obeys_stop=cancels and bool(seen.move_base),
+            obeys_speed=self.obeys_speed,
+            localized=self.pose is not None,
+            has_goal=goal is not None,
+            goal=Point(*goal, 0.0) if goal else Point(),
+            path=points_from_array(self._path) if goal else [],
+        )
+
+    def review(self) -> Optional[GoalReview]:
+        """Returns the maps as this robot's goals are reviewed on them; None before there is a map."""
+        grid = self._maps.get("own", self._maps.get("borders"))
+        if any(topic.endswith(names.MAP_WITH_MARGIN) for topic in self.wiring.maps):
+            grid = self._maps.get("keep_out", grid)  # its plans keep the margin that its driver keeps
+        if self._review is None and grid is not None:
+            radius = self.wiring.radius or robot_profile.read_radius(self.name, DEFAULT_RADIUS)
+            self._review = GoalReview(grid, self._maps.get("physical"), radius, self._known)
+        return self._review
+
+    def judge(self, goal) -> Optional[Notice]:
+        """Returns why a goal (2,) [m] will be refused; None if nothing speaks against it."""
+        maps = self.review()
+        found = maps.review(self.pose[:2] if self.pose else None, np.asarray(goal)) if maps else None
+        return self.notice(found[0], Severity.WARNING, border=_quoted(found[1])) if found else None
+
+    def refuse(self, refusal: Optional[Notice]) -> bool:
+        """Keeps why its present goal is refused, to be told; returns whether that is news."""
+        before, self._refusal = self._refusal, refusal
+        return refusal is not None and refusal != before
+
+    def notices(self, now: float) -> List[Notice]:
+        """Returns what people should know of its goal and its place at a time [s]."""
+        found = []
+        if self._refusal is not None and self._is_told(now):
+            found.append(self._refusal)
+        # a driver tells this by itself, and what it does about it
+        maps = self.review() if self.pose is not None and self.wiring.move_base and not self._has_driver() else None
+        if maps is not None and maps.is_inside(self.pose[:2]):
+            border = _quoted(maps.workspace.name_at(self.pose[:2]))
+            found.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
+        return found
+
+    def notice(self, code: str, severity: Severity, **values: str) -> Notice:
+        """Makes a notice about this robot."""
+        return Notice(code, severity, robot=self.name, values={"who": self.who, **values})
+
+    # ------------------------------------------------------------- what is asked of navigation
+    def send(self, goal) -> None:
+        """Sends it to a place (2,) [m]; it arrives looking as it set out."""
+        x, y = goal
+        yaw = math.atan2(y - self.pose[1], x - self.pose[0]) if self.pose else 0.0
+        now = rospy.Time.now()
+        message = MoveBaseActionGoal(goal_id=GoalID(now, f"{rospy.get_name()}-{next(self._ids)}-{now.to_nsec()}"))
+        message.header.stamp = message.goal.target_pose.header.stamp = now
+        message.goal.target_pose.header.frame_id = names.MAP_FRAME
+        message.goal.target_pose.pose = message_from_pose2d(x, y, yaw)
+        self._goals.publish(message)
+
+    def cancel_goals(self) -> None:
+        """Cancels whatever goals its navigation has."""
+        self._cancel.publish(GoalID())
+
+
+def _quoted(name: str) -> str:
+    return f"'{name}'" if name else "$border_without_name"

@@ -1,0 +1,127 @@
+"""How a robot's navigation is wired, from the ROS graph and its parameters. No ROS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+import yaml
+
+from vb_core import names
+
+GRIDS = ("nav_msgs/OccupancyGrid",)
+TWISTS = ("geometry_msgs/Twist",)
+PATHS = ("nav_msgs/Path",)
+# local planners whose speed limit can be set while they run, with the values to lower: their limits, and what must
+# stay below these
+PLANNERS: Mapping[str, Tuple[str, ...]] = {
+    "DWAPlannerROS": ("max_vel_trans", "max_vel_x", "min_vel_trans"),
+    "TebLocalPlannerROS": ("max_vel_x", "max_vel_x_backwards"),
+    "TrajectoryPlannerROS": ("max_vel_x", "min_vel_x"),
+}
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """What a robot's move_base is connected to.
+
+    Attributes:
+        move_base: its node; "": none is running.
+        maps: those it subscribes to; missing_maps: those of them that it waits for in vain.
+        plans_round_borders: see vb_msgs/RobotStatus.
+        path: the topic of its path; planner: the name of a local planner of PLANNERS; "": neither is known.
+        wheels: the topics that it sends velocities to.
+        radius: [m] of the robot's inscribed circle, by its costmap; None: not given.
+    """
+
+    move_base: str = ""
+    maps: Tuple[str, ...] = ()
+    missing_maps: Tuple[str, ...] = ()
+    plans_round_borders: bool = False
+    path: str = ""
+    planner: str = ""
+    wheels: Tuple[str, ...] = ()
+    radius: Optional[float] = None
+
+
+def within(robot: str, name: str) -> str:
+    """Returns a topic or node in a robot's namespace."""
+    return f"/{robot}/{name}" if robot else f"/{name}"
+
+
+def find_move_base(graph: Any, robot: str) -> str:
+    """Finds the node that plans for a robot, whatever it is called, even while it waits for a map; "" if there is none."""
+    serving = graph.publishers.get(within(robot, "move_base/status")) or graph.subscribers.get(
+        within(robot, "move_base_simple/goal")
+    )
+    return serving[0] if serving else ""
+
+
+def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
+    """Observes a robot's navigation.
+
+    Args:
+        graph: a vb_core.node_graph.NodeGraph; parameters: the move_base node's.
+    """
+    node = find_move_base(graph, robot)
+    if not node:
+        return Wiring()
+    maps = tuple(sorted(graph.subscriptions(node, GRIDS)))
+    serves = bool(graph.publishers.get(within(robot, "move_base/status")))
+    planner = next((name for name in PLANNERS if f"{node}/{name}/set_parameters" in graph.services), "")
+    return Wiring(
+        node,
+        maps,
+        # its action server starts once it has all maps: one that runs does not wait
+        tuple(topic for topic in maps if not (serves or graph.publishers.get(topic))),
+        _plans_round_borders(robot, maps, parameters),
+        _path_topic(graph.publications(node, PATHS)),
+        planner,
+        tuple(graph.publications(node, TWISTS)),
+        _radius(parameters),
+    )
+
+
+def _plans_round_borders(robot: str, maps: Sequence[str], parameters: Mapping[str, Any]) -> bool:
+    own = {names.MAP_WITH_BORDERS, within(robot, names.MAP_WITH_BORDERS.strip("/"))}
+    if own.isdisjoint(maps) or names.PHYSICAL_MAP in maps or within(robot, "map") in maps:
+        return False
+    # a local costmap without the map: borders are noticed only where the global plan is made again by itself
+    local = parameters.get("local_costmap")
+    return not local or _has_static_map(local) or float(parameters.get("planner_frequency", 0.0)) > 0.0
+
+
+def _has_static_map(costmap: Mapping[str, Any]) -> bool:
+    plugins = costmap.get("plugins", [])
+    return any(str(layer.get("type", "")).endswith("StaticLayer") for layer in plugins if isinstance(layer, dict))
+
+
+def _path_topic(topics: Sequence[str]) -> str:
+    """Returns the global planner's path: the local planners call theirs global_plan and local_plan."""
+    return next((topic for topic in sorted(topics) if topic.endswith("/plan")), "")
+
+
+def _radius(parameters: Mapping[str, Any]) -> Optional[float]:
+    costmap = parameters.get("global_costmap") or {}
+    footprint: Any = costmap.get("footprint")
+    if isinstance(footprint, str):
+        try:
+            footprint = yaml.safe_load(footprint)
+        except yaml.YAMLError:
+            footprint = None
+    corners: List[Any] = footprint if isinstance(footprint, list) else []
+    try:
+        if len(corners) >= 3:
+            points = np.asarray(corners, float).reshape(-1, 2)
+            return float(_distance_to_edges(points).min())
+        return float(costmap["robot_radius"])
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def _distance_to_edges(corners: np.ndarray) -> np.ndarray:
+    """Returns the distances (N,) of the origin from the edges of a polygon (N, 2)."""
+    along = np.roll(corners, -1, axis=0) - corners
+    share = np.clip(-(corners * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
+    return np.linalg.norm(corners + share[:, None] * along, axis=1)

@@ -1,0 +1,318 @@
+"""Node: watches what is connected to the robots, says why goals are refused, sends robots to places."""
+
+from __future__ import annotations
+
+import functools
+import math
+import threading
+from dataclasses import dataclass
+from typing import Any, Dict, List, Optional, Tuple
+
+import numpy as np
+import rosgraph
+import rospy
+
+from vb_core import names, offer
+from vb_core.errors import CodedError, ParameterError
+from vb_core.grid_map import GridMap
+from vb_core.notices import Notice, Severity
+from vb_core.parameters import Parameters, param
+from vb_core.ros import node, parameters
+from vb_core.ros.graph import read_graph
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, values_from_mapping
+from vb_core.ros.notices import NoticePublisher
+from vb_core.ros.robots import connections_from_message
+from vb_core.ros.transforms import TransformLookup
+from vb_core.stop_latch import HeldStops, new_id
+from vb_msgs.msg import (
+    DetectorStatus,
+    DriverState,
+    InteractionState,
+    RobotStatusArray,
+    Stop,
+    VirtualBorder,
+    VirtualBorderArray,
+)
+from vb_msgs.srv import SendRobot, SendRobotResponse
+from vb_robot.driving.workspace import KnownBorder
+from vb_robot.monitoring.navigation_limits import limit_around
+from vb_robot.monitoring.watched_robot import WatchedRobot
+from vb_robot.monitoring.wiring import within
+
+PERIOD = 0.2  # [s] between two looks at poses and speed limits
+GRAPH_PERIOD = 2.0  # [s] between two looks at the ROS graph, in wall time
+REPEAT = 1.0  # [s]
+SETTLING_TIME = 10.0  # [s] for which a fault has to hold before people are told: a lab starts and ends node by node
+CANCEL_PERIOD = 0.5  # [s] between two cancellations of a goal that is sent again and again
+
+
+@dataclass(frozen=True)
+class RobotMonitorParams(Parameters):
+    """The node's parameters."""
+
+    robots: tuple = param((), doc="names of the robots, which are their namespaces; none: one without a namespace")
+    frames: tuple = param((), doc="their base frames, in the same order; none: base_link, or NAME/base_link")
+    interaction: bool = param(True, doc="whether an interaction manager belongs to this lab")
+    obey: bool = param(
+        False, doc="whether to obey stop and slow zones through the navigation of robots that have no driver"
+    )
+    slow_down_distance: float = param(0.5, "m", low=0.0, doc="how far before a slow zone its limit is set")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.frames and len(self.frames) != len(self.robots or ("",)):
+            raise ParameterError("frames", f"expected one for each robot, got {list(self.frames)}")
+
+    def named_frames(self) -> List[Tuple[str, str]]:
+        """Returns (name, base frame) of each robot."""
+        robots = self.robots or ("",)
+        return list(zip(robots, self.frames or [within(name, "base_link")[1:] for name in robots]))
+
+
+class RobotMonitorNode:
+    """Watches robots that navigate by themselves, whatever else is connected.
+
+    Subscribed topics:
+        /map, /virtual_borders/map, /<robot>/virtual_borders/map, /virtual_borders/speed_limits (nav_msgs/OccupancyGrid)
+        [<robot>/]robot_driver/keep_out (nav_msgs/OccupancyGrid): if its navigation plans on it
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray): names, and for which robot each is
+        /virtual_borders/drivers (vb_msgs/DriverState), /virtual_borders/detectors (vb_msgs/DetectorStatus)
+        /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/stop (vb_msgs/Stop)
+        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal)
+        [<robot>/]move_base/status (actionlib_msgs/GoalStatusArray)
+        <planner>/plan (nav_msgs/Path): of the global planner
+        /tf, /tf_static (tf2_msgs/TFMessage)
+    Published topics:
+        /virtual_borders/robots (vb_msgs/RobotStatusArray, latched)
+        /virtual_borders/notices (vb_msgs/NoticeArray)
+        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): what send_robot asks for
+        [<robot>/]move_base/cancel (actionlib_msgs/GoalID)
+    Services:
+        /virtual_borders/send_robot (vb_msgs/SendRobot)
+    Services called:
+        <planner>/set_parameters (dynamic_reconfigure/Reconfigure): of the local planner, with ~obey
+    Parameters:
+        ~* RobotMonitorParams
+        <move_base>/*: read only
+    """
+
+    def __init__(self, params: RobotMonitorParams) -> None:
+        self._params = params
+        node.wait_for_clock()
+        self._lock = threading.RLock()
+        self._stops = HeldStops()  # in memory: the manager keeps a stop, and its state says so
+        self._speed_limits: Optional[GridMap] = None
+        self._cameras: Dict[str, None] = {}
+        self._offer = offer.offer(offer.Connections())
+        self._faulty_since: Dict[Any, float] = {}
+        self._logged: Tuple[Any, ...] = ()
+        self._started = self._published_at = rospy.get_time()
+        self._cancelled_at = -math.inf
+        self._published: Any = None
+        transforms = TransformLookup()
+        self._reviews = node.Queue()
+        self._robots = {
+            name: WatchedRobot(name, frame, transforms, self._reviews.put) for name, frame in params.named_frames()
+        }
+        self._notices = NoticePublisher()
+        self._status = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1, latch=True)
+        self._subscribe()
+        node.Worker(self._reviews, self._review)
+        self._timer, self._graph_timer = node.WakeTimer(PERIOD), node.WakeTimer(GRAPH_PERIOD)
+        node.Worker(self._graph_timer, lambda _woken: self._look_at_graph())
+        node.Worker(self._timer, lambda _woken: self._look())
+        rospy.Service(names.SEND_ROBOT, SendRobot, self._send)
+
+    def _subscribe(self) -> None:
+        def on_map(name: str, which: str, robots: List[WatchedRobot]) -> None:
+            callback = functools.partial(self._on_map, robots, which)
+            rospy.Subscriber(name, OccupancyGridArray, callback, queue_size=1, buff_size=2**24)
+
+        everyone = list(self._robots.values())
+        on_map(names.PHYSICAL_MAP, "physical", everyone)
+        on_map(names.MAP_WITH_BORDERS, "borders", everyone)
+        for robot in everyone:
+            on_map(within(robot.name, names.MAP_WITH_MARGIN), "keep_out", [robot])
+            if robot.name:
+                on_map(within(robot.name, names.MAP_WITH_BORDERS[1:]), "own", [robot])
+        on_map(names.SPEED_LIMITS, "speed", [])
+        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
+        rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver, queue_size=20)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=20)
+        rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
+        rospy.Subscriber(names.STOP, Stop, self._on_stop, queue_size=5, tcp_nodelay=True)
+
+    def close(self) -> None:
+        """Gives planners their usual speed back."""
+        for queue in (self._timer, self._graph_timer, self._reviews):
+            queue.close()
+        for robot in self._robots.values():
+            self._limit(robot, math.inf)
+
+    # ------------------------------------------------------------- callbacks
+    def _on_map(self, robots: List[WatchedRobot], which: str, message: Any) -> None:
+        try:
+            grid = grid_from_message(message)
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
+            return
+        with self._lock:
+            if which == "speed":
+                self._speed_limits = grid
+            for robot in robots:
+                robot.set_map(which, grid)
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        with self._lock:
+            for robot in self._robots.values():
+                robot.set_borders([_known(one) for one in message.borders if _is_for(one, robot.name)])
+
+    def _on_driver(self, message: DriverState) -> None:
+        if message.robot in self._robots:
+            self._robots[message.robot].hear_driver(message._connection_header["callerid"], rospy.get_time())
+
+    def _on_detector(self, message: DetectorStatus) -> None:
+        self._cameras[message.camera] = None
+
+    def _on_state(self, message: InteractionState) -> None:
+        self._stops.follow(message.stopped, message.stops)
+        self._obey_stop()
+
+    def _on_stop(self, message: Stop) -> None:
+        self._stops.hear(message.id or new_id())
+        self._obey_stop()
+
+    # ------------------------------------------------------------- obeying through navigation
+    def _obey_stop(self) -> None:
+        """Cancels the goals of robots without a driver while a stop is in force, again and again."""
+        now = rospy.get_time()
+        if self._params.obey and self._stops.stopped and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD:
+            self._cancelled_at = now
+            self._cancel_all()
+
+    def _cancel_all(self) -> None:
+        for robot in self._robots.values():
+            if not robot.status(True).driver:
+                robot.cancel_goals()
+
+    def _limit(self, robot: WatchedRobot, limit: float) -> None:
+        """Sets a planner's speed limit [m/s]; whether it obeys is part of what is offered."""
+        robot.obeys_speed = False
+        if self._params.obey and robot.speed is not None:
+            try:
+                robot.speed.apply(limit)
+                robot.obeys_speed = True
+            except CodedError as error:
+                rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
+
+    # ------------------------------------------------------------- goals
+    def _review(self, robot: WatchedRobot) -> None:
+        if self._params.obey and self._stops.stopped and not robot.status(True).driver:
+            robot.cancel_goals()
+            robot.refuse(robot.notice("goal_while_stopped", Severity.WARNING))
+            return
+        goal = robot.goal
+        with self._lock:
+            refusal = robot.judge(goal)
+        if goal == robot.goal and robot.refuse(refusal):
+            rospy.logwarn("%s: %s [%s]", rospy.get_name(), refusal.sentence(), refusal.code)
+        self._tell()
+
+    def _send(self, request: Any) -> SendRobotResponse:
+        robot = self._robots.get(request.robot)
+        if robot is None:
+            return _answer(False, Notice("robot_unknown", values={"who": request.robot}))
+        if request.halt:
+            robot.cancel_goals()
+            return _answer(True, robot.notice("robot_drive_ended", Severity.INFO))
+        goal = (request.goal.x, request.goal.y)
+        if self._stops.stopped:
+            refusal: Optional[Notice] = robot.notice("goal_while_stopped", Severity.WARNING)
+        elif robot.name not in self._offer.goes or not np.isfinite(goal).all():
+            refusal = robot.notice("robot_cannot_be_sent", Severity.WARNING)
+        else:
+            with self._lock:
+                refusal = robot.judge(goal)
+        if refusal is not None:
+            return _answer(False, refusal)
+        robot.send(goal)
+        return _answer(True, robot.notice("robot_sent", Severity.INFO))
+
+    # ------------------------------------------------------------- periodic looks
+    def _look_at_graph(self) -> None:
+        try:
+            graph = read_graph()
+            for robot in self._robots.values():
+                robot.look(graph)
+        except (rosgraph.MasterException, OSError) as error:
+            rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
+
+    def _look(self) -> None:
+        for robot in self._robots.values():
+            robot.locate()
+            limit = math.inf
+            if robot.pose is not None:
+                reach = self._params.slow_down_distance + (robot.wiring.radius or 0.0)
+                limit = limit_around(self._speed_limits, robot.pose[:2], reach)
+            self._limit(robot, limit)
+        self._obey_stop()
+        self._tell()
+
+    def _tell(self) -> None:
+        """Publishes what is connected, at once when it changes, and what people should know."""
+        with self._lock:
+            now = rospy.get_time()
+            robots = [robot.status(self._params.obey) for robot in self._robots.values()]
+            message = RobotStatusArray(interaction=self._params.interaction, cameras=list(self._cameras), robots=robots)
+            changed = (message.robots, message.cameras) != self._published
+            if changed or not 0.0 <= now - self._published_at < REPEAT:
+                self._published, self._published_at = (message.robots, message.cameras), now
+                message.header.stamp = rospy.Time.from_sec(now)
+                self._status.publish(message)
+            self._offer = offer.offer(connections_from_message(message))
+            faults = self._lasting(self._offer.notices(), now)
+            self._log(now)
+            self._notices.set([*faults, *(one for robot in self._robots.values() for one in robot.notices(now))])
+
+    def _lasting(self, faults: List[Notice], now: float) -> List[Notice]:
+        """Returns the faults that have held for SETTLING_TIME."""
+        before, self._faulty_since = self._faulty_since, {}
+        for fault in faults:
+            key = (fault.code, fault.robot)
+            self._faulty_since[key] = min(before.get(key, now), now)
+        return [fault for fault in faults if now - self._faulty_since[(fault.code, fault.robot)] >= SETTLING_TIME]
+
+    def _log(self, now: float) -> None:
+        """Prints what is connected once the lab has started, and again what of it changes."""
+        lines = self._offer.lines
+        if now - self._started < SETTLING_TIME or lines == self._logged:
+            return
+        if self._faulty_since and min(now - since for since in self._faulty_since.values()) < SETTLING_TIME:
+            return
+        logs = {Severity.INFO: rospy.loginfo, Severity.WARNING: rospy.logwarn, Severity.ERROR: rospy.logerr}
+        for line in lines:
+            if line not in self._logged:
+                logs[line.severity]("%s: %s", rospy.get_name(), line.notice().sentence())
+        self._logged = lines
+
+
+def _is_for(border: VirtualBorder, robot: str) -> bool:
+    return border.in_force and len(border.points) > 0 and (not border.robots or robot in border.robots)
+
+
+def _known(border: VirtualBorder) -> KnownBorder:
+    return KnownBorder(
+        border.name or border.id,
+        array_from_points(border.points),
+        np.array([border.seed.x, border.seed.y]),
+        border.kind == VirtualBorder.POLYGON,
+    )
+
+
+def _answer(success: bool, notice: Notice) -> SendRobotResponse:
+    return SendRobotResponse(success, notice.code, notice.sentence(), values_from_mapping(notice.values))
+
+
+def build() -> RobotMonitorNode:
+    """Reads the parameters and makes the node."""
+    return RobotMonitorNode(parameters.read(RobotMonitorParams, "~"))

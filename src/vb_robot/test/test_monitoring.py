@@ -1,0 +1,277 @@
+"""What robot_monitor reads from a robot's navigation, which goals it calls out of reach, and what it asks of a planner."""
+
+import math
+
+import numpy as np
+import pytest
+from dynamic_reconfigure.msg import Config, DoubleParameter
+from dynamic_reconfigure.srv import ReconfigureResponse
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.node_graph import NodeGraph
+from vb_robot.driving.workspace import KnownBorder
+from vb_robot.monitoring import navigation_limits, wiring
+from vb_robot.monitoring.goals import GoalReview
+from vb_robot.monitoring.navigation_limits import PlannerSpeed, limit_around, limited
+
+
+def graph(maps, robot="", publishes=None, planner="DWAPlannerROS"):
+    """A move_base with these maps, all of which somebody publishes unless told otherwise."""
+    node = wiring.within(robot, "move_base")
+    every = maps if publishes is None else publishes
+    subscribed = {wiring.within(robot, "move_base_simple/goal"): [node], **{topic: [node] for topic in maps}}
+    published = {
+        wiring.within(robot, "move_base/status"): [node],
+        f"{node}/NavfnROS/plan": [node],
+        f"{node}/DWAPlannerROS/global_plan": [node],
+        wiring.within(robot, "cmd_vel"): [node],
+        **{topic: ["/server"] for topic in every},
+    }
+    types = {
+        **{topic: "nav_msgs/OccupancyGrid" for topic in maps},
+        f"{node}/NavfnROS/plan": "nav_msgs/Path",
+        f"{node}/DWAPlannerROS/global_plan": "nav_msgs/Path",
+        wiring.within(robot, "cmd_vel"): "geometry_msgs/Twist",
+    }
+    services = {f"{node}/{planner}/set_parameters": [node]}
+    return NodeGraph(published.items(), subscribed.items(), services.items(), types)
+
+
+STATIC = {"plugins": [{"name": "static_layer", "type": "costmap_2d::StaticLayer"}]}
+ROLLING = {"plugins": [{"name": "obstacle_layer", "type": "costmap_2d::ObstacleLayer"}]}
+
+
+@pytest.mark.parametrize(
+    "maps, parameters, plans",
+    [
+        (["/virtual_borders/map"], {}, True),
+        (["/virtual_borders/map", "/robot_driver/keep_out"], {}, True),
+        (["/map"], {}, False),
+        # one costmap is wired, the other is not: it cuts corners
+        (["/map", "/virtual_borders/map"], {}, False),
+        (["/virtual_borders/map"], {"local_costmap": STATIC}, True),
+        # a border that is drawn while it drives would be noticed by nobody
+        (["/virtual_borders/map"], {"local_costmap": ROLLING}, False),
+        (["/virtual_borders/map"], {"local_costmap": ROLLING, "planner_frequency": 1.0}, True),
+        ([], {}, False),
+    ],
+)
+def test_whether_a_robot_plans_round_borders(maps, parameters, plans):
+    seen = wiring.observe(graph(maps), "", parameters)
+    assert seen.plans_round_borders == plans and seen.move_base == "/move_base" and not seen.missing_maps
+    assert (seen.path, seen.planner, seen.wheels) == ("/move_base/NavfnROS/plan", "DWAPlannerROS", ("/cmd_vel",))
+
+
+def test_a_robot_with_a_name_may_plan_on_its_own_map_or_on_that_of_all():
+    for topic in ("/ada/virtual_borders/map", "/virtual_borders/map"):
+        assert wiring.observe(graph([topic], "ada"), "ada", {}).plans_round_borders
+    assert not wiring.observe(graph(["/bob/virtual_borders/map"], "ada"), "ada", {}).plans_round_borders
+    assert wiring.observe(graph(["/virtual_borders/map"], "ada"), "bob", {}).move_base == ""
+
+
+def test_a_move_base_that_waits_for_a_map_is_found_and_the_map_named():
+    """Without a driver nobody publishes keep_out: move_base has no action server then, and says so at INFO only."""
+    maps = ["/robot_driver/keep_out", "/virtual_borders/map"]
+    waiting = graph(maps, publishes=maps[1:])
+    del waiting.publishers["/move_base/status"]
+    seen = wiring.observe(waiting, "", {})
+    assert seen.move_base == "/move_base" and seen.missing_maps == ("/robot_driver/keep_out",)
+
+
+@pytest.mark.parametrize(
+    "costmap, radius",
+    [
+        ({"robot_radius": 0.22}, 0.22),
+        ({"footprint": [[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]}, 0.2),
+        ({"footprint": "[[0.3, 0.2], [0.3, -0.2], [-0.1, -0.2], [-0.1, 0.2]]"}, 0.1),
+        ({"footprint": "[]", "robot_radius": 0.4}, 0.4),
+        ({"footprint": "nonsense: ["}, None),
+        ({}, None),
+    ],
+)
+def test_the_robots_size_is_that_of_its_costmap(costmap, radius):
+    assert wiring.observe(graph(["/map"]), "", {"global_costmap": costmap}).radius == pytest.approx(radius)
+
+
+# ------------------------------------------------------------ goals
+def floor(rows=80, columns=160):
+    """8 m x 4 m of free floor with a wall round it."""
+    data = np.zeros((rows, columns), np.int8)
+    data[[0, -1]], data[:, [0, -1]] = 100, 100
+    return GridMap(data, 0.05)
+
+
+def reviewed(areas, radius=0.2, physical=None):
+    """A review with borders that restrict rectangles (x0, y0, x1, y1) [m] by name."""
+    physical = physical or floor()
+    data, known = physical.data.copy(), []
+    for name, (x0, y0, x1, y1) in areas.items():
+        data[round(y0 / 0.05) : round(y1 / 0.05), round(x0 / 0.05) : round(x1 / 0.05)] = 100
+        corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+        known.append(KnownBorder(name, corners, corners.mean(axis=0), True))
+    return GoalReview(physical.with_data(data), physical, radius, known)
+
+
+RUG = {"rug": (2.0, 1.0, 3.0, 2.0)}
+START = (0.5, 0.5)
+
+
+@pytest.mark.parametrize(
+    "goal, why",
+    [
+        ((2.5, 1.5), ("goal_in_border", "rug")),
+        ((1.9, 1.5), ("goal_in_border", "rug")),  # its edge would be inside
+        ((5.0, 1.5), None),
+        ((1.7, 1.5), None),
+        ((0.03, 2.0), ("goal_in_obstacle", "")),
+        ((9.0, 2.0), ("goal_off_map", "")),
+    ],
+)
+def test_why_a_goal_will_be_refused(goal, why):
+    assert reviewed(RUG).review(START, np.array(goal)) == why
+
+
+def test_a_goal_that_borders_cut_off_names_the_first_one_on_the_way():
+    both = {"hall": (3.0, 0.0, 3.3, 4.0), "door": (5.0, 0.0, 5.3, 4.0)}
+    assert reviewed(both).review(START, np.array((7.0, 2.0))) == ("goal_behind_border", "hall")
+    assert reviewed(both).review((7.0, 2.0), np.array((0.5, 2.0))) == ("goal_behind_border", "door")
+    assert reviewed(both).review(START, np.array((1.5, 3.0))) is None
+
+
+def test_a_border_that_can_be_gone_round_is_not_blamed():
+    both = {**RUG, "hall": (5.0, 0.0, 5.3, 4.0)}
+    assert reviewed(both).review((0.5, 1.5), np.array((7.0, 1.5))) == ("goal_behind_border", "hall")
+
+
+def test_what_walls_cut_off_is_not_laid_to_a_border():
+    walled = floor()
+    walled.data[:, 80:82] = 100
+    assert reviewed(RUG, physical=walled).review(START, np.array((7.0, 2.0))) == ("goal_out_of_reach", "")
+
+
+def test_a_robot_inside_is_told_its_own_border():
+    inside = reviewed(RUG)
+    assert inside.is_inside((2.5, 1.5)) and not inside.is_inside((1.0, 1.0))
+    assert inside.review((2.5, 1.5), np.array((5.0, 1.5))) == ("goal_behind_border", "rug")
+
+
+def test_nothing_is_claimed_of_a_robot_whose_place_is_not_known():
+    both = {"hall": (3.0, 0.0, 3.3, 4.0)}
+    assert reviewed(both).review(None, np.array((7.0, 2.0))) is None
+    assert reviewed(both).review(None, np.array((3.1, 2.0))) == ("goal_in_border", "hall")
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_goal_is_refused_exactly_where_a_search_of_its_own_finds_no_path(seed):
+    """An independent oracle: breadth first over cells that the robot's disc fits on, in plain Python."""
+    rng = np.random.default_rng(seed)
+    areas = {}
+    for name in "abc":
+        x, y = rng.uniform(0.3, 6.5), rng.uniform(0.0, 3.0)
+        areas[name] = (x, y, x + rng.uniform(0.1, 1.0), y + rng.uniform(0.5, 4.0))
+    areas = {name: (a, b, min(c, 7.9), min(d, 3.95)) for name, (a, b, c, d) in areas.items()}
+    review = reviewed(areas, radius=0.15)
+    blocked = np.argwhere(review.workspace.borders.data >= 99)
+
+    def fits(cell):
+        return np.hypot(*(blocked - cell).T).min() * 0.05 >= 0.15
+
+    start, goal = (next(cell for cell in rng.integers((5, 5), (75, 155), (1000, 2)) if fits(cell)) for _ in range(2))
+    reached, border = {tuple(start)}, [tuple(start)]
+    while border:
+        row, column = border.pop()
+        for cell in ((row + 1, column), (row - 1, column), (row, column + 1), (row, column - 1)):
+            if cell not in reached and fits(np.array(cell)):
+                reached.add(cell)
+                border.append(cell)
+    places = review.workspace.borders.cell_to_world(np.array([start, goal]))
+    why = review.review(places[0], places[1])
+    # by a cell it is generous, so that it never calls a goal out of reach that is not
+    assert why is None or tuple(goal) not in reached
+    if tuple(goal) not in reached and why is None:
+        assert reviewed(areas, radius=0.25).review(places[0], places[1]) is not None
+
+
+# ------------------------------------------------------------ slow zones
+def test_the_limit_is_that_of_the_slowest_zone_within_reach():
+    data = np.zeros((80, 160), np.int8)
+    data[20:40, 60:80], data[20:40, 80:100] = 20, 10
+    zones = GridMap(data, 0.05)
+    assert limit_around(zones, (1.0, 1.5), 0.5) == math.inf
+    assert limit_around(zones, (2.6, 1.5), 0.5) == pytest.approx(0.2)
+    assert limit_around(zones, (3.8, 1.5), 0.5) == pytest.approx(0.1)
+    assert limit_around(None, (1.0, 1.0), 0.5) == math.inf
+    assert limit_around(zones, (-5.0, 1.0), 0.5) == math.inf
+
+
+def test_a_planner_under_a_limit_keeps_what_lies_below_it():
+    usual = {"max_vel_trans": 0.5, "max_vel_x": 0.5, "min_vel_trans": 0.1, "max_vel_x_backwards": 0.0}
+    assert limited(usual, 0.2) == {**usual, "max_vel_trans": 0.2, "max_vel_x": 0.2}
+    assert limited(usual, 0.1)["min_vel_trans"] == pytest.approx(0.05)
+    assert limited(usual, math.inf) == usual
+
+
+class Planner:
+    """A local planner with dynamic_reconfigure, and the parameter server; it may refuse to drive more slowly."""
+
+    def __init__(self, monkeypatch):
+        self.values = {"max_vel_trans": 0.5, "max_vel_x": 0.5, "min_vel_trans": 0.1}
+        self.asked, self.refuses, self.kept = 0, False, {}
+        monkeypatch.setattr(navigation_limits.services, "call", self.call)
+        monkeypatch.setattr(navigation_limits.rospy, "get_param", lambda name, default: self.kept.get(name, default))
+        monkeypatch.setattr(navigation_limits.rospy, "set_param", self.kept.__setitem__)
+        monkeypatch.setattr(navigation_limits.rospy, "delete_param", self.kept.__delitem__)
+
+    def call(self, _name, _service, request, *_rest):
+        self.asked += 1
+        if not self.refuses:
+            self.values.update({entry.name: entry.value for entry in request.config.doubles})
+        found = [DoubleParameter(name, value) for name, value in self.values.items()]
+        return ReconfigureResponse(Config(doubles=[*found, DoubleParameter("sim_time", 2.0)]))
+
+    def speed(self):
+        return PlannerSpeed("/move_base/DWAPlannerROS", wiring.PLANNERS["DWAPlannerROS"])
+
+
+def test_the_usual_speed_comes_back_behind_a_slow_zone(monkeypatch):
+    planner = Planner(monkeypatch)
+    speed, usual = planner.speed(), dict(planner.values)
+    speed.apply(math.inf)
+    for _ in range(3):
+        speed.apply(0.2)
+    assert planner.values == {"max_vel_trans": 0.2, "max_vel_x": 0.2, "min_vel_trans": 0.1} and planner.asked == 3
+    speed.apply(0.1)
+    speed.apply(math.inf)
+    assert planner.values == usual and planner.kept == {}
+
+
+def test_the_usual_speed_comes_back_although_the_node_was_restarted_in_the_zone(monkeypatch):
+    planner = Planner(monkeypatch)
+    usual = dict(planner.values)
+    planner.speed().apply(0.2)
+    planner.speed().apply(math.inf)
+    assert planner.values == usual
+
+
+def test_what_a_person_sets_between_zones_is_the_usual_speed_from_then_on(monkeypatch):
+    planner = Planner(monkeypatch)
+    speed = planner.speed()
+    for limit in (0.2, math.inf):
+        speed.apply(limit)
+    planner.values["max_vel_x"] = 0.4
+    for limit in (0.2, math.inf):
+        speed.apply(limit)
+    assert planner.values["max_vel_x"] == 0.4
+
+
+def test_a_planner_that_keeps_its_speed_does_not_obey_and_is_asked_again(monkeypatch):
+    planner = Planner(monkeypatch)
+    planner.refuses, speed = True, planner.speed()
+    for _ in range(2):
+        with pytest.raises(CodedError) as caught:
+            speed.apply(0.2)
+        assert caught.value.code == "planner_refused"
+    planner.refuses = False
+    speed.apply(0.2)
+    assert planner.values["max_vel_x"] == 0.2

@@ -1,0 +1,322 @@
+"""What a robot does not know is a stop: where it is, which maps belong together, who else drives it, what it touches."""
+
+import math
+import os
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from test_arbiter import DT, PROFILE, Rig, empty, with_border  # noqa: E402
+
+from vb_core.errors import ParameterError  # noqa: E402
+from vb_core.robot_profile import KINDS, Contact, RobotProfile  # noqa: E402
+from vb_core.node_graph import NodeGraph  # noqa: E402
+from vb_core.vocabulary import state_of  # noqa: E402
+from vb_robot.driving.safety import Fix, Scan, pose_jump, safe_speed  # noqa: E402
+from vb_robot.driving.workspace import PoseUncertainty, Workspace  # noqa: E402
+from vb_robot.spots import Sighting, Sightings  # noqa: E402
+
+
+def driving(wish=(0.3, 0.0), **how):
+    rig = Rig(**how)
+    rig.navigation = wish
+    assert rig.step(1.0).v == wish[0]
+    return rig
+
+
+# ------------------------------------------------------------ one way to the wheels
+@pytest.mark.parametrize("situation", ["idle", "stopped", "driving"])
+def test_another_node_that_could_drive_the_base_is_told_in_every_state(situation):
+    rig = Rig()
+    rig.step(5.0)
+    if situation == "stopped":
+        rig.latch.stop("a", "test")
+    rig.navigation = (0.3, 0.0) if situation == "driving" else None
+    rig.step(0.5)
+    rig.arbiter.gate.registered = ("/move_base",)  # silent, but it can
+    command = rig.step(0.5)
+    assert (command.code, command.v, command.publish) == ("other_cmd_vel_publisher", 0.0, True)
+    rig.arbiter.gate.registered = ()
+    assert rig.step(0.5).code == {"idle": "idle", "stopped": "stopped", "driving": "driving"}[situation]
+
+
+def test_behind_a_mux_every_other_way_to_the_base_is_found():
+    published = {
+        "/mux/input/navi": ["/robot_driver"],
+        "/mux/input/teleop": ["/keyboard"],
+        "/mobile_base/commands/velocity": ["/mux", "/reflex"],
+        "/cmd_vel": ["/elsewhere"],
+    }
+    subscribed = {
+        "/mux/input/navi": ["/mux"],
+        "/mux/input/teleop": ["/mux"],
+        "/mobile_base/commands/velocity": ["/base"],
+    }
+    graph = NodeGraph(published.items(), subscribed.items(), (), {topic: "geometry_msgs/Twist" for topic in published})
+    found = graph.find_other_commanders("/robot_driver", "/mux/input/navi", "/mobile_base/commands/velocity")
+    assert found == ({"/keyboard", "/reflex"}, {"/mux"})
+    assert graph.find_other_commanders("/robot_driver", "/cmd_vel", "") == ({"/elsewhere"}, set())
+    assert graph.is_heard("/robot_driver", "/mux/input/navi")
+    assert not NodeGraph((), {"/cmd_vel": ["/robot_driver"]}.items()).is_heard("/robot_driver", "/cmd_vel")
+
+
+@pytest.mark.parametrize("kind", [kind for kind, why in KINDS.items() if why])
+def test_a_robot_of_a_kind_that_is_not_supported_is_refused_in_one_sentence(kind):
+    with pytest.raises(ParameterError, match="not supported"):
+        RobotProfile.from_mapping({"base": {"kind": kind}})
+
+
+def test_a_driver_that_starts_sends_zeros_to_a_base_that_may_still_drive():
+    rig = Rig()
+    rig.step(3.0 - 2 * DT)
+    assert all(command.publish and command.v == command.w == 0.0 for command in rig.commands)
+    rig.step(0.5)
+    assert not rig.commands[-1].publish, "then it leaves the base alone"
+
+
+# ------------------------------------------------------------ what each source needs
+def test_a_joystick_needs_the_scanner_and_nothing_else():
+    rig = Rig()
+    rig.silent |= {"state", "pose", "localisation"}
+    rig.arbiter.set_maps(None)
+    rig.teleop = (0.2, 0.3)
+    assert rig.step(3.0).code == "driving" and rig.commands[-1].v == 0.2
+    rig.silent.add("scan")
+    rig.step(1.0)
+    assert (rig.commands[-1].v, rig.commands[-1].w, rig.commands[-1].code) == (0.0, 0.0, "scan_lost")
+
+
+@pytest.mark.parametrize("never, code", [("scan", "scan_lost"), ("state", "state_lost"), ("pose", "pose_lost")])
+def test_what_never_came_stops_it(never, code):
+    rig = Rig()
+    rig.silent.add(never)
+    rig.navigation = (0.3, 0.2)
+    rig.step(2.0)
+    assert all(command.v == command.w == 0.0 for command in rig.commands) and rig.commands[-1].code == code
+
+
+def test_a_stopped_robot_keeps_its_goal_and_goes_on():
+    rig = driving()
+    rig.goal = True
+    rig.latch.stop("a", "test")
+    rig.step(5.0)
+    assert rig.commands[-1].code == "stopped" and rig.cancelled == 0
+    rig.latch.resume(rig.latch.number)
+    assert rig.step(1.0).v == 0.3
+
+
+def test_it_is_never_faster_than_it_may_be():
+    rig = Rig()
+    rig.navigation = (9.0, 0.0)
+    assert rig.step(0.5).code == "speed_limit"
+    assert 0.9 * PROFILE.limits.max_speed < max(command.v for command in rig.commands) <= PROFILE.limits.max_speed
+    beside_a_person = Rig()
+    beside_a_person.follows(2.5)
+    for _ in range(60):
+        beside_a_person.spot = (beside_a_person.pose[0] + 2.5, beside_a_person.pose[1])
+        beside_a_person.step()
+    speeds = [abs(command.v) for command in beside_a_person.commands if command.source == "follow"]
+    assert 0.15 < max(speeds) <= 0.2
+
+
+# ------------------------------------------------------------ where it is
+def test_a_localisation_that_may_be_anywhere_stops_it_until_it_knows():
+    rig = driving()
+    rig.arbiter.gate.pose_uncertain = True
+    assert rig.step().code == "pose_uncertain" and rig.commands[-1].v == 0.0
+    rig.teleop = (0.2, 0.0)
+    assert rig.step().v == 0.2, "a person with a joystick helps"
+    rig.teleop, rig.arbiter.gate.pose_uncertain = None, False
+    assert rig.step(1.0).v == 0.3
+
+
+def test_a_localisation_that_slides_away_in_small_steps_is_a_jump_too():
+    rig = driving((0.0, 0.3))
+    codes = set()
+    for _ in range(9):
+        rig.pose = (rig.pose[0], rig.pose[1] + 0.2, rig.pose[2])  # 1.8 m within 0.45 s
+        codes.add(rig.step().code)
+    assert "pose_jumped" in codes
+
+
+def test_a_jump_over_a_moment_without_a_pose_is_a_jump_too():
+    rig = driving()
+    rig.arbiter.gate.set_pose(None, rig.now)
+    rig.silent.add("pose")
+    rig.step(0.1)
+    rig.silent.clear()
+    rig.pose = (rig.pose[0], rig.pose[1] - 1.5, 0.0)
+    assert rig.step().code == "pose_jumped"
+
+
+def test_odometry_tells_a_slow_slide_from_driving():
+    """Within a second the localisation goes 0.6 m, which a robot can, and the wheels have not moved."""
+    still, fast = Fix(0.0, (1.0, 1.0, 0.3), (5.0, 5.0, 1.0)), 0.6
+    slid = Fix(1.0, (1.0 + fast, 1.0, 0.3), (5.0, 5.0, 1.0))
+    assert pose_jump(still, slid) == pytest.approx(fast)
+    assert pose_jump(Fix(0.0, still.pose), Fix(1.0, slid.pose)) == 0.0
+    c, s = math.cos(0.3), math.sin(0.3)
+    ahead = (5.0 + fast * math.cos(1.0), 5.0 + fast * math.sin(1.0), 1.2)
+    driven = Fix(1.0, (1.0 + fast * c, 1.0 + fast * s, 0.5), ahead)
+    assert pose_jump(still, driven) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("maps", ["missing", "of another geometry"])
+def test_maps_that_do_not_belong_together_stop_it(maps):
+    """The driver node gives no maps then; a workspace cannot even be made without the physical map."""
+    rig = driving()
+    rig.arbiter.set_maps(None)
+    assert rig.step().code == "no_map" and rig.commands[-1].v == 0.0
+    rig.set_grid(empty())
+    assert rig.step(0.5).v == 0.3
+
+
+# ------------------------------------------------------------ navigation that is gone, borders that are old
+def test_a_robot_beside_a_wall_is_left_alone_once_navigation_is_dead():
+    rig = Rig(grid=with_border(empty(), 4.0, 0.0, 8.0, 5.0), pose=(4.0 - PROFILE.radius - 0.06, 2.5, 0.0))
+    rig.goal, rig.navigation = True, (0.1, 0.0)
+    rig.step(0.5)
+    rig.navigation = None
+    rig.silent.add("goal")  # it died; its goal is never ended
+    begin = rig.pose
+    rig.step(10.0)
+    assert rig.pose[:2] == pytest.approx(begin[:2], abs=0.01)
+    assert rig.commands[-1].source == "none"
+
+
+@pytest.mark.parametrize("news", ["a restart", "a border elsewhere", "another uncertainty", "maps missing for a while"])
+def test_a_robot_that_stands_in_an_old_border_is_not_driven_out_by_other_news(news):
+    old = with_border(empty(), 2.0, 1.0, 4.0, 4.0)
+    rig = Rig(grid=old, pose=(3.0, 2.5, 0.0), exit_borders=True)
+    rig.step(2.0)
+    if news == "a border elsewhere":
+        rig.set_grid(with_border(old, 6.0, 0.0, 7.0, 1.0))
+    elif news == "another uncertainty":
+        rig.arbiter.set_maps(Workspace(old, empty(), PROFILE.radius, uncertainty=0.1))
+    elif news == "maps missing for a while":
+        rig.arbiter.set_maps(None)
+        rig.step(0.5)
+        rig.set_grid(old)
+    rig.step(3.0)
+    assert rig.pose[:2] == (3.0, 2.5) and {command.source for command in rig.commands} == {"none"}
+
+
+def test_a_border_that_comes_where_the_robot_is_is_left_also_if_another_comes_meanwhile():
+    rig = Rig(pose=(2.2, 2.5, 3.1), exit_borders=True)
+    rig.step(0.5)
+    border = with_border(empty(), 2.0, 1.0, 4.0, 4.0)
+    rig.set_grid(border)
+    rig.step(1.0)
+    rig.set_grid(with_border(border, 6.0, 0.0, 7.0, 1.0))
+    rig.step(15.0)
+    assert rig.pose[0] < 2.0 - PROFILE.radius
+
+
+def test_a_stop_does_not_wait_for_a_path_that_is_being_planned():
+    rig = Rig(pose=(2.2, 2.5, 3.1), exit_borders=True)
+    rig.step(0.5)
+    rig.set_grid(with_border(empty(), 2.0, 1.0, 4.0, 4.0))
+    planning, go_on = threading.Event(), threading.Event()
+    rig.arbiter.exit.find_route = lambda _wanted: planning.set() or go_on.wait(60)
+    rig.arbiter.gate.set_pose(rig.pose, rig.now, rig.correction)
+    rig.arbiter.step(rig.now)
+    planner = threading.Thread(target=rig.arbiter.plan_exit, args=(rig.now,))
+    planner.start()
+    assert planning.wait(60)
+    rig.arbiter.stops.hear("a")
+    assert rig.arbiter.step(rig.now + DT).source == "stop", "while the planner is at work"
+    go_on.set()
+    planner.join()
+
+
+def test_a_state_that_is_not_known_moves_no_robot():
+    record = Sightings(mobile_cameras=("robot",))
+    record.set_state(state_of(7), "a", 0.0)
+    for step in range(40):
+        record.add(Sighting(0.1 * step, (1.0, 1.0), "robot", True))
+    assert not record.should_follow("robot", 4.0) and not record.should_dispatch() and record.newest() is None
+
+
+# ------------------------------------------------------------ contacts
+def test_a_bumper_that_is_released_does_not_release_another_one():
+    rig = driving()
+    gate = rig.arbiter.gate
+    gate.set_contact(("bumper", 0), "forward")
+    gate.set_contact(("bumper", 1), "forward")
+    gate.set_contact(("bumper", 0), "")
+    assert rig.step(0.2).code == "contact" and rig.commands[-1].v == 0.0
+    gate.set_contact(("bumper", 1), "")
+    assert rig.step(0.5).v == 0.3
+
+
+def test_with_a_dropped_wheel_it_does_not_move_at_all():
+    rig = driving()
+    rig.arbiter.gate.set_contact(("wheel_drop", 0), "all")
+    for wish in ((0.3, 0.0), (-0.2, 0.0), (0.0, 0.5)):
+        rig.navigation = rig.teleop = wish
+        command = rig.step(0.2)
+        assert (command.v, command.w, command.code) == (0.0, 0.0, "contact")
+
+
+def test_every_value_but_the_clear_one_is_contact():
+    contact = Contact.from_mapping({"topic": "bumper", "type": "std_msgs/UInt8", "field": "data"})
+    assert [value for value in range(8) if value != contact.clear] == [1, 2, 3, 4, 5, 6, 7]
+
+
+# ------------------------------------------------------------ scanners
+class SlowScanner(Rig):
+    """A scanner of 5 Hz: each scan ends 0.2 s after it began, and is stamped with its end."""
+
+    def _step(self):
+        self.silent.add("scan")  # the usual one
+        if "slow scan" not in self.silent and round(self.now / DT) % 4 == 0:
+            step = math.radians(1.0)
+            seen = Scan(self.ranges, -0.5 * step * (self.fov - 1), step, 0.12, 8.0, np.eye(4), 0.18)
+            self.arbiter.gate.set_scan(seen, self.now - 0.04)
+        super()._step()
+
+
+def test_a_scanner_of_5_hz_does_not_slow_the_robot_and_its_loss_stops_it():
+    rig = SlowScanner()
+    rig.navigation = (0.2, 1.0)
+    rig.step(1.0)
+    rig.commands.clear()
+    rig.step(2.0)
+    assert min(command.v for command in rig.commands) >= 0.9 * 0.2, "as with one of 10 Hz"
+    assert np.mean([command.w for command in rig.commands]) >= 0.95
+    rig.silent.add("slow scan")
+    rig.step(0.65)
+    assert rig.commands[-1].code == "scan_lost" and rig.commands[-1].v == 0.0
+
+
+def scan_of(value, **how):
+    ranges = np.full(360, value)
+    return Scan(ranges, -math.pi, math.radians(1.0), 0.05, 8.0, np.eye(4), 0.18, **how)
+
+
+def test_a_scanner_that_says_nan_for_no_return_is_told_by_its_profile():
+    assert not scan_of(math.nan).sees_path(0.2, 0.0, 0.18, 0.1)
+    assert scan_of(math.nan, no_return="nan").sees_path(0.2, 0.0, 0.18, 0.1)
+
+
+def test_a_pole_of_the_robot_within_its_rim_is_no_obstacle():
+    ranges = np.full(360, math.inf)
+    ranges[178:182] = 0.13
+    seen = Scan(ranges, -math.pi, math.radians(1.0), 0.05, 8.0, np.eye(4), 0.18)
+    assert not len(seen.points)
+    ranges[178:182] = 0.16  # a leg that touches the rim
+    assert len(Scan(ranges, -math.pi, math.radians(1.0), 0.05, 8.0, np.eye(4), 0.18).points) == 4
+
+
+def test_what_an_old_scan_saw_counts_as_nearer():
+    for late in (0.3, 0.5):
+        speed = safe_speed(1.0, PROFILE.limits, late)
+        assert speed < safe_speed(1.0, PROFILE.limits)
+        assert speed * late + speed**2 / (2.0 * PROFILE.limits.deceleration) == pytest.approx(1.0)
+
+
+def test_without_a_covariance_the_position_counts_as_known():
+    assert not PoseUncertainty().lost

@@ -1,0 +1,56 @@
+"""The question whether a command was meant that may have been misheard.
+
+The idea: what must be asked follows from what the command would do now. One that would move a robot, change the map or
+lose a drawing is asked about unless it is beyond doubt; all others are done at once. The answer is another phrase
+("yes, save"), as a word that was misheard once is misheard again, and only the source that was asked can give it.
+"""
+
+from __future__ import annotations
+
+from vb_core.vocabulary import ALWAYS, COMMANDS, NEVER, WHILE_DRAWN, WHILE_POINTING, WHILE_STOPPED
+
+# the answer to the question whether a command was meant, and that command
+ANSWERS = {"yes_" + name: name for name, command in COMMANDS.items() if command.matters != NEVER}
+
+# [s] the answer counts within this time: enough to look at the preview, too short to forget
+CONFIRM_WITHIN = 30.0
+
+
+def would_matter(command: str, drawing: bool, stopped: bool, laser_on: bool) -> bool:
+    """Returns whether a command would at once move a robot, change the map or lose a drawing.
+
+    Args:
+        command: one of COMMANDS that is not refused anyway.
+        drawing: whether there is a drawing that can be lost.
+        stopped: whether robots are stopped.
+        laser_on: whether somebody points now, and the command would change what that means: a robot would follow, or a
+            line become the seed.
+    """
+    now = {ALWAYS: True, NEVER: False, WHILE_DRAWN: drawing, WHILE_STOPPED: stopped, WHILE_POINTING: laser_on}
+    return now[COMMANDS[command].matters]
+
+
+class Question:
+    """The question that is open: which command, who was asked, and when."""
+
+    def __init__(self) -> None:
+        self.command = ""
+        self._source = ""
+        self._asked = 0.0
+
+    def ask(self, command: str, source: str, now: float) -> None:
+        """Opens the question whether a source meant a command, at a time [s]; it replaces any other."""
+        self.command, self._source, self._asked = command, source, now
+
+    def close(self) -> None:
+        """Closes it: it was answered, or something else was said."""
+        self.command = ""
+
+    def is_about(self, command: str, source: str) -> bool:
+        """Returns whether this source was asked about this command."""
+        return bool(self.command) and (self.command, self._source) == (command, source)
+
+    def advance(self, now: float) -> None:
+        """Closes it when it is too old, or time has jumped back."""
+        if not 0.0 <= now - self._asked <= CONFIRM_WITHIN:
+            self.close()

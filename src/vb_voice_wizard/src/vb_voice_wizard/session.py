@@ -1,0 +1,307 @@
+"""The session between person and system: its clock, its record, and what outlives a restart of the node.
+
+Times are injected, in seconds, and may pause or jump back. `interaction` builds the states on it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import uuid
+from dataclasses import dataclass, field
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type, TypeVar
+
+from vb_core import sentences
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
+from vb_core.stop_latch import StopLatch
+from vb_core.vocabulary import BORDER, CANCEL, DEFAULT, GUIDE, SEED, STATES, State
+
+from vb_voice_wizard.confirmation import Question
+
+_S = TypeVar("_S", bound="Session")
+
+
+# [s] without a spot in Border or Seed: a person has begun by then, or draws with a laser that no camera sees
+UNSEEN_AFTER = 10.0
+# [s] since its last spot, a laser is on
+LASER_ON = 1.0
+
+SAVED = "saved"
+CANCELLED = "cancelled"
+ABANDONED = "abandoned"
+UNANSWERED = "unanswered"
+
+NEVER, UNCERTAIN, ALWAYS = "never", "uncertain", "always"
+
+
+@dataclass(frozen=True)
+class InteractionParams(Parameters):
+    """Parameters of an interaction's confirmations and time limits; config/interaction_manager.yaml explains them."""
+
+    robot: bool = param(True)
+    confirm_save: str = param(UNCERTAIN, choices=(NEVER, UNCERTAIN, ALWAYS))
+    idle_timeout: float = param(300.0, "s", low=1.0, high=86400.0)
+    idle_warning: float = param(60.0, "s", low=1.0, high=3600.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require_order("idle_warning", "idle_timeout")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to the person: whether it was done, and the code and values of the sentence.
+
+    Attributes:
+        said: another node's English sentence, whose code our catalogue may not have.
+    """
+
+    success: bool
+    code: str
+    values: Mapping[str, str] = field(default_factory=dict)
+    said: str = ""
+
+    @property
+    def message(self) -> str:
+        """The sentence in English."""
+        return sentences.translate(self.code, self.values, default=self.said)
+
+    @staticmethod
+    def refusal(error: CodedError) -> "Answer":
+        """Makes an answer from an error."""
+        return Answer(False, error.code, {name: str(value) for name, value in error.values.items()}, error.message)
+
+
+@dataclass(frozen=True)
+class Record:
+    """One interaction that has ended; times in seconds."""
+
+    interaction_id: str
+    outcome: str
+    border_id: str
+    started: float
+    ended: float
+    guide_s: float
+    border_s: float
+    seed_s: float
+    total_s: float
+    sources: Tuple[str, ...]
+
+
+# what outlives a restart of the node, as far as it is one number or text
+_TIMES = ("started", "entered", "_active", "_counted_until", "last_answered")
+_TEXTS = ("interaction_id", "last_command", "last_source", "last_outcome", "last_border_id")
+
+
+def _new_id() -> str:
+    return uuid.uuid4().hex[:8]
+
+
+class Session:
+    """The memory and the clock of one interaction after the other. Not thread safe.
+
+    Args:
+        new_id: returns the id of the next interaction.
+        latch: whether robots are stopped, which outlives every interaction.
+    """
+
+    def __init__(
+        self,
+        params: InteractionParams = InteractionParams(),
+        new_id: Callable[[], str] = _new_id,
+        latch: Optional[StopLatch] = None,
+    ) -> None:
+        self._params = params
+        self._new_id = new_id
+        self.question = Question()
+        self.state = DEFAULT
+        self.interaction_id = ""
+        self.started = 0.0
+        self.entered = 0.0
+        self.pending = ""  # the command that another node is carrying out
+        self.last_command = ""
+        self.last_source = ""
+        self.last_answer = Answer(True, "")
+        self.last_answered = 0.0
+        self.last_outcome = ""
+        self.last_border_id = ""
+        self.unanswered_save = False  # whether a border was sent and never answered
+        self._active = 0.0
+        self._durations = {state: 0.0 for state in STATES.values() if state.robots_act}
+        self._counted_until = 0.0
+        self._sources: List[str] = []
+        self._visited: List[State] = []
+        self._spots = {BORDER: 0, SEED: 0, GUIDE: 0}
+        self._laser_seen = -math.inf
+        self._pending_source = ""
+        self._sent = False  # whether the pending border is on its way to the map
+        self._unanswered_before = False  # `unanswered_save`, as it was then
+        self.latch = latch or StopLatch()
+        self.history: List[str] = []  # "undo" and "redo", each if the borders have something to undo or redo
+        self._record: Optional[Record] = None
+
+    @property
+    def stopped(self) -> bool:
+        """Returns whether robots are stopped."""
+        return self.latch.stopped
+
+    # ------------------------------------------------------------------ the clock and what was seen
+    def durations(self, now: float) -> Dict[State, float]:
+        """Returns the time [s] per active state up to now; in Default, of the interaction that ended last."""
+        result = dict(self._durations)
+        if self.state in self._durations and now > self._counted_until:
+            result[self.state] += now - self._counted_until
+        return result
+
+    def advance(self, now: float) -> None:
+        """Counts the time up to now. Time that jumped back is counted from there on, nothing is taken off."""
+        self._durations = self.durations(now)
+        self._counted_until = now
+        self.started, self.entered = min(self.started, now), min(self.entered, now)
+        self.last_answered, self._active = min(self.last_answered, now), min(self._active, now)
+        self.question.advance(now)
+
+    def see_laser(self, now: float) -> None:
+        """Stores that a camera saw a spot at a time [s], whatever the state."""
+        self._laser_seen = now
+
+    def laser_is_on(self, now: float) -> bool:
+        """Returns whether somebody points with the laser."""
+        return abs(now - self._laser_seen) <= LASER_ON
+
+    def count_spots(self, border: int, seed: int, others: int, now: float) -> None:
+        """Stores how many spots this interaction has had so far: for the border, for the seed, and for neither."""
+        spots = {BORDER: border, SEED: seed, GUIDE: others}
+        if spots != self._spots:
+            # the person draws, points or guides
+            self._spots, self._active = spots, now
+
+    @property
+    def unseen(self) -> bool:
+        """Returns whether the person should have drawn or pointed by now, and no spot was seen."""
+        return (
+            bool(self.state.collects)
+            and not self.pending
+            and not self._spots[self.state]
+            and self._counted_until >= self.entered + UNSEEN_AFTER
+        )
+
+    @property
+    def ends_at(self) -> float:
+        """[s] when the interaction ends by itself if nothing happens; 0 if not soon, paused, or if there is none."""
+        if not self.state.robots_act or self.pending:
+            return 0.0
+        ends = self._active + self._params.idle_timeout
+        return ends if self._counted_until >= ends - self._params.idle_warning else 0.0
+
+    def end_if_idle(self, now: float) -> bool:
+        """Ends an interaction abandoned for too long; returns whether it did."""
+        self.advance(now)
+        if not self.ends_at or now < self.ends_at:
+            return False
+        idle = self._params.idle_timeout
+        self._end(UNANSWERED if self.unanswered_save else ABANDONED, "", now)
+        minutes = f"{idle / 60.0:g}"
+        self._answered(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))
+        return True
+
+    def take_record(self) -> Optional[Record]:
+        """Returns the record of an interaction that has just ended, once; None if there is none."""
+        record, self._record = self._record, None
+        return record
+
+    def missing(self) -> List[str]:
+        """Lists the parts of a border that the person has not begun yet: "border", "seed"."""
+        return [state.collects for state in (BORDER, SEED) if state not in self._visited]
+
+    # ------------------------------------------------------------------ memory across a restart of the node
+    def to_mapping(self) -> Dict[str, Any]:
+        """Returns the complete state as plain values; inverse of `from_mapping`."""
+        return {
+            **{name.strip("_"): getattr(self, name) for name in (*_TIMES, *_TEXTS)},
+            "state": self.state.name,
+            "durations": {state.name: value for state, value in self._durations.items()},
+            "sources": list(self._sources),
+            "visited": [state.name for state in self._visited],
+            "unanswered_save": self.unanswered_save,
+            "last_answer": dataclasses.asdict(self.last_answer),
+        }
+
+    @classmethod
+    def from_mapping(
+        cls: Type[_S],
+        mapping: Mapping[str, Any],
+        params: InteractionParams = InteractionParams(),
+        new_id: Callable[[], str] = _new_id,
+        latch: Optional[StopLatch] = None,
+    ) -> _S:
+        """Restores a saved interaction; a command that was being carried out is not part of it and must be sent again.
+
+        Whether robots are stopped is not part of it: that outlives every interaction.
+
+        Raises:
+            CodedError: "bad_state_file" if this is not a saved interaction.
+        """
+        self = cls(params, new_id, latch)
+        try:
+            for names, kind in ((_TIMES, float), (_TEXTS, str)):
+                for name in names:
+                    setattr(self, name, kind(mapping[name.strip("_")]))
+            self.state = STATES[mapping["state"]]
+            self._durations = {state: float(mapping["durations"][state.name]) for state in self._durations}
+            self._sources = [str(source) for source in mapping["sources"]]
+            self._visited = [STATES[name] for name in mapping["visited"]]
+            self.unanswered_save = mapping["unanswered_save"] is True
+            answer = Answer(**mapping["last_answer"])
+            values = {str(name): str(value) for name, value in answer.values.items()}
+            self.last_answer = Answer(bool(answer.success), str(answer.code), values, str(answer.said))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise CodedError("bad_state_file", f"this is not the saved state of an interaction: {error!r}") from None
+        numbers = [*(getattr(self, name) for name in _TIMES), *self._durations.values()]
+        if not all(map(math.isfinite, numbers)) or min(self._durations.values()) < 0:
+            raise CodedError("bad_state_file", "this is not the saved state of an interaction: times must be finite")
+        if (self.state == DEFAULT, self.state == DEFAULT) != (self.interaction_id == "", not self._visited):
+            raise CodedError("bad_state_file", "this is not the saved state of an interaction: state and id do not fit")
+        return self
+
+    # ------------------------------------------------------------------ inside
+    def _begin(self, now: float) -> None:
+        self.interaction_id = self._new_id()
+        self.started = self.entered = self._counted_until = self._active = now
+        self._durations = {state: 0.0 for state in self._durations}
+        self._sources, self._visited = [], []
+        self._spots = {state: 0 for state in self._spots}
+        self.unanswered_save = False
+
+    def _end(self, outcome: str, border_id: str, now: float) -> None:
+        durations = self._durations
+        self._record = Record(
+            interaction_id=self.interaction_id,
+            outcome=outcome,
+            border_id=border_id,
+            started=self.started,
+            ended=now,
+            guide_s=durations[GUIDE],
+            border_s=durations[BORDER],
+            seed_s=durations[SEED],
+            total_s=sum(durations.values()),
+            sources=tuple(self._sources),
+        )
+        self.state = DEFAULT
+        self.interaction_id = ""
+        self.pending = ""
+        self.question.close()
+        self.unanswered_save = False
+        self.started, self.entered = 0.0, now
+        self._visited = []
+        self.last_outcome, self.last_border_id = outcome, border_id
+
+    def _note(self, source: str) -> None:
+        if source and source not in self._sources:
+            self._sources.append(source)
+
+    def _answered(self, name: str, source: str, answer: Answer) -> Answer:
+        self.last_command, self.last_source, self.last_answer = name, source, answer
+        self.last_answered = self._counted_until
+        return answer

@@ -1,0 +1,93 @@
+"""From a microphone's samples to commands: one stream, from the first sample to the last.
+
+The idea: the node and the bench drive the same object in the same way, so that what is measured is what runs. Nothing
+is left out of the stream and nothing is reset: while one of our own sounds plays, people are listened to as well. What
+is heard is judged by when it was heard, however late it is processed: an utterance that lies within a sound of ours,
+and nowhere goes beyond it, may be that sound. No sound of ours resembles *stop*, so a *stop* always counts.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Deque, List, Tuple
+
+import numpy as np
+
+from vb_core.errors import ParameterError
+from vb_core.parameters import Parameters, param
+from vb_core.sounds import SOUNDS, TICK
+from vb_core.vocabulary import STOP
+
+from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult
+from vb_voice_wizard.voice.endpointing import Endpointer, Utterance
+
+_SECONDS = {
+    name: sound.seconds for name, sound in SOUNDS.items() if name != TICK
+}  # a tick is too short for an utterance
+
+
+@dataclass(frozen=True)
+class ListenerParams(Parameters):
+    """Parameters of listening beside our own sounds; config/voice_commands.yaml says why."""
+
+    sounds: dict = param({})
+    mute_margin: float = param(0.3, "s", low=0.0, high=2.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, seconds in self.sounds.items():
+            if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0.0 <= seconds <= 10.0:
+                raise ParameterError(f"sounds/{name}", f"expected 0 to 10 seconds, got {seconds!r}")
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What became of one utterance.
+
+    Attributes:
+        start, end: [s] when the speech began and ended, on the clock of `CommandListener.push`.
+    """
+
+    result: RecognitionResult
+    start: float
+    end: float
+
+
+class CommandListener:
+    """Recognises the commands in a stream of sound. `push` and `play` may be called from different threads.
+
+    Args:
+        recognizer: how commands are recognised.
+        params: see ListenerParams.
+    """
+
+    def __init__(self, recognizer: CommandRecognizer, params: ListenerParams = ListenerParams()) -> None:
+        self._recognizer = recognizer
+        self._params = params
+        self._endpointer = Endpointer()
+        # more than play within the sound that may wait to be processed
+        self._played: Deque[Tuple[float, float]] = deque(maxlen=100)
+
+    def play(self, sound: str, when: float) -> None:
+        """Stores that a sound of ours begins at a time [s]; one that is not known is not waited for."""
+        seconds = {**_SECONDS, **self._params.sounds}.get(sound, 0.0)
+        if seconds > 0.0:
+            self._played.append((when, when + seconds + self._params.mute_margin))
+
+    def push(self, pcm: np.ndarray, when: float) -> List[Heard]:
+        """Adds the stream's next samples, (N,) int16 at 16 kHz; returns what became of utterances that ended in them.
+
+        Args:
+            when: [s] when the last of these samples arrived.
+        """
+        utterances = self._endpointer.push(pcm)
+        began = when - self._endpointer.length
+        return [self._judge(utterance, began) for utterance in utterances]
+
+    def _judge(self, utterance: Utterance, began: float) -> Heard:
+        result = self._recognizer.classify(utterance)
+        start, end = began + utterance.start, began + utterance.end
+        if result.command != STOP and any(begin <= start and end <= over for begin, over in list(self._played)):
+            result = result.refused("muted")
+        return Heard(result, start, end)

@@ -1,0 +1,82 @@
+"""From samples to commands in one stream, beside our own sounds; spoken by espeak-ng."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vb_core.errors import ParameterError
+from vb_voice_wizard.recognizer import CommandRecognizer
+from vb_voice_wizard.voice.listener import CommandListener, ListenerParams
+
+sys.path.insert(0, str(Path(__file__).parent))
+from speech import RATE, say  # noqa: E402
+
+PIECE = RATE // 20
+BEGAN = 1000.0  # [s] of the clock when the stream begins
+
+
+@pytest.fixture(scope="module")
+def recognizer():
+    return CommandRecognizer()
+
+
+def listen(listener, pcm, sounds=()):
+    """Streams sound; our own sounds, (name, [s] from the stream's beginning), are told when they begin."""
+    heard, waiting = [], sorted(sounds, key=lambda sound: sound[1])
+    for at in range(0, len(pcm), PIECE):
+        while waiting and waiting[0][1] * RATE < at + PIECE:
+            name, when = waiting.pop(0)
+            listener.play(name, BEGAN + when)
+        heard += listener.push(pcm[at : at + PIECE], BEGAN + (at + PIECE) / RATE)
+    return heard
+
+
+def test_times_are_when_it_was_said(recognizer):
+    pcm = np.concatenate([np.zeros(2 * RATE, np.int16), say("stop", pause=0.6), np.zeros(RATE, np.int16)])
+    (heard,) = listen(CommandListener(recognizer), pcm)
+    assert heard.result.command == "stop"
+    assert heard.start == pytest.approx(BEGAN + 2.6, abs=0.15) and 0.2 < heard.end - heard.start < 0.8
+
+
+def test_stop_is_heard_after_minutes_of_talk(recognizer):
+    talk = say("this sentence goes on and on and on for much longer than any command could ever take", pause=0.2)
+    pcm = np.concatenate([np.resize(talk, 120 * RATE), np.zeros(RATE, np.int16), say("stop"), np.zeros(RATE, np.int16)])
+    heard = listen(CommandListener(recognizer), pcm)
+    assert [one.result.command for one in heard if one.start > BEGAN + 120.5] == ["stop"]
+
+
+@pytest.mark.parametrize("sound", ["error", "success", "stopped", "recognized"])
+def test_stop_counts_whenever_a_sound_of_ours_plays(recognizer, sound):
+    pcm = np.concatenate([say("stop", pause=1.0), np.zeros(RATE, np.int16)])
+    for when in np.arange(0.0, 2.6, 0.2):
+        assert [one.result.command for one in listen(CommandListener(recognizer), pcm, [(sound, when)])] == ["stop"]
+
+
+def test_another_command_counts_unless_it_lies_within_a_sound_of_ours(recognizer):
+    params = ListenerParams(sounds={"long": 2.0, "short": 0.1}, mute_margin=0.0)
+    pcm = np.concatenate([say("cancel", pause=1.0), np.zeros(RATE, np.int16)])
+    (plain,) = listen(CommandListener(recognizer, params), pcm)
+    assert plain.result.command == "cancel"
+    start, end = plain.start - BEGAN, plain.end - BEGAN
+    for sound, when, muted in (
+        ("long", start - 0.2, True),
+        ("long", start + 0.1, False),  # it began before
+        ("long", end + 0.1, False),  # the sound came after the word, before the word was processed
+        ("long", end - 2.05, False),  # it goes on
+        ("short", start + 0.05, False),
+        ("unknown", start - 0.2, False),
+    ):
+        (heard,) = listen(CommandListener(recognizer, params), pcm, [(sound, when)])
+        assert (heard.result.reason, heard.result.command) == (("muted", None) if muted else ("ok", "cancel")), when
+        assert heard.result.best == "cancel"
+
+
+@pytest.mark.parametrize("seconds", [-1.0, 11.0, True, "long"])
+def test_a_bad_duration_is_named(seconds):
+    with pytest.raises(ParameterError) as caught:
+        ListenerParams(sounds={"error": seconds})
+    assert caught.value.key == "sounds/error"

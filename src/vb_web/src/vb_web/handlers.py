@@ -1,0 +1,262 @@
+"""Answers browsers: files and images by HTTP, and one WebSocket for everything else.
+
+The idea: browsers get the view's sections as they change and send requests that `action_requests.parse` has to accept. No
+request names a file: dictionaries hold what can be fetched.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import time
+from typing import Any, Dict, List, Optional, Tuple
+
+from tornado import web
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
+from vb_core import sentences, vocabulary, zones
+from vb_core.errors import CodedError
+from vb_web import access, action_requests
+from vb_web.access import Limiter, Role
+
+# [s] between two messages to a browser: 25 a second look fluid, and cost 20 browsers little
+_SEND_PERIOD = 0.04
+MAX_BODY = 2048  # [B] the only body is a code
+_MAX_UNDERWAY = 4  # requests of one browser
+_MAX_FAULTS = 20  # messages that are no request; then the browser is disconnected
+
+
+def routes(page: Any) -> List[Tuple]:
+    """Lists who answers what; `page` is the `server.PageServer`."""
+    given = {"page": page}
+    return [
+        (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, given),
+        (r"/floor\.webp|/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, given),
+        (r"/session", _SessionHandler, given),
+        (r"/link", _LinkHandler, given),
+        (r"/(.*)", _FileHandler, given),
+    ]
+
+
+def refusal(error: CodedError) -> Dict[str, Any]:
+    """Converts an error to an answer."""
+    values = {key: str(value) for key, value in error.values.items()}
+    return {"ok": False, "code": error.code, "values": values, "message": error.message}
+
+
+class _Guarded(web.RequestHandler):
+    """Checks every request before a handler does anything."""
+
+    NEEDS = Role.VIEWER
+    role: Role
+    session: str  # its name; "" for a browser of this computer
+
+    def initialize(self, page: Any) -> None:
+        self.page = page
+        self.body = b""
+
+    def set_default_headers(self) -> None:
+        self.set_header("Server", "virtual_borders")
+        for name, value in access.security_headers(self.request.protocol == "https").items():
+            self.set_header(name, value)
+
+    def prepare(self) -> None:
+        request = self.request
+        if not self.page.requests.allows(request.remote_ip or "", time.monotonic()):
+            raise web.HTTPError(429)
+        self.role, self.session = self._identify()
+        holders = filter(None, (request.remote_ip, self.session))
+        if not self.page.seat(request.connection.stream, self.role, *holders):
+            self.set_header("Connection", "close")
+            raise web.HTTPError(503)
+        if request.method not in ("GET", "HEAD") or isinstance(self, WebSocketHandler):
+            # also for this computer's own browsers: any page that they show could ask
+            if not access.same_origin(request.headers.get("Origin"), request.protocol, request.host):
+                raise web.HTTPError(403)
+        if self.role < self.NEEDS:
+            raise web.HTTPError(403 if self.role else 401)
+
+    def _identify(self) -> Tuple[Role, str]:
+        if self.page.sessions is not None:
+            return self.page.sessions.find(self.get_cookie(access.COOKIE))
+        # another host's name that leads here, or a proxy on this computer, is not this computer
+        headers = self.request.headers
+        direct = not any(name in headers for name in ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via"))
+        hosts = (access.host_of(self.request.host), self.request.remote_ip or "")
+        return (Role.OPERATOR, "") if direct and all(map(access.is_loopback, hosts)) else (Role.NOBODY, "")
+
+    def write_error(self, status_code: int, **_kwargs: Any) -> None:
+        self.set_header("Content-Type", "application/json")
+        self.set_header("Cache-Control", "no-store")
+        self.finish(json.dumps({"ok": False, "status": status_code}))
+
+    def log_exception(self, kind: Any, value: Any, trace: Any) -> None:
+        if not isinstance(value, web.HTTPError):
+            super().log_exception(kind, value, trace)
+
+
+@web.stream_request_body
+class _Handler(_Guarded):
+    """Reads bodies as bytes: Tornado's form and multipart parsers are never reached."""
+
+    def data_received(self, chunk: bytes) -> None:
+        self.body += chunk
+        if len(self.body) > MAX_BODY:
+            raise web.HTTPError(413)
+
+    def send(self, data: bytes, kind: str, keep: str = "no-store") -> None:
+        """Answers with bytes; Tornado lets the browser ask whether they are still the same."""
+        self.set_header("Content-Type", kind)
+        self.set_header("Cache-Control", keep)
+        self.finish(data)
+
+
+class _FileHandler(_Handler):
+    NEEDS = Role.NOBODY  # the page itself says nothing about the house
+
+    def get(self, name: str) -> None:
+        found = self.page.files.get(name or "index.html")
+        if found is None:
+            raise web.HTTPError(404)
+        self.send(*found, keep="no-cache")
+
+
+class _ImageHandler(_Handler):
+    def get(self, kind: str, name: str) -> None:
+        image = self.page.images.get(kind, name)
+        if image is None:
+            raise web.HTTPError(404)
+        self.send(image.data, "image/png", keep="private, max-age=31536000, immutable")
+
+
+class _CameraHandler(_Handler):
+    """Sends a camera's image, or the floor as all of them see it: both have to be made first."""
+
+    NEEDS = Role.OPERATOR
+
+    async def get(self, camera: Optional[str]) -> None:
+        make = (self.page.backend.camera_jpeg, camera) if camera else (self.page.backend.floor_webp,)
+        data = await self.page.in_turn(self.session, *make)
+        if data is None:
+            raise web.HTTPError(404)
+        self.send(data, "image/jpeg" if camera else "image/webp")
+
+
+class _SessionHandler(_Handler):
+    """Tells a browser its role, which a failed WebSocket does not; logs in (POST, with a code) and out (DELETE)."""
+
+    NEEDS = Role.NOBODY
+
+    def get(self) -> None:
+        found = {"role": self.role.name.lower(), "login": self.page.sessions is not None}
+        self.send(json.dumps(found).encode("ascii"), "application/json")
+
+    async def post(self) -> None:
+        sessions, address = self.page.sessions, self.request.remote_ip or ""
+        if sessions is None:
+            raise web.HTTPError(404)
+        if not self.page.logins.allows(address, time.monotonic()):
+            raise web.HTTPError(429)
+        try:
+            given = json.loads(self.body.decode("utf-8"))
+            code = given["code"] if set(given) == {"code"} and isinstance(given["code"], str) else ""
+        except (ValueError, TypeError, RecursionError):
+            raise web.HTTPError(400) from None
+        role = sessions.codes.role_of(code)
+        if role == Role.NOBODY:
+            self.page.backend.on_wrong_code(address)
+            raise web.HTTPError(401)
+        cookie = await asyncio.get_event_loop().run_in_executor(self.page.pool, sessions.open, role)
+        self.set_cookie(
+            access.COOKIE,
+            cookie,
+            expires_days=access.COOKIE_DAYS,
+            httponly=True,
+            secure=self.request.protocol == "https",
+            samesite="Strict",
+        )
+        self.send(b'{"ok":true}', "application/json")
+
+    async def delete(self) -> None:
+        if self.session and self.page.sessions is not None:
+            end = self.page.sessions.end
+            await asyncio.get_event_loop().run_in_executor(self.page.pool, end, self.session)
+            for browser in [browser for browser in self.page.browsers if browser.session == self.session]:
+                browser.close(1008)
+        self.clear_cookie(access.COOKIE)
+        self.send(b'{"ok":true}', "application/json")
+
+
+class _LinkHandler(_Guarded, WebSocketHandler):
+    """One browser."""
+
+    def check_origin(self, origin: str) -> bool:
+        return True  # `prepare` has looked, also for one that is missing
+
+    def open(self, *_args: str) -> None:
+        self.set_nodelay(True)
+        self._faults = 0
+        self._underway = 0
+        self._asks = Limiter(rate=10.0, burst=40.0)
+        self.page.browsers.add(self)
+        hello = {
+            "role": self.role.name.lower(),
+            "languages": sentences.languages(),
+            "login": self.page.sessions is not None,
+            **vocabulary.tables(),
+            "zones": zones.table(),
+        }
+        self._tell({"hello": hello})
+        asyncio.ensure_future(self._send_view())
+
+    def on_close(self) -> None:
+        self.page.browsers.discard(self)
+
+    async def _send_view(self) -> None:
+        """Sends what this browser has not seen, as fast as it takes it, but not faster than looks fluid."""
+        sent = 0
+        with contextlib.suppress(WebSocketClosedError):
+            while self in self.page.browsers:
+                news = self.page.news
+                sent, text = self.page.view.since(sent)
+                if text:
+                    await self.write_message(text)
+                    await asyncio.sleep(_SEND_PERIOD)
+                else:
+                    await news.wait()
+
+    def _tell(self, message: Dict[str, Any]) -> None:
+        with contextlib.suppress(WebSocketClosedError):
+            self.write_message(json.dumps(message, ensure_ascii=False, allow_nan=False, separators=(",", ":")))
+
+    async def on_message(self, message: Any) -> None:
+        request: Optional[action_requests.Request] = None
+        try:
+            if not self._asks.allows("", time.monotonic()):
+                raise CodedError("page_too_fast")
+            request = action_requests.parse(message, self.page.backend.bounds())
+            if self.role < Role.OPERATOR:
+                raise CodedError("page_viewer_only")
+        except CodedError as error:
+            self._faults += 1
+            request_id = request.id if request else getattr(error, "request_id", "")
+            self._tell({"re": request_id, **refusal(error)})
+            if self._faults >= _MAX_FAULTS:
+                self.close(1008)
+            return
+        if self._underway >= _MAX_UNDERWAY and request.values.get("command") != "stop":
+            self._tell({"re": request.id, **refusal(CodedError("page_too_fast"))})
+            return
+        asyncio.ensure_future(self._answer(request))  # the next message is read meanwhile
+
+    async def _answer(self, request: action_requests.Request) -> None:
+        self._underway += 1
+        try:
+            answer = await self.page.carry_out(request, self.session)
+        except Exception:
+            self._tell({"re": request.id, **refusal(CodedError("internal_error"))})
+            raise
+        finally:
+            self._underway -= 1
+        self._tell({"re": request.id, **answer})

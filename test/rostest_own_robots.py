@@ -1,0 +1,312 @@
+#!/usr/bin/env python3
+"""Robots with navigation of their own, and borders_only.launch: every word on the page is compared with what they do."""
+
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import unittest
+from pathlib import Path
+
+import rosgraph
+import rospy
+import rostest
+import tf2_ros
+from geometry_msgs.msg import Point, PoseStamped, Twist
+from rosgraph_msgs.msg import Log
+from sensor_msgs.msg import LaserScan
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src" / "vb_web" / "test"))
+from phone import Browser  # noqa: E402
+
+from vb_core import geometry, names, sentences  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_transform  # noqa: E402
+from vb_msgs.msg import DriverState, NoticeArray, RobotStatusArray, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_msgs.srv import AddBorder, RemoveBorder  # noqa: E402
+
+CARPET = [(3.12, 0.8), (5.12, 0.8), (5.12, 2.05), (3.12, 2.05)]
+START = {"ada": (7.0, 1.5, math.pi), "bob": (7.0, 3.0, math.pi), "cid": (5.8, 2.4, math.pi)}
+TIMEOUT = 180.0  # [s] on a busy computer; only a fault waits to the end
+
+
+class Robots:
+    """What the robots' wheels, scanners and localisation would be: velocities move them, tf and scans say where they are."""
+
+    def __init__(self):
+        self.poses, self._velocities = dict(START), {name: (0.0, 0.0) for name in START}
+        self.speeds = {name: 0.0 for name in START}  # the highest since it was set to 0
+        self.localized = True
+        self._lock = threading.Lock()
+        self._tf = tf2_ros.TransformBroadcaster()
+        self._scans = {name: rospy.Publisher(f"/{name}/scan", LaserScan, queue_size=1) for name in START}
+        for name in START:
+            rospy.Subscriber(f"/{name}/cmd_vel", Twist, self._on_velocity, name, queue_size=1)
+        self._last = rospy.get_time()
+        self._timer = rospy.Timer(rospy.Duration(0.05), self._step)
+
+    def put(self, name, pose):
+        with self._lock:
+            self.poses[name], self._velocities[name] = pose, (0.0, 0.0)
+
+    def _on_velocity(self, message, name):
+        with self._lock:
+            self._velocities[name] = (message.linear.x, message.angular.z)
+            self.speeds[name] = max(self.speeds[name], abs(message.linear.x))
+
+    def _step(self, _event):
+        now = rospy.Time.now()
+        seconds, self._last = min(0.2, now.to_sec() - self._last), now.to_sec()
+        with self._lock:
+            for name, (x, y, yaw) in self.poses.items():
+                v, w = self._velocities[name]
+                self.poses[name] = (x + v * seconds * math.cos(yaw), y + v * seconds * math.sin(yaw), yaw + w * seconds)
+            poses = dict(self.poses)
+        for name, pose in poses.items():
+            scan = LaserScan(angle_min=-3.14, angle_max=3.14, angle_increment=0.02, range_min=0.05, range_max=8.0)
+            scan.header.stamp, scan.header.frame_id = now, f"{name}/base_link"
+            scan.ranges = [math.inf] * 315
+            self._scans[name].publish(scan)
+            if self.localized:
+                odom = message_from_transform(geometry.transform_from_pose2d(0, 0, 0), "map", f"{name}/odom", now)
+                place = geometry.transform_from_pose2d(*pose)
+                self._tf.sendTransform([odom, message_from_transform(place, f"{name}/odom", f"{name}/base_link", now)])
+
+
+class OwnRobots(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("own_robots")
+        cls.changed = threading.Condition()
+        cls.heard, cls.logged, cls.launch, cls.browser = {}, [], None, None
+        cls.robots = Robots()
+        cls.goals = {
+            name: rospy.Publisher(f"/{name}/move_base_simple/goal", PoseStamped, queue_size=1) for name in START
+        }
+        for topic, kind in (
+            (names.ROBOTS, RobotStatusArray),
+            (names.BORDERS, VirtualBorderArray),
+            (names.MAP_WITH_BORDERS, OccupancyGridArray),
+            ("/ada/virtual_borders/map", OccupancyGridArray),
+            ("/bob/virtual_borders/map", OccupancyGridArray),
+            (names.DRIVERS, DriverState),
+        ):
+            rospy.Subscriber(topic, kind, cls.hear, topic)
+        rospy.Subscriber(names.NOTICES, NoticeArray, cls.hear_notices)
+        rospy.Subscriber("/rosout", Log, cls.hear_log, queue_size=100)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.stop()
+
+    @classmethod
+    def hear(cls, message, topic):
+        with cls.changed:
+            cls.heard[topic if topic != names.DRIVERS else (topic, message.robot)] = message
+            cls.changed.notify_all()
+
+    @classmethod
+    def hear_notices(cls, message):
+        with cls.changed:
+            cls.heard[("notices", message.source)] = message.notices
+            cls.changed.notify_all()
+
+    @classmethod
+    def hear_log(cls, message):
+        with cls.changed:
+            cls.logged.append((message.level, message.msg))
+            cls.changed.notify_all()
+
+    @classmethod
+    def start(cls, *arguments, robots="ada bob", **environment):
+        """Starts borders_only.launch, and the page in a browser."""
+        cls.stop()
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        state = Path(rospy.get_param("~state"))
+        command = ["roslaunch", "vb_bringup", "borders_only.launch", f"state:={state}", f"page_port:={port}"]
+        cls.logged = []
+        cls.heard = {}
+        cls.launch = subprocess.Popen(
+            [*command, f"robots:={robots}", *arguments], env={**os.environ, **environment}, start_new_session=True
+        )
+        cls.wait(lambda: names.BORDERS in cls.heard and names.ROBOTS in cls.heard, "borders_only to start")
+        for _ in range(int(TIMEOUT / 0.1)):
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            rospy.rostime.wallsleep(0.1)
+        cls.browser = Browser(f"http://127.0.0.1:{port}/")
+        cls.browser.wait("window.virtualBorders && window.virtualBorders.view.offer", what="what is connected")
+        cls.browser.run("document.getElementById('health').open = true")
+
+    @classmethod
+    def stop(cls):
+        if cls.browser is not None:
+            cls.browser.close()
+        if cls.launch is not None:
+            os.killpg(cls.launch.pid, signal.SIGINT)
+            cls.launch.wait(60)
+        cls.browser = cls.launch = None
+
+    @classmethod
+    def wait(cls, arrived, what):
+        with cls.changed:
+            if not cls.changed.wait_for(arrived, TIMEOUT):
+                raise AssertionError(f"waited for {what}; heard {cls.heard.get(('notices', '/robot_monitor'))}")
+
+    @classmethod
+    def notices(cls):
+        return {(notice.code, notice.robot) for notice in cls.heard.get(("notices", "/robot_monitor"), ())}
+
+    def warnings(self):
+        return [text for level, text in self.logged if level >= Log.WARN]
+
+    def status(self, robot):
+        return next(one for one in self.heard[names.ROBOTS].robots if one.robot == robot)
+
+    def add(self, name, corners=CARPET, **fields):
+        border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0, **fields)
+        border.points = [Point(x, y, 0.0) for x, y in corners]
+        border.seed = Point(*[sum(axis) / len(corners) for axis in zip(*corners)], 0.0)
+        answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
+        self.assertTrue(answer.success, answer.message)
+        self.addCleanup(rospy.ServiceProxy(names.REMOVE_BORDER, RemoveBorder), id=answer.id, source="test")
+        self.browser.wait_text("#borders", name)
+        return answer.id
+
+    def drive(self, robot, x, y):
+        goal = PoseStamped()
+        goal.header.frame_id, goal.header.stamp = "map", rospy.Time.now()
+        goal.pose.position.x, goal.pose.position.y, goal.pose.orientation.w = x, y, 1.0
+        self.goals[robot].publish(goal)
+
+    # ------------------------------------------------------------- step 1: the map only
+    def test_1_a_robot_that_plans_round_borders_and_one_that_does_not(self):
+        self.start("rviz:=true", DISPLAY="", WAYLAND_DISPLAY="")
+        # within a minute it is printed what is wired and what is not, by this launch alone
+        told = [sentences.translate("robot_plans_round_borders", {"who": "ada"}), "bob drives through borders"]
+        self.wait(lambda: all(any(one in text for _, text in self.logged) for one in told), "what is connected")
+        self.wait(lambda: ("robot_ignores_borders", "bob") in self.notices(), "the notice about bob")
+        self.assertFalse([code for code, robot in self.notices() if robot == "ada"])
+        # nobody complains about cameras, detectors, or a manager, which do not belong to it
+        self.assertFalse([text for text in self.warnings() if "amera" in text or "interaction_manager" in text])
+        # no Stop that stops nothing; the header waits for nothing that is not meant to be there
+        self.browser.wait("document.body.dataset.state == 'robot_unready'", what="the header")
+        self.assertFalse(self.browser.run("return Boolean(document.getElementById('stop').getClientRects().length)"))
+        self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
+        self.browser.wait_text("#notices", "bob drives through borders")
+        # both robots are on the map
+        self.browser.wait("Object.keys(window.virtualBorders.view.robots || {}).sort().join() == 'ada,bob'")
+        # without a screen RViz waits, and says so
+        self.wait(lambda: any(sentences.translate("no_screen") in text for _, text in self.logged), "RViz to wait")
+        self.assertTrue(rosgraph.Master("/test").lookupNode("/rviz"))
+
+    def test_2_a_border_says_who_does_not_keep_it_and_for_whom_it_is(self):
+        self.add("Rug", robots=["ada"])
+        maps = [f"/{name}/virtual_borders/map" for name in ("ada", "bob")]
+        restricted = lambda topic: (grid_from_message(self.heard[topic]).data > 50).sum()  # noqa: E731
+        self.wait(
+            lambda: all(topic in self.heard for topic in maps) and restricted(maps[0]) > restricted(maps[1]), "ada's"
+        )
+        self.browser.wait_text("#borders", "Only ada")
+        self.assertNotIn("Not kept", self.browser.text("#borders"))
+        self.add("Desk", [(6.0, 3.5), (6.8, 3.5), (6.8, 4.2), (6.0, 4.2)])
+        self.browser.wait_text("#borders", "Not kept by bob")
+        # a slow zone that nobody enforces is not said to be in force
+        self.add("Lane", [(5.3, 3.0), (5.9, 3.0), (5.9, 4.2), (5.3, 4.2)], zone=VirtualBorder.SLOW, max_speed=0.1)
+        self.browser.wait_text("#borders", "No speed limit for ada, bob")
+        self.browser.wait_text("#borders", "meant: at most 0.1 m/s")
+        # and cannot be chosen; which robots a border is for can
+        self.browser.run("[...document.querySelectorAll('#borders .name')][0].click()")
+        self.browser.click("#dialog button", "Edit")
+        self.browser.wait("document.querySelector('#review select')", what="the zones")
+        zones = "[...document.querySelectorAll('#review select option')].map((one) => one.value)"
+        self.assertEqual(self.browser.run(f"return {zones}"), ["keep_out", "avoid"])
+        self.browser.click("#review button", "All robots")
+        self.browser.click("#review button", "bob")
+        self.browser.click("#review button", "Save")
+        self.wait(lambda: list(self.heard[names.BORDERS].borders[0].robots) == ["bob"], "the border to be bob's")
+        self.assertEqual(self.browser.faults(), [])
+
+    def test_3_why_a_goal_is_refused_is_told_at_once(self):
+        self.add("Rug")
+        self.wait(lambda: self.status("ada").localized, "ada's place")
+        self.drive("ada", 4.1, 1.4)
+        self.wait(lambda: ("goal_in_border", "ada") in self.notices(), "why ada does not go there")
+        self.browser.wait_text("#notices", "'Rug'")
+        # cut off: a border across the whole lab
+        self.add("Hall", [(2.4, -0.1), (2.8, -0.1), (2.8, 5.1), (2.4, 5.1)])
+        self.drive("ada", 1.5, 1.4)
+        self.wait(lambda: ("goal_behind_border", "ada") in self.notices(), "why ada does not get there")
+        self.browser.wait_text("#notices", "'Hall' is in the way")
+
+    def test_4_a_robot_caught_inside_is_told_as_long_as_it_lasts(self):
+        self.robots.put("ada", (4.1, 1.4, 0.0))
+        self.addCleanup(self.robots.put, "ada", START["ada"])
+        self.wait(lambda: abs(self.robots.poses["ada"][0] - 4.1) < 0.01, "ada to be put")
+        self.add("Rug")
+        self.wait(lambda: ("robot_caught_in_border", "ada") in self.notices(), "ada to be caught")
+        later = Browser(self.browser.url)
+        try:
+            later.wait_text("#notices", "joystick")
+        finally:
+            later.close()
+        self.robots.put("ada", START["ada"])
+        self.wait(lambda: ("robot_caught_in_border", "ada") not in self.notices(), "ada to be out")
+
+    def test_5_go_there(self):
+        self.add("Rug")
+        self.browser.click("#go")
+        # bob, which would drive through borders, is not offered
+        self.assertNotIn("bob", self.browser.text("#review"))
+        self.browser.tap([4.1, 1.4])
+        self.browser.wait_text("#toast", "'Rug'")
+        self.robots.speeds["ada"] = 0.0
+        self.browser.tap([6.0, 1.5])
+        self.browser.wait_text("#drives", "ada is driving to x 6 m, y 1.5 m")
+        self.browser.wait("document.querySelector('#world .path')", what="the path on the map")
+        self.browser.click("#drives button", "End this drive")
+        self.wait(lambda: not self.status("ada").has_goal, "the drive to end")
+        self.browser.wait("!document.querySelector('#drives li')", what="the drive to go")
+        self.assertEqual(self.browser.faults(), [])
+
+    # ------------------------------------------------------------- step 2: obeying through navigation
+    def test_6_stop_through_navigation_alone(self):
+        self.start("rviz:=false", "obey:=true")
+        self.browser.wait("document.body.dataset.state == 'default'", what="the manager")
+        self.wait(lambda: self.status("ada").obeys_stop and self.status("ada").localized, "ada to obey")
+        # the stand-in has no local planner whose speed could be set: that is said, and not promised
+        self.assertFalse(self.status("ada").obeys_speed)
+        self.browser.wait_text("#drivers", "It does not obey slow zones")
+        self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
+        self.robots.speeds["ada"] = 0.0
+        self.drive("ada", 6.0, 1.5)
+        self.wait(lambda: self.status("ada").has_goal, "ada to set out")
+        self.browser.click("#stop")
+        self.wait(lambda: not self.status("ada").has_goal, "ada to stop")
+        self.browser.wait_text("#banners", "stopped")
+        self.drive("ada", 5.0, 3.0)
+        self.wait(lambda: ("goal_while_stopped", "ada") in self.notices(), "the goal to be refused")
+        self.wait(lambda: not self.status("ada").has_goal, "the goal to be cancelled")
+        self.browser.click("#resume")
+        self.browser.wait("!document.body.classList.contains('stopped')", what="the end of the stop")
+        self.drive("ada", 6.5, 1.5)
+        self.wait(lambda: self.status("ada").has_goal, "ada to go on")
+
+    # ------------------------------------------------------------- step 3: the driver, without cameras
+    def test_7_the_driver_without_cameras(self):
+        self.start("rviz:=false", "robot_types:=turtlebot2", robots="cid")
+        driver = (names.DRIVERS, "cid")
+        self.wait(lambda: driver in self.heard and self.heard[driver].code == "idle", "cid's driver")
+        self.browser.wait_text("#drivers", "cid has a driver")
+        self.assertTrue(self.browser.run("return Boolean(document.getElementById('stop').getClientRects().length)"))
+        self.assertFalse([text for text in self.warnings() if "state_lost" in text or "amera" in text])
+        self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_bringup", "own_robots", OwnRobots)

@@ -1,0 +1,146 @@
+#!/usr/bin/env python3
+"""Stops and resumes from five sources in any order, with slow services and killed nodes, over the real nodes.
+
+What is asked at the end of each sequence: if a stop that was heard is newer than every resume that was given, the robot
+stands; and one more resume, by somebody who looks, lets it drive again.
+"""
+
+import os
+import random
+import sys
+import tempfile
+import threading
+import time
+import unittest
+from pathlib import Path
+
+import rospy
+import rostest
+
+TOP = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(TOP / "src" / "vb_voice_wizard" / "test"))
+from ros_helpers import Newest, Process, StubNeighbors, wait_until  # noqa: E402
+
+from vb_core import names  # noqa: E402
+from vb_core.errors import CodedError  # noqa: E402
+from vb_core.ros import commands  # noqa: E402
+from vb_core.stop_latch import new_id  # noqa: E402
+from vb_msgs.msg import DriverState, InteractionState, Stop  # noqa: E402
+
+SEQUENCES = int(os.environ.get("SEQUENCES", "3"))
+FIRST = int(os.environ.get("FIRST_SEQUENCE", "0"))
+STEPS = 12
+FOLDER = tempfile.mkdtemp(prefix="vb_stops_")
+
+
+class StopSequences(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("stop_sequences")
+        cls.neighbors = StubNeighbors()
+        cls.neighbors.offer()
+        cls.state = Newest(names.STATE, InteractionState)
+        cls.driver = Newest(names.DRIVERS, DriverState)
+        cls.topic = rospy.Publisher(names.STOP, Stop, queue_size=10)
+        cls.manager = Process(
+            "interaction_manager",
+            "__name:=interaction_manager",
+            f"_state_file:={FOLDER}/s.json",
+            f"_log_file:={FOLDER}/l",
+        )
+        cls.robot = Process(
+            "robot_driver", "__name:=robot_driver", f"_stop_file:={FOLDER}/robot.json", package="vb_robot"
+        )
+        cls.answers, cls.lock = [], threading.Lock()
+        cls.people = [commands.CommandSender(f"person {number}", cls.on_answer) for number in range(3)]
+        for person in cls.people:
+            person.connect()
+        rospy.wait_for_service(names.COMMAND, 120)
+        # a person presses what the page shows, so it must have been told something
+        wait_until(lambda: cls.state.all and cls.driver.all, "first messages of both")
+
+    @classmethod
+    def tearDownClass(cls):
+        for process in (cls.manager, cls.robot):
+            process.stop()
+
+    @classmethod
+    def on_answer(cls, request, context, answer, error):
+        with cls.lock:
+            cls.answers.append((request.command, request.id, context, answer.code if answer else error.code))
+
+    def press_page(self, command, at):
+        """As the page does: what the person saw when they pressed, from a thread of its own."""
+        request = commands.make_request(command, "page", 30.0, seen_stop=self.state.message.stop_number)
+        if command == "stop":
+            self.topic.publish(Stop(id=request.id, source="page"))
+
+        def send():
+            try:
+                answer = commands.send(request)
+                self.on_answer(request, at, answer, None)
+            except CodedError as error:
+                self.on_answer(request, at, None, error)
+
+        threading.Thread(target=send, daemon=True).start()
+
+    def test_no_stop_is_released_by_an_older_command_and_none_is_lost(self):
+        released = 0
+        for seed in range(FIRST, FIRST + SEQUENCES):
+            print(f"sequence {seed}")  # rosunit swallows what a subTest raises
+            released += self.run_sequence(random.Random(seed))
+        print(f"{SEQUENCES} sequences; a resume was obeyed in {released} of them")
+
+    def run_sequence(self, choice):
+        self.answers.clear()
+        stops, resumes, given = [], [], 0
+        self.neighbors.before_add = lambda: time.sleep(choice.choice([0.0, 0.3, 2.0]))
+        for _ in range(STEPS):
+            at = time.monotonic()
+            what = choice.choices(
+                ("stop", "resume", "define_border", "define_seed", "save", "guide_robot", "kill"),
+                (4, 4, 1, 1, 2, 1, 0.6),
+            )[0]
+            if what == "kill":
+                process = choice.choice((self.manager, self.robot))
+                process.kill()
+                process.start()
+                continue
+            (stops if what == "stop" else resumes if what == "resume" else []).append(at)
+            person = choice.randrange(5)
+            if person < 3:
+                given += self.people[person].put(what, at)
+            elif person == 3 or what != "stop":
+                self.press_page(what, at)
+                given += 1
+            else:
+                self.topic.publish(Stop(id=new_id(), source="a red button"))
+            time.sleep(choice.choice([0.0, 0.05, 0.2, 0.5]))
+        wait_until(lambda: len(self.answers) >= given, "all answers")
+        rospy.wait_for_service(names.COMMAND, 120)
+        # what holds now must have been told to and by both since
+        for newest in (self.state, self.driver):
+            count = len(newest.all)
+            wait_until(lambda: len(newest.all) > count + 3, "messages of both")
+        told = [
+            at for command, _, at, code in self.answers if command == "stop" and code in ("stopped", "stop_released")
+        ]
+        if told and max(told) > max(resumes, default=0.0):
+            self.assertTrue(self.state.message.stopped, "the newest stop is lost, or was released by an older resume")
+            self.assertEqual(self.driver.message.source, "stop")
+        obeyed = any(command == "resume" and code == "resumed" for command, _, _, code in self.answers)
+
+        def resumed():
+            self.press_page("resume", time.monotonic())
+            time.sleep(0.3)
+            return not self.state.message.stopped and not self.driver.message.stops
+
+        wait_until(resumed, "a resume by somebody who looks")
+        self.press_page("cancel", time.monotonic())
+        for newest in (self.state, self.driver):
+            del newest.all[:-5]
+        return obeyed
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_bringup", "stop_sequences", StopSequences)

@@ -1,0 +1,75 @@
+"""Each bench runs on a sample of a few seconds: what its figures are is nobody's business here, that it ends well is."""
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+TOP = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
+import people  # noqa: E402
+
+SAMPLES = {
+    "detection/calibration.py": "--repetitions 2 --images 0",
+    "detection/pictures.py": "{folder}",
+    "detection/clips.py": "{clips} --roles window",
+    "detection/frames.py": "--scenes 'held still' --share 0.02 --times robot --rounds 1 --quiet 0.01",
+    "extraction/accuracy.py": "--only usual speed --draws 1 --strokes 1 --spots 1000 --methods robust",
+    "extraction/hand.py": "--people 2 --scenarios room",
+    "extraction/model_hand.py": "--times 0.01",
+    "extraction/quickdraw_strokes.py": "{drawings} --out {folder}/strokes.json",
+    "extraction/stages.py": "{folder}",
+    "lab/page.py": "--browsers 1 --seconds 1",
+    "lab/page_hostile.py": "--seconds 1 --only nothing slow_headers",
+    "lab/scale.py": "--cameras 1 --seconds 1",
+    "lab/soak.py": "--hours 0.05",
+    "maps/crashes.py": "--crashes 3",
+    "maps/integration.py": "--sizes 320x200 --borders 2 --rounds 1",
+    "mutants.py": "--modules vb_core.geometry --each 1",
+    "robots/runs.py": "--scenarios room --methods nrs --seeds 1",
+    "detection/training.py": "--scenes grey --share 0.02 --examples {folder}/examples --out {folder}/made.json",
+}
+
+
+def test_every_bench_has_a_sample():
+    benches = {
+        str(path.relative_to(TOP / "bench"))
+        for path in TOP.glob("bench/**/*.py")
+        if "def main(" in path.read_text(encoding="utf-8") and path.parent.name != "voice"
+    }
+    assert benches == set(SAMPLES) | {"robots/drives.py"}  # which needs `make navigation`
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory):
+    """A folder with one labelled clip: a spot on a grey floor."""
+    folder = tmp_path_factory.mktemp("labelled")
+    (folder / "clips").mkdir()
+    writer = cv2.VideoWriter(str(folder / "clips" / "one.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (320, 240))
+    for number in range(40):
+        image = np.full((240, 320, 3), 90, np.uint8)
+        if number >= 35:
+            cv2.circle(image, (160, 120), 3, (120, 120, 255), -1)
+        writer.write(image)
+    writer.release()
+    labels = ",".join(f'{{"frame": {number}, "x": 160, "y": 120, "event": 1}}' for number in range(35, 40))
+    (folder / "labels.json").write_text(f'{{"videos": {{"one.avi": {{"width": 320, "labels": [{labels}]}}}}}}')
+    return folder
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_bench_runs(name, tmp_path, clips):
+    words = [word.format(folder=tmp_path, clips=clips, drawings=people.DATA) for word in shlex.split(SAMPLES[name])]
+    done = subprocess.run(
+        [sys.executable, str(TOP / "bench" / name), *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        universal_newlines=True,
+        timeout=300,
+        cwd=str(tmp_path),
+    )
+    assert done.returncode == 0 and done.stdout.strip(), done.stdout

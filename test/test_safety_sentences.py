@@ -1,0 +1,58 @@
+"""Each sentence that promises something of a robot's safety has a test by name, see safety_sentences.yaml."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+TOP = Path(__file__).resolve().parents[1]
+TABLE = yaml.safe_load((TOP / "test" / "safety_sentences.yaml").read_text(encoding="utf-8"))
+FILES, EXPLAINS = TABLE.pop("files"), TABLE.pop("explains")
+# where each page promises something: between these two
+SECTIONS = {
+    "README.md": ("- **When in doubt, the robot", "\n## "),
+    "docs/explanation/robots.md": ("## The driver\n", "\n## "),
+}
+
+
+def sentences_of(page):
+    """Splits a page's part into sentences and rows of tables."""
+    text = (TOP / page).read_text(encoding="utf-8")
+    begin, end = SECTIONS[page]
+    text = text[text.index(begin) :]
+    text = text[len(begin) if begin.startswith("#") else 0 : text.index(end, 3)]
+    found = []
+    for block in re.split(r"\n\s*\n", text):
+        if block.lstrip().startswith("|"):
+            found += [row.strip("| ") for row in block.strip().splitlines()[2:]]
+        else:
+            block = re.sub(r"^- ", "", " ".join(block.split()))
+            found += re.split(r"(?<=[.:])\s+(?=[A-Z*`\[])", block) if block else []
+    return found
+
+
+@pytest.mark.parametrize("page", SECTIONS)
+def test_each_sentence_is_shown_by_a_test_or_promises_nothing(page):
+    found = sentences_of(page)
+    assert len(found) >= 3
+    known = [*TABLE[page], *EXPLAINS]
+    for sentence in found:
+        assert sum(sentence.startswith(begin) for begin in known) == 1, f"no test for: {sentence}"
+    for begin in TABLE[page]:
+        assert any(sentence.startswith(begin) for sentence in found), f"{page} does not say any more: {begin}"
+
+
+def test_what_promises_nothing_is_still_there():
+    everything = [sentence for page in SECTIONS for sentence in sentences_of(page)]
+    assert [begin for begin in EXPLAINS if not any(one.startswith(begin) for one in everything)] == []
+
+
+def test_each_test_is_there():
+    named = {tuple(test.split()) for rows in TABLE.values() for tests in rows.values() for test in tests}
+    assert len(named) > 40 and all(tests for rows in TABLE.values() for tests in rows.values())
+    for key, path in FILES.items():
+        tree = ast.parse((TOP / path).read_text(encoding="utf-8"))
+        defined = {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+        assert {test for file, test in named if file == key} <= defined, path
