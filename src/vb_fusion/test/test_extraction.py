@@ -375,6 +375,21 @@ def test_a_robot_that_is_lost_for_a_second_does_not_move_the_border():
     assert np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max() < 0.025
 
 
+@pytest.mark.parametrize("off", [0.12, 0.18])
+def test_what_a_lost_robot_sees_beside_the_line_is_no_second_stroke(off):
+    """The pointer is at one place: it is the line, seen from a wrong pose. A line that is drawn there later is another."""
+    points, stamps, cameras = line_spots([[0, 0], [3, 0], [3, 2]], cameras=3)
+    points = points + off * (cameras == 1)[:, None] * [0.6, 0.8]
+    chain = extract_border(points, stamps=stamps, cameras=cameras, mobile=cameras == 1)
+    assert chain.left_out_spots == 0
+    assert hausdorff(chain.points, np.array([[0, 0], [3, 0], [3, 2]]), False) < 0.08
+    again = line_spots([[0, off], [2.5, off]], start=stamps.max() + 10.0)
+    points, stamps = np.concatenate([points, again[0] + [0, 1.0]]), np.concatenate([stamps, again[1]])
+    cameras = np.concatenate([cameras, np.ones(len(again[0]), int)])
+    chain = extract_border(points, stamps=stamps, cameras=cameras, mobile=cameras == 1)
+    assert abs(chain.left_out_spots - len(again[0])) <= 3
+
+
 @pytest.mark.parametrize("place", [(0.0, 0.10), (0.0, -0.10)])
 def test_what_a_robot_alone_sees_is_placed_as_beside_the_other_cameras(place):
     points, stamps, cameras = line_spots([[0, 0], [3, 0]], cameras=2)

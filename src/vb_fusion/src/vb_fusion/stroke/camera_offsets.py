@@ -44,7 +44,7 @@ def remove_offsets(seen: Observations) -> Observations:
     # each equation in units of its deviation: a difference as a hand trembles, an offset as the camera is placed
     robots = np.unique(seen.cameras[seen.mobile])
     prior = _prior_weight(unknown, robots + cameras * np.arange(1, unknown // cameras)[:, None], np.diff(seconds))
-    equations = diags(np.bincount(offset, minlength=unknown)) + prior - in_moment.T @ share
+    equations = diags(np.bincount(offset, minlength=unknown).astype(float)) + prior - in_moment.T @ share
     apart = np.column_stack(
         [np.bincount(offset, axis, unknown) - share.T @ np.bincount(row, axis) for axis in seen.points.T]
     )

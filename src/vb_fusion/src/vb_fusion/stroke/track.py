@@ -18,12 +18,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import List, Tuple
+from typing import List, Tuple, Union
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.stroke.observations import TIME_BIN, TREMOR, Observations, time_bins
+from vb_fusion.stroke.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, time_bins
 
 PLACE_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a place covers
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
@@ -46,6 +46,7 @@ class Places:
     stamps: np.ndarray  # (P,) [s]
     bins: np.ndarray  # (P,) int
     cameras: np.ndarray  # (P,) how many cameras saw each
+    mobile: np.ndarray  # (P,) bool, seen by no camera that stands still
 
     @cached_property
     def dropout(self) -> float:
@@ -69,11 +70,13 @@ def find_places(seen: Observations) -> Places:
     moment = np.empty(len(weights), dtype=np.int64)
     moment[group] = moment_of
     witnesses = np.unique(np.column_stack([group, seen.cameras]), axis=0)[:, 0]
+    mobile = np.bincount(group, ~seen.mobile) == 0
     # equal weights are sums in another order elsewhere
     order = np.lexsort((y, x, -np.round(weights, 6), moment))
     order = order[np.arange(len(order)) - np.searchsorted(moment[order], moment[order]) < MAX_SIMULTANEOUS_PLACES]
     order = order[np.lexsort((y[order], x[order], time[order], moment[order]))]
-    return Places(np.column_stack([x, y])[order], time[order], moment[order], np.bincount(witnesses)[order])
+    cameras = np.bincount(witnesses)
+    return Places(np.column_stack([x, y])[order], time[order], moment[order], cameras[order], mobile[order])
 
 
 def find_strokes(seen: Observations, places: Places, widest_gap: float) -> List[np.ndarray]:
@@ -86,8 +89,11 @@ def find_strokes(seen: Observations, places: Places, widest_gap: float) -> List[
     """
     points, stamps, dropout = places.points, places.stamps, places.dropout
     _, moment, crowd = np.unique(places.bins, return_inverse=True, return_counts=True)
-    # among many things seen at once, each is the less likely the pointer
-    floor = floor_gains(points, stamps, dropout) * np.minimum(1.0, MAX_CROWD / crowd[moment])
+    # among many things seen at once, each is the less likely the pointer; and a camera that stands still knows better where
+    # it is than one on a robot
+    trust = np.minimum(1.0, MAX_CROWD / crowd)[moment]
+    trust[places.mobile & (np.bincount(moment, ~places.mobile) > 0)[moment]] *= TREMOR / LOCALIZATION_ERROR
+    floor = floor_gains(points, stamps, dropout) * trust
     gain, previous = find_best_steps(places, floor, TREMOR)
     strokes: List[np.ndarray] = []
     free = np.ones(len(points), dtype=bool)
@@ -98,9 +104,10 @@ def find_strokes(seen: Observations, places: Places, widest_gap: float) -> List[
             break
         line = trace_path(end, previous, free)
         free[line] = False
-        for piece in _divide(line, points[line], stamps[line], floor[line], dropout, widest_gap + TREMOR):
-            strokes.append(_beside(seen, points[piece], stamps[piece]))
         free[free] = cKDTree(points[line]).query(points[free])[0] > PLACE_WIDTH
+        for piece in _divide(line, points[line], stamps[line], floor[line], dropout, widest_gap + TREMOR):
+            strokes.append(_beside(seen, places, piece))
+            free[_beside(places, places, piece)] = False
         worth = gain - _before_branch(gain, floor, previous, free)
     return strokes
 
@@ -124,11 +131,19 @@ def _divide(
     return [line[stroke] for stroke in strokes]
 
 
-def _beside(seen: Observations, line: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Returns the indices of the observations beside a line of places at their own time."""
+def _beside(seen: Union[Observations, Places], places: Places, line: np.ndarray) -> np.ndarray:
+    """Returns the indices of what was seen beside a line, the indices of its places, at its own time.
+
+    The pointer is at one place: what a robot sees as far from where others do as the robot may be lost is the pointer, too.
+    """
+    times = places.stamps[line]
     first, last = np.searchsorted(seen.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))
-    there = np.column_stack([np.interp(seen.stamps[first:last], times, axis) for axis in line.T])
-    return first + np.flatnonzero(np.hypot(*(seen.points[first:last] - there).T) <= PLACE_WIDTH)
+    x, y, mobile = (
+        np.interp(seen.stamps[first:last], times, column[line]) for column in (*places.points.T, places.mobile)
+    )
+    reach = PLACE_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, seen.mobile[first:last])
+    off = np.hypot(*(seen.points[first:last] - np.column_stack([x, y])).T)
+    return first + np.flatnonzero(off <= reach)
 
 
 def _before_branch(gain: np.ndarray, floor: np.ndarray, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
