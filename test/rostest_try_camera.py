@@ -12,6 +12,7 @@ import numpy as np
 import rospkg
 import rostest
 import yaml
+from vb_map_integration.borders.geojson import borders_from_geojson
 
 
 class TestTryCamera(unittest.TestCase):
@@ -22,14 +23,14 @@ class TestTryCamera(unittest.TestCase):
                 command, capture_output=True, text=True, timeout=200, env={**os.environ, "DISPLAY": ""}
             )
             self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
-            (border,) = yaml.safe_load((Path(folder) / "borders.yaml").read_text())["borders"]
+            (border,) = borders_from_geojson((Path(folder) / "borders.geojson").read_text())
         truth = yaml.safe_load((Path(rospkg.RosPack().get_path("vb_bringup")) / "try/room.yaml").read_text())
-        self.assertEqual(border["kind"], "polygon")
+        self.assertEqual(border.kind, "polygon")
         for corner in truth["border"]:
-            nearest = np.linalg.norm(np.array(border["points"]) - corner, axis=1).min()
+            nearest = np.linalg.norm(border.points - corner, axis=1).min()
             self.assertLess(nearest, 0.02)
         low, high = np.min(truth["border"], axis=0), np.max(truth["border"], axis=0)
-        for point in np.array(border["points"]):  # and none is elsewhere than on the rectangle's sides
+        for point in border.points:  # and none is elsewhere than on the rectangle's sides
             self.assertLess(np.abs(np.concatenate([point - low, high - point])).min(), 0.02)
 
 

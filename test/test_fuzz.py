@@ -35,7 +35,7 @@ from vb_core.parameters import Parameters
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import cameras, images, messages
 from vb_laser_detect.calibration import calibration_file
-from vb_map_integration.borders import border_files, border_messages, geojson
+from vb_map_integration.borders import border_messages, geojson
 from vb_msgs.msg import VirtualBorder
 from vb_sim.room.world import load_world
 from vb_web import action_requests
@@ -252,7 +252,6 @@ def _by_text(read):
 
 
 READERS = {
-    "borders.yaml": (_by_text(border_files.borders_from_yaml), border_files.borders_to_yaml(BORDERS).encode()),
     "borders.geojson": (_by_text(geojson.borders_from_geojson), geojson.borders_to_geojson(BORDERS).encode()),
     "world.yaml": (lambda path: load_world(str(path)), WORLD),
     "robot.yaml": (lambda path: RobotProfile.load(path), PROFILE),

@@ -30,7 +30,7 @@ from bench.frame import Table, arguments
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_files import border_to_mapping
+from vb_map_integration.borders.border_values import border_to_mapping
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 
 KINDS = ("kill", "full", "flip")
@@ -55,8 +55,8 @@ def change(keeper: MapIntegrator, random: np.random.Generator, now: float, out: 
     """Makes a random change, announced; one that is refused changes nothing."""
     ids = [border.id for border in keeper.borders]
     some = str(random.choice(ids)) if ids else "b0"
-    kinds = ["add", "rename", "enable", "update", "remove", "undo", "redo", "clear", "expire"]
-    kind = random.choice(kinds, p=[0.4, 0.12, 0.12, 0.1, 0.1, 0.08, 0.04, 0.01, 0.03])
+    kinds = ["add", "rename", "enable", "update", "remove", "undo", "redo"]
+    kind = random.choice(kinds, p=[0.42, 0.13, 0.13, 0.1, 0.1, 0.08, 0.04])
     os.write(out, f"try {kind}\n".encode())
     column, row = random.uniform(3, 130), random.uniform(3, 90)
     corners = GRID.grid_to_world([(column, row), (column + 20, row), (column + 20, row + 20), (column, row + 20)])
@@ -66,13 +66,11 @@ def change(keeper: MapIntegrator, random: np.random.Generator, now: float, out: 
     elif kind == "rename":
         keeper.rename(some, f"name {random.integers(1e6)}", now)
     elif kind == "enable":
-        keeper.set_enabled(some, bool(random.random() < 0.5), now, expires=now + random.integers(0, 3) * 2.5)
+        keeper.set_enabled(some, bool(random.random() < 0.5), now)
     elif kind == "update":
         keeper.update(border.replace(id=some), now)
     elif kind == "remove":
         keeper.remove(some, now)
-    elif kind == "expire":
-        keeper.expire(now)
     else:
         getattr(keeper, str(kind))(now)
 
@@ -161,7 +159,7 @@ def judge(row: Dict[str, Any], folder: Path, before: str) -> str:
     old = {one["id"]: one for one in json.loads(acknowledged)}
     new = {one["id"]: one for one in json.loads(now)}
     different = [key for key in {*old, *new} if old.get(key) != new.get(key)]
-    many = row["under_way"] in ("undo", "redo", "clear", "expire")
+    many = row["under_way"] in ("undo", "redo")
     made = row["kind"] != "full" and (len(different) == 1 and row["under_way"] or many)
     row["outcome"] = "change under way was made" if made else "LOST OR MOVED"
     return now

@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import MapServer, lab, polygon, wait_until  # noqa: E402
 from vb_core.map_files import read_map  # noqa: E402
-from vb_map_integration.borders.border_files import borders_from_yaml  # noqa: E402
+from vb_map_integration.borders.geojson import borders_from_geojson  # noqa: E402
 from vb_msgs.srv import AddBorder  # noqa: E402
 
 
@@ -40,9 +40,9 @@ class MapRecorderTest(unittest.TestCase):
         wait_until(lambda: lines(2), "the second record")
         self.assertTrue(add(border=polygon(x=2.0, occupancy=0.75)).success)
         wait_until(lambda: lines(3), "the third record")
-        self.assertTrue(rospy.ServiceProxy("/virtual_borders/clear", Trigger)().success)
+        self.assertTrue(rospy.ServiceProxy("/virtual_borders/undo", Trigger)().success)
         found = wait_until(lambda: lines(4), "the fourth record")
-        self.assertEqual([line["trigger"] for line in found], ["start", "added b1", "added b2", "removed b1, b2"])
+        self.assertEqual([line["trigger"] for line in found], ["start", "added b1", "added b2", "removed b2"])
         self.assertEqual([line["number"] for line in found], [1, 2, 3, 4])
         stamps = [line["stamp_s"] for line in found]
         self.assertEqual(stamps, sorted(stamps))
@@ -50,7 +50,7 @@ class MapRecorderTest(unittest.TestCase):
         soft = read_map(folder / "0003.yaml").data
         walls = int((grid.data == 100).sum())
         self.assertEqual([int((soft == value).sum()) for value in (75, 100)], [400, 400 + walls])
-        self.assertEqual(len(borders_from_yaml((folder / "0003.borders.yaml").read_text())[0]), 2)
+        self.assertEqual(len(borders_from_geojson((folder / "0003.borders.geojson").read_text())), 2)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """What is kept on the disk: nothing that was acknowledged is lost or moved, and what was repaired is said."""
 
+import datetime
 import os
 import shutil
 import signal
@@ -69,11 +70,10 @@ def test_borders_come_back_after_a_restart(tmp_path):
 
 def test_undo_and_redo_survive_a_restart(tmp_path):
     first = integrator(tmp_path)
-    first.add(square(10, 10, expires=5.0), 1.0)
+    first.add(square(10, 10), 1.0)
     first.add(square(60, 10), 2.0)
     first.remove("b1")
     first.undo()
-    first.expire(6.0)  # is no command: undo goes past it
     first.close()
     second = integrator(tmp_path)
     assert second.available_commands == ["undo", "redo"]
@@ -161,20 +161,19 @@ except CodedError as error:
     assert again(tmp_path) == (borders, [])
 
 
-def test_a_pause_ends_on_a_full_disk_too(tmp_path, monkeypatch):
-    keeper = integrator(tmp_path)
-    keeper.add(square(10, 10), 1.0)
-    keeper.set_enabled("b1", False, 2.0, expires=5.0)
+def test_a_schedule_is_followed_on_a_full_disk_too(tmp_path, monkeypatch):
+    start = datetime.datetime(2026, 11, 23, 7, 59).timestamp()  # a Monday
+    keeper = MapIntegrator(IntegratorParams(), tmp_path)
+    keeper.set_map(GRID, start)
+    keeper.add(square(10, 10, schedule="mon 08:00-12:00"), start)
 
     def fail(*_):
         raise sqlite3.OperationalError("disk is full")
 
     monkeypatch.setattr(files, "run", fail)
-    assert keeper.expire(4.0) is None and not keeper.status(keeper.borders[0])[0]
-    assert keeper.expire(6.0).ids == ("b1",) and keeper.status(keeper.borders[0]) == (True, "")
+    assert keeper.follow_schedules(start + 1.0) == () and not keeper.status(keeper.borders[0])[0]
+    assert keeper.follow_schedules(start + 60.0) == keeper.borders and keeper.status(keeper.borders[0]) == (True, "")
     assert (keeper.map_with_borders.data == 100).sum() > (GRID.data == 100).sum()
-    with pytest.raises(CodedError):
-        keeper.expire(7.0)
     keeper.close()
 
 
@@ -413,8 +412,6 @@ def test_with_the_lock_deleted_the_second_integrator_takes_over_and_the_first_on
 
 
 def test_daily_copies_are_bounded(tmp_path, monkeypatch):
-    import datetime
-
     monkeypatch.setattr(database_files, "MAX_COPIES", 3)
     day = [datetime.date(2026, 1, 1)]
     database = Database(tmp_path, today=lambda: day[0])
@@ -441,7 +438,7 @@ def test_the_command_repairs_and_goes_back_to_a_copy(tmp_path, capsys):
     assert "damaged" in said and "No border was lost" in said and said.rstrip().endswith("2 border(s)")
     assert again(tmp_path) == (borders, [])
     keeper = integrator(tmp_path)
-    keeper.clear()
+    keeper.remove("b1")
     keeper.close()
     shutil.copyfile(str(copy), str(tmp_path / "mine.db"))
     assert repair_borders([str(tmp_path), "--from", str(tmp_path / "mine.db")]) == 0

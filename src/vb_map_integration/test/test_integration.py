@@ -382,7 +382,7 @@ def test_the_extension_takes_huge_and_tiny_numbers():
         ("bad_occupancy", {"occupancy": 1.01}),
         ("bad_occupancy", {"occupancy": -0.1}),
         ("bad_occupancy", {"occupancy": float("nan")}),
-        ("bad_time", {"expires": -1.0}),
+        ("bad_time", {"created": -1.0}),
         ("bad_name", {"name": "a\nb"}),
     ],
 )

@@ -19,7 +19,7 @@ from integrators import GRID, at, expected, integrator, square  # noqa: E402
 
 COMMANDS = st.lists(
     st.tuples(
-        st.sampled_from(["add", "add", "add", "soft", "remove", "disable", "update", "undo", "redo", "clear"]),
+        st.sampled_from(["add", "add", "add", "soft", "remove", "disable", "update", "undo", "redo"]),
         st.integers(2, 130),
         st.integers(2, 90),
     ),
@@ -48,7 +48,7 @@ def test_any_history_gives_the_map_of_the_borders_that_are_left(commands):
             else:
                 getattr(keeper, command)()
         except CodedError as error:
-            assert error.code in ("unknown_border", "nothing_to_undo", "nothing_to_redo", "nothing_to_clear")
+            assert error.code in ("unknown_border", "nothing_to_undo", "nothing_to_redo")
             continue
         if command == "undo":
             undone.append(states.pop())
@@ -78,7 +78,6 @@ def test_refusals_change_nothing(tmp_path):
         ("id_not_empty", lambda: keeper.add(square(10, 10, id="b7"), 2.0)),
         ("unknown_border", lambda: keeper.update(square(10, 10, id="b7"), 2.0)),
         ("unknown_border", lambda: keeper.remove("b7")),
-        ("already_expired", lambda: keeper.add(square(10, 10, expires=1.5), 2.0)),
         ("nothing_to_redo", keeper.redo),
         ("bad_file_name", lambda: keeper.save(tmp_path, "../out", False)),
     ):
@@ -118,22 +117,9 @@ def test_undo_and_redo_bring_back_no_name_that_another_has(tmp_path):
 
 def test_before_a_map_everything_is_refused():
     keeper = MapIntegrator(IntegratorParams(), None)
-    for action in (lambda: keeper.add(square(10, 10), 1.0), keeper.clear, lambda: keeper.map_with_borders):
+    for action in (lambda: keeper.add(square(10, 10), 1.0), lambda: keeper.map_with_borders):
         with pytest.raises(CodedError):
             action()
-
-
-def test_an_expiry_toggles_what_is_enabled():
-    keeper = integrator()
-    keeper.add(square(10, 10, expires=10.0), 1.0)
-    keeper.add(square(60, 10), 1.0)
-    keeper.set_enabled("b2", False, 2.0, expires=20.0)  # "allow the kitchen" until 20
-    assert keeper.expire(9.9) is None
-    assert keeper.expire(10.0).ids == ("b1",)
-    assert np.array_equal(keeper.map_with_borders.data, GRID.data)
-    assert keeper.expire(25.0).ids == ("b2",)
-    assert [border.enabled for border in keeper.borders] == [False, True]
-    assert keeper.area_m2("b2") == pytest.approx(1.0, rel=0.1)
 
 
 def test_borders_for_other_robots_are_left_out():

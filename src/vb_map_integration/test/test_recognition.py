@@ -227,7 +227,7 @@ def test_a_map_that_grows_cell_by_cell_stays_confirmed(tmp_path):
 
 
 # ----------------------------------------------------------------- what acts, and why not
-def test_undo_and_expiry_keep_what_does_not_act():
+def test_undo_and_switches_keep_what_does_not_act():
     """They answered "changed back", and the display showed in red what restricted not one cell."""
     keeper = integrator(grid=flat())
     keeper.add(keep_out(), 1.0)
@@ -242,8 +242,8 @@ def test_undo_and_expiry_keep_what_does_not_act():
     border = keeper.borders[0]
     assert border.enabled and keeper.status(border) == (False, "inactive_on_this_map")
     assert "inactive_on_this_map" in [notice.code for notice in keeper.notices]
-    assert keeper.set_enabled("b1", False, 3.0, expires=5.0).issues == ()
-    assert [found.code for found in keeper.expire(6.0).issues] == ["inactive_on_this_map"]
+    assert keeper.set_enabled("b1", False, 3.0).issues == ()
+    assert [found.code for found in keeper.set_enabled("b1", True, 6.0).issues] == ["inactive_on_this_map"]
     # it is switched and renamed all the same, by whatever service
     assert keeper.rename("b1", "old rug", 7.0).ids == ("b1",)
     keeper.update(keeper.borders[0].replace(enabled=False), 8.0)
@@ -304,7 +304,7 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
     assert sorted(np.unique(limits.data)) == [0, 15] and (limits.data == 15).sum() == 400
     keeper.undo()
     assert sorted(np.unique(keeper.speed_limits.data)) == [0, 30] and keeper.area_m2("b1") == pytest.approx(1.0)
-    keeper.clear()
+    keeper.remove("b1")
     assert not keeper.speed_limits.data.any()
 
 
@@ -337,7 +337,7 @@ def test_a_schedule_switches_a_border():
         (at(29, 1), 1),
         (at(29, 3), 0),
     ):
-        keeper.expire(now)
+        keeper.follow_schedules(now)
         assert closed_off(keeper) == bool(acts)
         assert keeper.status(keeper.borders[0]) == ((True, "") if acts else (False, "off_schedule"))
     assert is_scheduled("sun 22:00-02:00", at(30, 1, 59))  # 2026-11-30 is a Monday

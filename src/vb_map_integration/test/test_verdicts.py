@@ -126,15 +126,6 @@ def test_an_answer_about_another_map_than_the_current_one_is_refused():
     keeper.confirm(True, "", 3.0, map_id=keeper.map_id)
 
 
-def test_borders_are_not_cleared_while_it_is_unknown_whose_they_are():
-    keeper = integrator(grid=flat())
-    keeper.add(keep_out(), 1.0)
-    keeper.set_map(flat(plan=1, seed=4))
-    with pytest.raises(CodedError) as caught:
-        keeper.clear(2.0)
-    assert caught.value.code == "confirm_map_first" and len(keeper.borders) == 1
-
-
 def test_a_known_map_with_the_name_of_another_place_is_a_question(tmp_path):
     """map_name:=upstairs with the file of downstairs was silently downstairs."""
     for name, plan in (("downstairs", 0), ("upstairs", 1)):

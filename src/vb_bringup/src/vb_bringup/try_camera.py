@@ -42,7 +42,7 @@ from vb_laser_detect.camera import lens_file
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_network
 from vb_laser_detect.detection.projection import floor_points
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_files import borders_to_yaml
+from vb_map_integration.borders.geojson import borders_to_geojson
 from vb_map_integration.borders.border_messages import border_from_message
 from vb_msgs.msg import LaserSpot, VirtualBorderArray
 
@@ -215,7 +215,7 @@ class TryLab:
     """The running lab: keeps the borders' file, and plays our own video's commands."""
 
     def __init__(self, folder: Path) -> None:
-        self._file = folder / "borders.yaml"
+        self._file = folder / "borders.geojson"
         self.borders: List[VirtualBorder] = []
         self._spot_at = time.monotonic()
         self._spots = 0
@@ -226,7 +226,7 @@ class TryLab:
         borders = [border_from_message(border) for border in message.borders]
         new = [border for border in borders if border.id not in {known.id for known in self.borders}]
         if borders != self.borders:
-            write_atomically(self._file, borders_to_yaml(borders).encode("utf-8"))
+            write_atomically(self._file, borders_to_geojson(borders).encode("utf-8"))
         self.borders = borders
         for border in new:
             corners = " ".join(f"({x:.2f}, {y:.2f})" for x, y in border.points)

@@ -46,7 +46,6 @@ class VirtualBorder:
         id, name: for the store and for people.
         enabled: whether it is on.
         created, modified: [s] ROS time.
-        expires: [s] ROS time at which `enabled` toggles; 0: never.
         robots: names of the robots that it is for; empty: all.
         wall: a virtual wall: the open chain itself may not be crossed, both sides stay usable, the seed is not used.
         zone: what the area means for robots (vb_core.zones); its name will do.
@@ -68,7 +67,6 @@ class VirtualBorder:
     enabled: bool = True
     created: float = 0.0
     modified: float = 0.0
-    expires: float = 0.0
     robots: Tuple[str, ...] = ()
     wall: bool = False
     zone: Zone = KEEP_OUT
@@ -106,7 +104,7 @@ class VirtualBorder:
         if not 0.0 <= speed <= MAX_SPEED or slow != (speed > 0.0) or (slow and self.wall):
             raise IntegrationError("bad_speed", speed=speed)
         parse_schedule(self.schedule)
-        for key in ("created", "modified", "expires"):
+        for key in ("created", "modified"):
             value = _number(getattr(self, key), "bad_time", key=key)
             if value < 0.0:
                 raise IntegrationError("bad_time", key=key)

@@ -216,6 +216,5 @@ def _shared(before: Optional[Region], now: Optional[Region]) -> float:
 
 
 def is_due(border: VirtualBorder, now: float) -> bool:
-    """Returns whether a border is on at a time [s], also if it expired and that could not be written yet."""
-    expired = 0.0 < border.expires <= now
-    return border.enabled != expired and is_scheduled(border.schedule, now)
+    """Returns whether a border is on at a time [s]."""
+    return border.enabled and is_scheduled(border.schedule, now)

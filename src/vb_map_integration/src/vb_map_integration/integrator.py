@@ -18,7 +18,7 @@ from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_files import borders_to_yaml
+from vb_map_integration.borders.geojson import borders_to_geojson
 from vb_map_integration.grid.layered_map import LayeredMap
 from vb_map_integration.border_check import BorderCheck, CheckResult, IntegratorParams, check_robots
 from vb_map_integration.in_force import InForce, Verdict, put_in_force
@@ -305,7 +305,6 @@ class MapIntegrator:
         if known:
             return ChangeResult((known,), (), sentences.translate("already_added"))
         self._expect(expected)
-        self._check_time(border, now)
         new = self._database.new_border(border.replace(map_id=self._map_id), now, self._recognition.place)
         check = self.check(new, places)
         self._check_confirmed()
@@ -336,7 +335,6 @@ class MapIntegrator:
         place, before = self._database.find(border.id)
         if place != self._recognition.place:
             raise CodedError("on_another_map", id=border.id)
-        self._check_time(border, now)
         check_robots(border, self.params)
         check: Optional[CheckResult] = None
         after = border.replace(
@@ -352,11 +350,9 @@ class MapIntegrator:
         issues = self._commit(place, (BorderChange(border.id, before, after),), "new", now, "", check)
         return ChangeResult((border.id,), check.issues if check else issues, f"'{after.name}' was changed")
 
-    def set_enabled(
-        self, border_id: str, enabled: bool, now: float, expires: float = 0.0, expected: int = 0
-    ) -> ChangeResult:
-        """Turns a border of any map on or off, for ever or until `expires` [s]; raises CodedError."""
-        return self._adjust(border_id, now, expected, enabled=enabled, expires=expires)
+    def set_enabled(self, border_id: str, enabled: bool, now: float, expected: int = 0) -> ChangeResult:
+        """Turns a border of any map on or off; raises CodedError."""
+        return self._adjust(border_id, now, expected, enabled=enabled)
 
     def rename(self, border_id: str, name: str, now: float, expected: int = 0) -> ChangeResult:
         """Renames a border of any map; raises CodedError."""
@@ -366,7 +362,6 @@ class MapIntegrator:
         self._expect(expected)
         place, before = self._database.find(border_id)
         after = before.replace(modified=now, **changes)
-        self._check_time(after, now)
         return self._make_change(((BorderChange(border_id, before, after)),), "new", "changed", now, place)
 
     def remove(self, border_id: str, now: float = 0.0, expected: int = 0) -> ChangeResult:
@@ -374,16 +369,6 @@ class MapIntegrator:
         self._expect(expected)
         place, before = self._database.find(border_id)
         return self._make_change((BorderChange(border_id, before, None),), "new", "removed", now, place)
-
-    def clear(self, now: float = 0.0) -> ChangeResult:
-        """Removes all borders of the current map; raises CodedError "nothing_to_clear", "confirm_map_first"."""
-        self._check_confirmed()
-        stored = self._database.borders(self._recognition.place)
-        if not stored:
-            raise CodedError("nothing_to_clear")
-        return self._make_change(
-            tuple(BorderChange(border.id, border, None) for border in stored), "new", "removed", now
-        )
 
     def undo(self, now: float = 0.0) -> ChangeResult:
         """Undoes the last change; raises CodedError "nothing_to_undo"."""
@@ -398,32 +383,13 @@ class MapIntegrator:
         """Lists "undo" and "redo", each if there is something to undo or redo."""
         return self._database.available_commands(self._recognition.place)
 
-    def expire(self, now: float) -> Optional[ChangeResult]:
-        """Toggles borders that expire, begins and ends scheduled times; None if nothing changed."""
+    def follow_schedules(self, now: float) -> Tuple[VirtualBorder, ...]:
+        """Begins and ends scheduled times; returns the borders that went on or off by it."""
         if not self.has_map:
-            return None
-        stored = self._database.borders(self._recognition.place)
-        change = tuple(
-            BorderChange(border.id, border, border.replace(enabled=not border.enabled, expires=0.0, modified=now))
-            for border in stored
-            if 0.0 < border.expires <= now
-        )
-        refused: Optional[CodedError] = None
-        if change:
-            try:  # an expiry is no command: undo goes on to what a person did
-                return self._make_change(change, "quiet", "expired and toggled", now)
-            except CodedError as error:
-                refused = error
-        # whether a border is due does not wait for the disk
+            return ()
         before = self.in_force
         self._refresh(self.physical, now)
-        turned = [one for key, one in self.in_force.verdicts.items() if one is not before.verdicts.get(key)]
-        if turned:
-            names = ", ".join(f"'{one.border.name}'" for one in turned)
-            return ChangeResult(tuple(one.border.id for one in turned), (), f"on or off by time: {names}")
-        if refused is not None:
-            raise refused
-        return None
+        return tuple(one.border for key, one in self.in_force.verdicts.items() if one is not before.verdicts.get(key))
 
     def _expect(self, expected: int) -> None:
         """Refuses a change before there is a map, or by somebody who has not seen the latest one."""
@@ -436,11 +402,6 @@ class MapIntegrator:
         """Refuses changes while it is unknown which place the map shows: what is drawn would belong to no place."""
         if not self._recognition.certain:
             raise IntegrationError("confirm_map_first")
-
-    @staticmethod
-    def _check_time(border: VirtualBorder, now: float) -> None:
-        if 0.0 < border.expires <= now:
-            raise CodedError("already_expired")
 
     def _to_place_frame(self, border: VirtualBorder) -> VirtualBorder:
         """Returns a border of the current map in the frame of its place."""
@@ -487,13 +448,13 @@ class MapIntegrator:
 
     # ------------------------------------------------------------- files
     def save(self, folder: Path, name: str, raw: bool) -> List[Path]:
-        """Writes the map with borders as map_server files, and the borders as YAML beside it.
+        """Writes the map with borders as map_server files, and the borders as GeoJSON beside it.
 
         Raises:
             CodedError: "bad_file_name", "no_map", "cannot_write".
         """
         stem = map_files.safe_path(folder, name)
         files = map_files.write_map(stem, self.map_with_borders, raw)
-        borders = Path(f"{stem}.borders.yaml")
-        write_atomically(borders, borders_to_yaml(self.borders).encode())
+        borders = Path(f"{stem}.borders.geojson")
+        write_atomically(borders, borders_to_geojson(self.borders).encode())
         return files + [borders]

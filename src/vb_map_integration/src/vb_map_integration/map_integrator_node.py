@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import threading
 from dataclasses import dataclass
@@ -48,6 +47,8 @@ from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError, ma
 from vb_map_integration.integrator import ChangeResult, IntegratorParams, MapIntegrator
 
 _MAP_WARNING_PERIOD = 5.0  # [s] warns after this long without a map
+_SCHEDULE_PERIOD = 1.0  # [s] schedules are in minutes: nobody waits for this
+_MOVE_BASE_PERIOD = 60.0  # [s] a move_base may be started at any time; asking for its parameters costs little
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,6 @@ class MapIntegratorNodeParams(Parameters):
     map_dir: str = param("~/.ros/virtual_borders/maps")
     robot_frames: str = param("")
     move_base: str = param("/move_base")
-    expiry_check_period: float = param(1.0, "s", above=0.0)
-    move_base_check_period: float = param(60.0, "s", above=0.0)
     map_timeout: float = param(60.0, "s", low=0.0)
 
 
@@ -87,7 +86,7 @@ class MapIntegratorNode:
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled): also for a border that does not fit the map.
         /virtual_borders/rename_border (vb_msgs/RenameBorder): likewise.
         /virtual_borders/confirm_map (vb_msgs/ConfirmMap): which place the current map shows.
-        /virtual_borders/undo, /virtual_borders/redo, /virtual_borders/clear (std_srvs/Trigger)
+        /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger)
         /virtual_borders/save_map (vb_msgs/SaveMap): writes map_server files, and the borders next to them.
     Parameters:
         config/map_integrator.yaml
@@ -130,7 +129,6 @@ class MapIntegratorNode:
             (names.CONFIRM_MAP, ConfirmMap, self._confirm),
             (names.UNDO, Trigger, lambda _: self._trigger("undo")),
             (names.REDO, Trigger, lambda _: self._trigger("redo")),
-            (names.CLEAR, Trigger, lambda _: self._trigger("clear")),
         ):
             rospy.Service(name, service, handler)
         self._maps: node.Mailbox = node.Mailbox()
@@ -138,8 +136,8 @@ class MapIntegratorNode:
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, **options)
         # unlike rospy's timers, a worker that dies ends the node
-        self._timers = [node.WakeTimer(params.expiry_check_period), node.WakeTimer(params.move_base_check_period)]
-        for timer, handle in zip(self._timers, (self._expire, self._watch_move_base)):
+        self._timers = [node.WakeTimer(_SCHEDULE_PERIOD), node.WakeTimer(_MOVE_BASE_PERIOD)]
+        for timer, handle in zip(self._timers, (self._follow_schedules, self._watch_move_base)):
             node.Worker(timer, handle)
         self._closing = threading.Event()
         waiting: node.Mailbox = node.Mailbox()
@@ -184,8 +182,6 @@ class MapIntegratorNode:
         got = "got the" if first else "got another"
         count = len(self._integrator.borders)
         rospy.loginfo("%s: %s map of %d x %d cells, %d border(s)", rospy.get_name(), got, columns, rows, count)
-        with contextlib.suppress(CodedError):  # whatever the disk is like, what expired does not act
-            self._integrator.expire(self._now().to_sec())
         self._publish()
 
     def _now(self) -> rospy.Time:
@@ -231,13 +227,12 @@ class MapIntegratorNode:
             array.borders.append(message_from_border(border, area, in_force, reason))
         return array
 
-    def _expire(self, _event: Any) -> None:
+    def _follow_schedules(self, _event: Any) -> None:
         with self._lock:
-            if self._reopen() or not self._integrator.has_map:
-                return
-            outcome = self._integrator.expire(self._now().to_sec())
-            if outcome is not None:
-                rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
+            turned = () if self._reopen() else self._integrator.follow_schedules(self._now().to_sec())
+            for border in turned:
+                rospy.loginfo("%s: '%s' goes on or off by its schedule", rospy.get_name(), border.name)
+            if turned:
                 self._publish()
 
     def _reopen(self) -> bool:

@@ -22,7 +22,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_files import borders_from_yaml
+from vb_map_integration.borders.geojson import borders_from_geojson
 
 LOG, MAPS, INDEX, BAGS, SESSION = "interactions.jsonl", "recordings", "index.jsonl", "bags", "session.yaml"
 RUN, EVENTS = "run.yaml", "events.jsonl"
@@ -59,7 +59,7 @@ class StoredMap:
     def borders(self) -> List[VirtualBorder]:
         """Returns the borders that acted on it."""
         try:
-            return borders_from_yaml(self.borders_path.read_text(encoding="utf-8"))[0]
+            return borders_from_geojson(self.borders_path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as error:
             raise CodedError("bad_recording", f"cannot read {self.borders_path}: {error}") from None
 

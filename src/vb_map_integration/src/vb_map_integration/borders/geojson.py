@@ -1,7 +1,7 @@
 """Borders as GeoJSON (RFC 7946), in metres of the map frame instead of degrees on the earth.
 
 A Polygon is a polygon, a LineString a separating curve. The seed and the rest are the feature's properties, named as
-in the YAML files; a polygon without a seed restricts its inside, and a LineString of kind "virtual_wall" needs none.
+in `VirtualBorder`; a polygon without a seed restricts its inside, and a LineString of kind "virtual_wall" needs none.
 Properties of other programs are ignored; errors in ours, or in the geometry, are reported.
 """
 
@@ -17,7 +17,7 @@ import shapely
 
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_files import border_from_mapping, border_to_mapping
+from vb_map_integration.borders.border_values import border_from_mapping, border_to_mapping
 
 _GEOMETRY = ("points", "seed", "kind")
 _PROPERTIES = tuple(
@@ -39,7 +39,8 @@ def borders_to_geojson(borders: Sequence[VirtualBorder]) -> str:
         if border.wall:
             properties["kind"] = values["kind"]
         features.append({"type": "Feature", "geometry": geometry, "properties": properties})
-    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+    lines = ",\n".join(json.dumps(feature, ensure_ascii=False) for feature in features)  # a border is a line
+    return f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n'
 
 
 def borders_from_geojson(text: str) -> List[VirtualBorder]:

@@ -17,7 +17,7 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import MAX_NAME, VirtualBorder
-from vb_map_integration.borders.border_files import border_from_mapping, border_to_mapping
+from vb_map_integration.borders.border_values import border_from_mapping, border_to_mapping
 from vb_map_integration.places.registration import IDENTITY, Transform
 from vb_map_integration.storage import sqlite_files as files
 from vb_map_integration.storage.database_files import DatabaseFiles
@@ -203,7 +203,7 @@ class Database(DatabaseFiles):
         """Makes a change of borders of one place.
 
         Args:
-            kind: "new" (what was undone is forgotten), "undo", "redo", or "quiet" (no place in the history).
+            kind: "new" (what was undone is forgotten), "undo" or "redo".
             request_id: a repetition of the request finds its border with `find_border_of_request`.
 
         Raises:
@@ -230,8 +230,6 @@ class Database(DatabaseFiles):
                 known[entry.id] = entry.after
 
     def _history(self, place: int, change: Change, kind: str) -> List[Statement]:
-        if kind == "quiet":
-            return []
         if kind in ("undo", "redo"):
             number = self._newest(place, kind)[0]
             return [("UPDATE changes SET undone = ? WHERE number = ?", (int(kind == "undo"), number))]

@@ -16,7 +16,7 @@ from vb_core.files import write_atomically
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.map_files import write_map
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_files import borders_to_yaml
+from vb_map_integration.borders.geojson import borders_to_geojson
 
 INDEX = "index.jsonl"
 # of all maps of a recording: days with a map that changes now and then, a few hours of SLAM
@@ -26,7 +26,7 @@ MAX_BYTES = 500_000_000
 class MapRecording:
     """A folder of numbered maps; an existing recording is continued.
 
-    Each record is `NNNN.pgm`, `NNNN.yaml`, `NNNN.borders.yaml` and one line of JSON in `index.jsonl`. Maps with
+    Each record is `NNNN.pgm`, `NNNN.yaml`, `NNNN.borders.geojson` and one line of JSON in `index.jsonl`. Maps with
     soft values are written raw, so that these survive. Beyond a size the oldest records are deleted.
 
     Args:
@@ -66,8 +66,8 @@ class MapRecording:
         stem = self.folder / f"{self.number + 1:04d}"
         soft = bool(((grid.data > 0) & (grid.data < 100)).any())
         _, path = write_map(stem, grid, raw=soft)
-        beside = Path(f"{stem}.borders.yaml")
-        write_atomically(beside, borders_to_yaml(borders).encode())
+        beside = Path(f"{stem}.borders.geojson")
+        write_atomically(beside, borders_to_geojson(borders).encode())
         line = {
             "number": self.number + 1,
             "stamp_s": stamp,
@@ -92,7 +92,7 @@ class MapRecording:
         return path
 
     def _files(self, number: int) -> List[Path]:
-        return [self.folder / f"{number:04d}{end}" for end in (".pgm", ".yaml", ".borders.yaml")]
+        return [self.folder / f"{number:04d}{end}" for end in (".pgm", ".yaml", ".borders.geojson")]
 
     def _size(self, number: int) -> int:
         return sum(path.stat().st_size for path in self._files(number) if path.exists())

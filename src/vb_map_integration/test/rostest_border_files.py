@@ -1,0 +1,104 @@
+#!/usr/bin/env python3
+"""Borders from files, over a real roscore and a real map_integrator."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+import numpy as np
+import rospy
+import rostest
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from ros_helpers import Latest, MapServer, lab, wait_until  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
+from vb_msgs.msg import VirtualBorderArray  # noqa: E402
+
+SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
+
+
+class BorderFilesTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rostest_border_files")
+        cls.grid = lab()
+        cls.maps = Latest("/virtual_borders/map", OccupancyGridArray)
+        cls.borders = Latest("/virtual_borders/borders", VirtualBorderArray)
+        cls.server = MapServer(cls.grid)
+        wait_until(lambda: cls.maps.count and cls.borders.count, "the first map")
+
+    def stored(self, count):
+        wait_until(lambda: len(self.borders.message.borders) == count, f"{count} border(s)")
+        return self.borders.message.borders
+
+    def restricted(self):
+        cells = np.asarray(self.maps.message.data).reshape(self.grid.shape)
+        return int((cells != self.grid.data).sum())
+
+    def run_command(self, name, *arguments):
+        done = subprocess.run(
+            [sys.executable, str(SCRIPTS / name), *map(str, arguments)],
+            universal_newlines=True,
+            timeout=240,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+        )
+        return done.returncode, done.stdout
+
+    def test_files_go_in_and_out(self):
+        with tempfile.TemporaryDirectory() as folder:
+            source, copy = Path(folder) / "in.geojson", Path(folder) / "out.geojson"
+            square = [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]
+            features = [
+                {
+                    "type": "Feature",
+                    "geometry": {"type": "Polygon", "coordinates": [square]},
+                    "properties": {"name": "rug"},
+                },
+                {
+                    "type": "Feature",
+                    "geometry": {"type": "LineString", "coordinates": [[60, 0], [60, 1]]},
+                    "properties": {"name": "far", "seed": [0, 0]},
+                },
+            ]
+            source.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+            status, output = self.run_command("import_borders", "--dry-run", source)
+            self.assertEqual((status, self.borders.message.borders), (1, []), output)
+            status, output = self.run_command("import_borders", source)
+            self.assertEqual(status, 1, output)
+            for words in ("rug: added", "far: refused [outside_map]", "1 of 2 taken"):
+                self.assertIn(words, output)
+            self.assertEqual(self.stored(1)[0].name, "rug")
+            self.assertEqual(self.run_command("export_borders", copy)[0], 0)
+            # what was exported and edited is updated, not doubled
+            edited = copy.read_text().replace('"rug"', '"carpet"').replace('"enabled": true', '"enabled": false')
+            copy.write_text(edited)
+            status, output = self.run_command("import_borders", copy)
+            self.assertEqual(status, 0, output)
+            wait_until(lambda: self.borders.message.borders[0].name == "carpet", "the edited border")
+            border = self.stored(1)[0]
+            self.assertEqual((border.name, border.in_force, border.reason), ("carpet", False, "disabled"))
+            # one of another home is added, and stays switched off
+            copy.write_text(copy.read_text().replace('"created": 1', '"created": '))
+            count = self.maps.count
+            status, output = self.run_command("import_borders", copy)
+            self.assertEqual(status, 0, output)
+            self.assertEqual([(one.name, one.in_force) for one in self.stored(2)], [("carpet", False)] * 2)
+            wait_until(lambda: self.maps.count > count, "the map with it")
+            self.assertEqual(self.restricted(), 0)
+            copy.write_text('{"type": "FeatureCollection", "features": 3}')
+            status, output = self.run_command("import_borders", copy)
+            self.assertEqual(status, 2)
+            self.assertIn("bad_border_file", output)
+            self.assertNotIn("Traceback", output)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_map_integration", "border_files", BorderFilesTest)
