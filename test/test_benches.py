@@ -15,6 +15,7 @@ import people  # noqa: E402
 
 SAMPLES = {
     "detection/calibration.py": "--repetitions 2 --images 0",
+    "detection/camera_kinds.py": "--rows '320 x 240'",
     "detection/pictures.py": "{folder}",
     "detection/clips.py": "{clips} --roles window",
     "detection/frames.py": "--scenes 'held still' --share 0.02 --times robot --rounds 1 --quiet 0.01",

@@ -33,7 +33,7 @@ from bench.detection.clip_frames import REACH_PX, ROLES, UNLABELED, VARIANTS, fr
 from bench.detection.finder import Finder
 from bench.frame import Table, arguments
 from vb_evaluation.statistics import proportion
-from vb_laser_detect.detection.training import calibrate, fit_without, load_examples, validate
+from bench.detection.fitting import calibrate, fit_without, load_examples, validate
 
 COUNTED = ("frames", "labels", "found", "shots", "shots_found", "false", "false_off_fringe", "false_on_unlabelled")
 

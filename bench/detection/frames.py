@@ -26,7 +26,7 @@ from bench.detection.motions import DARK, MAROON, WHITE, Walk, still, walking
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes
 from bench.frame import TOP, Table, arguments, in_turns
-from vb_laser_detect.detection.training import fit_without, load_examples
+from bench.detection.fitting import fit_without, load_examples
 from vb_sim.lab_history import Snapshot
 
 CASES = ("ceiling bgr8 1080p", "ceiling bayer_rggb8 1080p", "ceiling bgr8 4K", "robot, standing", "robot, turning")

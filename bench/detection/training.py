@@ -34,15 +34,15 @@ from typing import Any, Callable, Iterator, Optional, Tuple
 import cv2
 import numpy as np
 
-from bench.detection import clip_frames
+from bench.detection import clip_frames, fitting
 from bench.detection.augmentation import PAINT_EVERY, OtherCamera, Taken, takes
 from bench.detection.hard_scenes import Camera, Scene, course
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
 from bench.frame import TOP, Table, arguments
 from vb_core.image_format import PixelReader
-from vb_laser_detect.detection import classifier, training
-from vb_laser_detect.detection.training import Examples, LabeledFrame, collect
+from vb_laser_detect.detection import classifier
+from bench.detection.fitting import Examples, LabeledFrame, collect
 from vb_laser_detect.detector import DetectorParams
 
 SCENES_SHARE, SCENES_SEED, LEARN_S = 0.2, 7, 0.5  # of each scene's time; other rooms than frames.py's
@@ -143,7 +143,7 @@ def parts_of(given: argparse.Namespace) -> Iterator[Tuple[str, Callable[[], Exam
 
 def compare(made: Any, other: Any, examples: Examples) -> None:
     """Prints how much two classifiers differ."""
-    scores = training.logits(made, examples), training.logits(other, examples)
+    scores = fitting.logits(made, examples), fitting.logits(other, examples)
     print(
         f"beside the one compared with logits differ by up to {np.abs(scores[0] - scores[1]).max():.3f}, "
         f"{int(((scores[0] > 0) != (scores[1] > 0)).sum())} of {len(scores[0])} examples are judged otherwise"
@@ -169,15 +169,15 @@ def main() -> int:
     for name, make in parts_of(given):
         file = given.examples / (re.sub(r"\W+", "_", name) + ".npz")
         if not file.exists():
-            training.save_examples(make(), file)
+            fitting.save_examples(make(), file)
             print(f"made {file.name}", flush=True)
         files.append(file)
-    examples = training.load_examples(files)
+    examples = fitting.load_examples(files)
     names = [str(name) for name in np.unique(examples.groups)]
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(names)} clips and scenes")
     table = Table(given.csv)
-    judges = {} if given.no_validation else training.fit_without(examples, clip_frames.left_out_with(names))
-    judged = training.validate(examples, judges)
+    judges = {} if given.no_validation else fitting.fit_without(examples, clip_frames.left_out_with(names))
+    judged = fitting.validate(examples, judges)
     for group, truth, score in judged:
         found, taken = int((score[truth] > 0).sum()), int((score[~truth] > 0).sum())
         table.add(
@@ -186,10 +186,10 @@ def main() -> int:
     if given.out:
         kinds = [name.split(":")[0] if ":" in name else "clip" for name in names]
         trained_on = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
-        made = training.fit(examples)
+        made = fitting.fit(examples)
         if judged:
-            made = training.calibrate(made, *(np.concatenate([one[i] for one in judged]) for i in (1, 2)))
-        training.save(made, given.out, trained_on + ("" if "clip" in kinds else "; without clips of real cameras"))
+            made = fitting.calibrate(made, *(np.concatenate([one[i] for one in judged]) for i in (1, 2)))
+        fitting.save(made, given.out, trained_on + ("" if "clip" in kinds else "; without clips of real cameras"))
         if given.compare:
             compare(made, classifier.load(str(given.compare)), examples)
     return 0

@@ -7,7 +7,7 @@ from geometry_msgs.msg import Point
 
 from scenes import GREEN, Scene
 from vb_core.ros.images import message_from_image
-from vb_laser_detect.detection.training import load_examples, save_examples
+from bench.detection.fitting import load_examples, save_examples
 
 from bench.detection.training import from_recording
 

@@ -24,7 +24,6 @@ from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_
 from vb_laser_detect.camera_geometry import require_size, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 
-_LENS_PERIOD = 2.0  # [s] between looks at the lens file: a new calibration needs no restart
 FOLDER = "~/.ros/virtual_borders"
 
 
@@ -53,9 +52,9 @@ class LensFile:
     """A camera's lens, from its file; it may come late, and change."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._looked, self._changed = -1e9, -1.0
-        self._latest: Tuple[Optional[CameraModel], Optional[CodedError]] = (None, None)
+        self._path, self._changed = path, -1
+        self._camera: Optional[CameraModel] = None
+        self._error: Optional[CodedError] = None
 
     def model_for(self, shape: Tuple[int, ...]) -> CameraModel:
         """Returns the model for images of this shape.
@@ -63,23 +62,18 @@ class LensFile:
         Raises:
             CodedError: "no_camera_info" if there is no file, or one of another image size; "bad_lens_file".
         """
-        if time.monotonic() - self._looked > _LENS_PERIOD:
-            self._looked = time.monotonic()
-            changed = self._path.stat().st_mtime if self._path.is_file() else 0.0
-            if changed != self._changed:
-                self._changed, self._latest = changed, self._load()
-        camera, error = self._latest
-        if camera is None:
-            raise error
-        return require_size(camera, shape)
-
-    def _load(self) -> Tuple[Optional[CameraModel], Optional[CodedError]]:
-        try:
-            return lens_file.load(self._path), None
-        except CodedError as error:
-            # the lab's monitor tells people of a lens that is not known by this code
-            missing = CodedError("no_camera_info", error.message) if error.code == "no_lens_file" else error
-            return None, missing.without_traceback()
+        changed = self._path.stat().st_mtime_ns if self._path.is_file() else 0
+        if changed != self._changed:
+            self._changed, self._error = changed, None
+            try:
+                self._camera = lens_file.load(self._path)
+            except CodedError as error:
+                # the lab's monitor tells people of a lens that is not known by this code
+                missing = CodedError("no_camera_info", error.message) if error.code == "no_lens_file" else error
+                self._error = missing.without_traceback()
+        if self._error is not None:
+            raise self._error
+        return require_size(self._camera, shape)
 
 
 class CameraFeed:

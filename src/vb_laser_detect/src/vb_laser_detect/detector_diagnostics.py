@@ -176,18 +176,10 @@ class DetectorDiagnostics:
         elif self._mobile and not self.color:
             level, lines = DiagnosticStatus.WARN, [str(CodedError("no_color", camera=self._camera))]
         status.summary(level, "; ".join(dict.fromkeys(lines)))
-        for name, value in (
-            ("rate [1/s]", told.rate_hz),
-            ("latency, median [ms]", told.latency_ms),
-            ("latency, 95th percentile [ms]", told.latency_p95_ms),
-            ("search, median [ms]", told.search_ms),
-        ):
-            status.add(name, f"{value:.1f}")
-        status.add("images received", str(told.received))
+        # the other numbers are in the detector's own status
+        status.add("latency, median [ms]", f"{told.latency_ms:.1f}")
         status.add("images dropped", str(told.dropped))
-        status.add("spots published", str(told.spots))
         status.add("colour", "yes" if self.color else "no")
-        status.add("optical frame", self._frame_id)
         for code, count in zip(told.rejections, told.rejection_counts):
             status.add(f"refused: {code}", str(count))
         return status

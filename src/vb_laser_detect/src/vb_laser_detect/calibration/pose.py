@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from typing import List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -23,7 +23,6 @@ from vb_laser_detect.detection.projection import floor_points
 
 MIN_POINTS = 4
 _MAX_SETS = 200  # minimal sets tried; with 40 % wrong points 50 are enough for one without any, at 99.9 %
-_PROMISING = 10  # of them are solved again, more exactly
 _SAME_PLACE = 0.005  # of the image's diagonal; points nearer to each other are one place, seen twice
 _SAME_PLACE_DISTANCE = 0.01  # [m]
 _SAME_TURN = math.radians(2.0)  # solutions that differ by less are one
@@ -144,7 +143,7 @@ def estimate_pose(
     return PoseEstimate(
         T_map_camera=fit.T_map_camera,
         used=agreeing,
-        errors_px=np.linalg.norm(_project(camera, fit.T_map_camera, observed.points) - observed.pixels, axis=1),
+        errors_px=np.linalg.norm(project(camera, fit.T_map_camera, observed.points) - observed.pixels, axis=1),
         errors_m=errors,
         position_sigma=np.sqrt(np.diag(in_map @ fit.covariance[3:, 3:] @ in_map.T)),
         angle_sigma=np.sqrt(np.diag(fit.covariance))[:3],
@@ -220,16 +219,16 @@ def _moved(T_map_camera: np.ndarray, delta: np.ndarray) -> np.ndarray:
     return T_map_camera @ geometry.transform(cv2.Rodrigues(np.asarray(delta[:3], float))[0], delta[3:])
 
 
-def _project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+def project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Returns the pixels (N, 2) of points (N, 2) [m] on the floor; NaN where the camera does not see them."""
     on_floor = np.column_stack([points, np.zeros(len(points))])
     return camera.project(geometry.apply(geometry.invert(T_map_camera), on_floor))
 
 
-def _planar_poses(rays: np.ndarray, points: np.ndarray, polish: bool = False) -> List[np.ndarray]:
+def planar_poses(rays: np.ndarray, points: np.ndarray) -> List[np.ndarray]:
     """Finds the one or two poses T_map_camera from which points (N, 2) of the floor lie on rays (N, 3).
 
-    IPPE uses a homography, which is poorly determined if three of four points are nearly collinear; `polish` adds
-    least-squares steps, at twenty times the cost.
+    IPPE uses a homography, which is poorly determined if three of four points are nearly collinear: least squares follow.
     """
     # the solver needs the points around the origin
     center = np.array([*points.mean(axis=0), 0.0])
@@ -241,8 +240,7 @@ def _planar_poses(rays: np.ndarray, points: np.ndarray, polish: bool = False) ->
         return []
     poses = []
     for rotation, shift in zip(rotations, shifts) if found else ():
-        if polish:
-            rotation, shift = cv2.solvePnPRefineLM(*given, rotation, shift)
+        rotation, shift = cv2.solvePnPRefineLM(*given, rotation, shift)
         if np.isfinite(rotation).all() and np.isfinite(shift).all():
             pose = geometry.invert(geometry.transform(cv2.Rodrigues(rotation)[0], shift.ravel()))
             pose[:3, 3] += center
@@ -256,34 +254,25 @@ def _consensus(camera: CameraModel, observed: Correspondences) -> np.ndarray:
     The cost of a point grows with its error up to the limit (MSAC; Torr and Zisserman, 2000): counting alone could not
     tell a good pose from a bad one that the same points just agree with.
     """
-    rays = camera.rays(observed.pixels)
-
-    def ranked(sets: Sequence[np.ndarray], polish: bool) -> List[Tuple[float, np.ndarray, np.ndarray]]:
-        result = []
-        for chosen in sets:
-            for pose in _planar_poses(rays[chosen], observed.points[chosen], polish):
-                errors = _off_floor(pose, rays, observed.points) / _OUTLIER
-                result.append((float((np.minimum(errors, 1.0) ** 2).sum()), pose, chosen))
-        return sorted(result, key=lambda entry: entry[0])
-
-    # what the lens's model does not reach agrees with nothing
-    sets = [chosen for chosen in _minimal_sets(observed) if np.isfinite(rays[chosen]).all()]
-    best = ranked([chosen for _, _, chosen in ranked(sets, False)[:_PROMISING]], True)
-    if not best:
+    rays, best, least = camera.rays(observed.pixels), None, math.inf
+    for chosen in _minimal_sets(len(observed)):
+        # what the lens's model does not reach agrees with nothing
+        for pose in planar_poses(rays[chosen], observed.points[chosen]) if np.isfinite(rays[chosen]).all() else ():
+            errors = _off_floor(pose, rays, observed.points) / _OUTLIER
+            cost = float((np.minimum(errors, 1.0) ** 2).sum())
+            if cost < least:
+                best, least = pose, cost
+    if best is None:
         raise CodedError("no_consistent_pose", agreeing=0, points=len(observed), cm=f"{100 * _OUTLIER:.0f}")
-    return best[0][1]
+    return best
 
 
-def _minimal_sets(observed: Correspondences) -> List[np.ndarray]:
-    """Sets of four points that span something; all of them where they are few, else a fixed random choice."""
-    count = len(observed)
+def _minimal_sets(count: int) -> List[np.ndarray]:
+    """Returns sets of four of so many points; all of them where they are few, else a fixed random choice."""
     if math.comb(count, 4) <= _MAX_SETS:
         return [np.array(chosen) for chosen in itertools.combinations(range(count), 4)]
     random = np.random.default_rng(0)
-    sets = [random.choice(count, 4, replace=False) for _ in range(4 * _MAX_SETS)]
-    # the wider a set is spread, the less its own noise matters
-    spread = [cv2.contourArea(cv2.convexHull(observed.points[chosen].astype(np.float32))) for chosen in sets]
-    return [sets[i] for i in np.argsort(spread)[::-1][:_MAX_SETS]]
+    return [random.choice(count, 4, replace=False) for _ in range(_MAX_SETS)]
 
 
 class _Fit:
@@ -311,7 +300,7 @@ class _Fit:
         self.covariance = factor * np.linalg.pinv(solution.jac.T @ solution.jac)
 
     def _residuals(self, delta: np.ndarray) -> np.ndarray:
-        seen = _project(self._camera, _moved(self._start, delta), self._observed.points)
+        seen = project(self._camera, _moved(self._start, delta), self._observed.points)
         # a pose that has a point behind it must be worse than any other
         off = np.where(np.isfinite(seen), seen - self._observed.pixels, 1e4)
         return np.einsum("nij,nj->ni", self._whitening, off).ravel()
@@ -319,8 +308,8 @@ class _Fit:
     def _whiten(self) -> np.ndarray:
         """Returns the matrices (N, 2, 2) that make each point's errors in the image [px] independent, with deviation 1."""
         camera, pose, points = self._camera, self._start, self._observed.points
-        here, step = _project(camera, pose, points), self._params.point_sigma * np.eye(2)
-        moved = np.nan_to_num(np.stack([_project(camera, pose, points + move) - here for move in step], axis=2))
+        here, step = project(camera, pose, points), self._params.point_sigma * np.eye(2)
+        moved = np.nan_to_num(np.stack([project(camera, pose, points + move) - here for move in step], axis=2))
         return np.linalg.inv(np.linalg.cholesky(_PIXEL_SIGMA**2 * np.eye(2) + moved @ moved.transpose(0, 2, 1)))
 
 
@@ -328,7 +317,7 @@ def _refuse_if_ambiguous(
     camera: CameraModel, observed: Correspondences, params: PoseEstimationParams, fit: _Fit
 ) -> None:
     """Refuses a pose if another one is almost as likely: a small or distant plane looks alike from two sides."""
-    for pose in _planar_poses(camera.rays(observed.pixels), observed.points):
+    for pose in planar_poses(camera.rays(observed.pixels), observed.points):
         if _turn(pose, fit.T_map_camera) < _SAME_TURN:
             continue
         other = _Fit(camera, observed, params, pose)

@@ -13,9 +13,9 @@ from typing import NamedTuple, Tuple
 import cv2
 import numpy as np
 
-from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
+from vb_laser_detect.calibration.pose import planar_poses, project
 from vb_laser_detect.detection.projection import floor_points
 
 _CLICK_SIGMA = 1.0  # [px] how exactly a person marks a corner
@@ -75,14 +75,9 @@ def _pose(
 ) -> Tuple[CameraModel, np.ndarray, float]:
     """Returns the camera of a focal length [px], its pose above the floor, and the error [px]."""
     camera = CameraModel.ideal(image[0], image[1], focal)
-    objects = np.column_stack([points, np.zeros(4)])
     best = (camera, np.eye(4), math.inf)
-    solved = cv2.solvePnPGeneric(objects, pixels, camera.matrix, None, flags=cv2.SOLVEPNP_IPPE)
-    for turn, shift in zip(solved[1], solved[2]):
-        turn, shift = cv2.solvePnPRefineLM(objects, pixels, camera.matrix, None, turn, shift)
-        T = geometry.invert(geometry.transform(cv2.Rodrigues(turn)[0], shift.ravel()))
-        seen = camera.project(geometry.apply(geometry.invert(T), objects))
-        error = float(np.sqrt(np.mean(np.sum((seen - pixels) ** 2, axis=1))))
+    for T in planar_poses(camera.rays(pixels), points):
+        error = float(np.sqrt(np.mean(np.sum((project(camera, T, points) - pixels) ** 2, axis=1))))
         if T[2, 3] > 0.0 and error < best[2]:
             best = (camera, T, error)
     return best

@@ -32,27 +32,15 @@ _NONBLOCK = "4"  # AVFMT_FLAG_NONBLOCK has no name among FFmpeg's options
 _CLOCK_LIMIT = 5.0  # [s] a device whose stamps are farther from now has no clock
 _OFFSET_WINDOW = 500  # [packets] over which the quickest one counts
 _QUEUED = 0.5  # [s] what is read later than that is not caught up with, image by image
-# FFmpeg's errors, to the code of the sentence; others are told in FFmpeg's own words
+# a sentence's code, to FFmpeg's errors that it tells of; others are told in FFmpeg's own words
 _REASONS = {
-    errno.EBUSY: "camera_busy",
-    errno.ENODEV: "camera_unplugged",
-    errno.ENOENT: "camera_unplugged",
-    errno.ENXIO: "camera_unplugged",
-    errno.EIO: "camera_unreachable",
-    errno.EACCES: "camera_forbidden",
-    errno.EPERM: "camera_forbidden",
-    errno.ECONNREFUSED: "camera_unreachable",
-    errno.ECONNRESET: "camera_unreachable",
-    errno.EHOSTUNREACH: "camera_unreachable",
-    errno.ENETUNREACH: "camera_unreachable",
-    errno.ETIMEDOUT: "camera_unreachable",
-}
-_HTTP_REASONS = {
-    av.error.HTTPUnauthorizedError: "camera_password",
-    av.error.HTTPForbiddenError: "camera_password",
-    av.error.HTTPNotFoundError: "camera_no_stream",
-    av.error.InvalidDataError: "camera_no_stream",
-    av.error.ExitError: "camera_stalled",
+    "camera_password": (av.error.HTTPUnauthorizedError, av.error.HTTPForbiddenError),
+    "camera_no_stream": (av.error.HTTPNotFoundError, av.error.InvalidDataError),
+    "camera_stalled": (av.error.ExitError,),
+    "camera_busy": (errno.EBUSY,),
+    "camera_unplugged": (errno.ENODEV, errno.ENOENT, errno.ENXIO),
+    "camera_forbidden": (errno.EACCES, errno.EPERM),
+    "camera_unreachable": (errno.EIO, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ETIMEDOUT, ConnectionError),
 }
 
 
@@ -294,8 +282,8 @@ class CameraSource:
 
     def _fault(self, error: Any) -> CodedError:
         """Returns the sentence for what FFmpeg says."""
-        code = next((code for kind, code in _HTTP_REASONS.items() if isinstance(error, kind)), "")
-        code = code or _REASONS.get(getattr(error, "errno", None), "camera_fault")
+        told = (*type(error).__mro__, getattr(error, "errno", None))
+        code = next((code for code, reasons in _REASONS.items() if set(reasons) & set(told)), "camera_fault")
         return CodedError(
             code, source=printable(self.address), seconds=f"{_STALL_TIMEOUT:g}", why=getattr(error, "strerror", "")
         )

@@ -23,10 +23,8 @@ from vb_laser_detect.detection.tracking import Expected, Spot
 _MIN_WHITE = 128.0  # [grey levels] no camera's white is darker
 _MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
 _MIN_CHANGE = 0.15  # of the same; what differs by less from the background is not examined, and becomes part of it
-_DARKEST, _BRIGHTEST = (
-    64.0,
-    0.75,
-)  # [grey levels], of white: in black and in white rooms too a spot is told by its light
+# [grey levels], of white: in black and in white rooms too a spot is told by its light
+_DARKEST, _BRIGHTEST = 64.0, 0.75
 _SATURATED = 0.97
 _MAX_REGIONS = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: a light, nothing known holds any more

@@ -1,0 +1,152 @@
+#!/usr/bin/env python3
+"""One row for each kind of camera and images, in both roles: encodings, lasers, white levels, rates, sizes, JPEG, lenses.
+
+    python3 bench/detection/camera_kinds.py [--other REVISION|SRC] [--rows WORD ...] [--csv FILE]
+
+Rendered floors with a spot that is drawn across at the same speed per second, 1.5 s without it and 4 s (at least 24 images)
+with it (large images: 0.5 s and 1 s); a robot's camera looks round meanwhile, by up to 3 px per image. All versions see the
+same pictures, as each comes. Errors are in the image [px], those of the rows of lenses on the floor [mm], 2.95 m below.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from bench.detection.finder import Finder
+from bench.frame import TOP, Table, arguments, share
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_laser_detect.detection.projection import floor_points
+
+sys.path.insert(0, str(TOP / "src/vb_laser_detect/test"))
+from scenes import GREEN, RED, Scene  # noqa: E402
+
+NEAR_PX = 5.0
+POSE = geometry.transform(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 2.95))
+
+
+def uyvy(image: np.ndarray) -> np.ndarray:
+    """Converts bgr (H, W, 3) to 4:2:2 (H, W, 2), the luminance second, in video levels."""
+    luminance, *chroma = (plane.astype(int) for plane in cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2YUV)))
+    second = np.empty_like(luminance)
+    second[:, ::2], second[:, 1::2] = chroma[0][:, ::2], chroma[1][:, ::2]
+    return np.dstack([second, np.clip(16 + luminance * 219 / 255, 0, 255)]).astype(np.uint8)
+
+
+# what a driver sends of an image, by encoding
+SENT = {
+    "rgb8": lambda image: image[:, :, ::-1].copy(),
+    "mono8": lambda image: image[:, :, 1].copy(),
+    "mono16": lambda image: image[:, :, 1].astype(np.uint16) * 16,
+    "bayer_rggb16": lambda image: image.astype(np.uint16) * 16,
+    "yuv422": uyvy,
+}
+LENSES = {"raw": [-0.33, 0.12, 0.0, 0.0, 0.0], "rectified": [0.0] * 5, "fisheye": [-0.02, 0.004, -0.001, 0.0002]}
+
+
+class Kind(NamedTuple):
+    """One kind of camera; `encoding` and `lens` as in SENT and LENSES."""
+
+    name: str
+    color: Tuple[float, float, float] = GREEN
+    bayer: bool = False
+    size: Tuple[int, int] = (640, 480)
+    rate: float = 25.0
+    white: float = 255.0
+    jpeg: int = 0
+    encoding: str = ""
+    lens: str = ""
+
+
+def kinds() -> List[Kind]:
+    """Lists all kinds."""
+    found = []
+    for bayer, kind in ((False, "bgr8"), (True, "Bayer")):
+        found += [Kind(f"{kind}, {name} laser", color, bayer) for name, color in (("green", GREEN), ("red", RED))]
+        found += [Kind(f"{kind}, white level {white}", bayer=bayer, white=white) for white in (240, 224, 212, 200)]
+        found += [Kind(f"{kind}, {rate} images/s", bayer=bayer, rate=rate) for rate in (2, 5, 10, 60)]
+        sizes = (320, 240), (1920, 1080), (3840, 2160)
+        found += [Kind(f"{kind}, {size[0]} x {size[1]}", bayer=bayer, size=size) for size in sizes]
+    found += [Kind(f"{name} images", encoding=name, bayer="bayer" in name) for name in SENT]
+    found += [
+        Kind(f"bgr8, JPEG of quality 60, {name}", color, jpeg=60) for name, color in (("green", GREEN), ("red", RED))
+    ]
+    return found + [Kind(f"bgr8, {lens} images of a lens with distortion", lens=lens) for lens in LENSES]
+
+
+def pictures(kind: Kind, moving: bool) -> Iterator[Tuple[float, np.ndarray, Optional[Tuple[float, float]]]]:
+    """Yields stamp [s], image, and where the spot is [px]."""
+    (width, height), margin = kind.size, 60 if moving else 0
+    scene, small = Scene(width + margin, height + margin), width <= 640
+    quiet = max(6, int((1.5 if small else 0.5) * kind.rate))
+    for i in range(quiet + max(24, int((4.0 if small else 1.0) * kind.rate))):
+        angle, spot = 0.8 * i / kind.rate, None
+        left, top = (margin * (0.5 + 0.4 * np.sin(0.12 * i + np.array([0.0, 1.0])))).astype(int)
+        if i >= quiet:
+            spot = width * (0.5 + 0.33 * math.cos(angle)), height * (0.5 + 0.33 * math.sin(angle))
+        image = scene.render(
+            [spot] if spot else [],
+            sigma=max(1.3, math.hypot(width, height) / 400.0),
+            color=kind.color,
+            floor=np.ascontiguousarray(scene.floor[top : top + height, left : left + width]),
+            bayer=kind.bayer,
+        )
+        image = cv2.convertScaleAbs(image, alpha=kind.white / 255.0)
+        if kind.jpeg:
+            image = cv2.imdecode(
+                cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, kind.jpeg])[1], cv2.IMREAD_COLOR
+            )
+        yield i / kind.rate, SENT[kind.encoding](image) if kind.encoding else image, spot
+
+
+def measure(kind: Kind, preset: str, versions: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
+    """Yields each version's figures."""
+    finders = {name: Finder(preset, source) for name, source in versions.items()}
+    told: Dict[str, List[Tuple[float, float, float]]] = {name: [] for name in versions}
+    encoding, truth = kind.encoding or ("bayer_rggb8" if kind.bayer else "bgr8"), {}
+    for t, image, spot in pictures(kind, preset == "mobile"):
+        truth[t] = spot
+        for name, finder in finders.items():
+            try:
+                told[name] += [(one.stamp, one.spot.u, one.spot.v) for one in finder.find(image, t, encoding=encoding)]
+            except CodedError as error:
+                print(f"{name} refuses: {error}")
+    near, images = NEAR_PX * max(1.0, kind.size[0] / 640.0), sum(spot is not None for spot in truth.values())
+    for name, spots in told.items():
+        pairs = [np.array([(u, v), truth[t] or (math.inf, math.inf)]) for t, u, v in spots]
+        good = [pair for pair in pairs if np.hypot(*(pair[0] - pair[1])) <= near]
+        if kind.lens:
+            matrix = CameraModel.ideal(*kind.size, 0.6 * kind.size[0]).matrix
+            camera = CameraModel(*kind.size, matrix, np.array(LENSES[kind.lens]), kind.lens == "fisheye")
+            good = [1e3 * floor_points(camera, POSE, pair)[:, :2] for pair in good]
+        errors = [float(np.hypot(*(pair[0] - pair[1]))) for pair in good]
+        yield {
+            "version": name,
+            "found": share(len(good), images),
+            "false": len(pairs) - len(good),
+            "median_error": float(np.median(errors)) if errors else math.nan,
+            "unit": "mm" if kind.lens else "px",
+        }
+
+
+def main() -> int:
+    parser = arguments(__doc__, other=True)
+    parser.add_argument("--rows", nargs="+", default=[""], metavar="WORD", help="only rows with a WORD in their name")
+    given = parser.parse_args()
+    cv2.setNumThreads(1)
+    table, versions = Table(given.csv), {"this": None, **({"other": given.other} if given.other else {})}
+    for kind in (kind for kind in kinds() if any(word in kind.name for word in given.rows)):
+        for role, preset in (("ceiling", "stationary"), ("robot", "mobile"))[: 1 if kind.size[0] > 1920 else 2]:
+            for figures in measure(kind, preset, versions):
+                table.add(camera=kind.name, role=role, **figures)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
