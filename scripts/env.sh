@@ -20,7 +20,7 @@ if [ -z "${ROS_IP:-}${ROS_HOSTNAME:-}" ]; then
 fi
 export ROS_MASTER_URI=${ROS_MASTER_URI:-http://127.0.0.1:11311}
 export PATH="$_vb_top/.venv/bin:$PATH"
-export PYTHONPATH="$PYTHONPATH:$_vb_top"   # for bench/
+export PYTHONPATH="$PYTHONPATH:$_vb_top:$_vb_top/test/support"   # for bench/, and what tests share
 # Where Python is told not to write bytecode, as in many containers, each start of a node would compile all of its modules
 # again, a third of its start; here it is kept out of the sources.
 if [ -n "${PYTHONDONTWRITEBYTECODE:-}" ]; then

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """check_lab and lab_monitor beside a newcomer's lab: real topics, and every mistake in it is named."""
 
+import itertools
 import json
 import os
 import subprocess
-import threading
 import unittest
 import xmlrpc.client
 from pathlib import Path
@@ -13,6 +13,7 @@ import rosgraph
 import rosnode
 import rospy
 import rostest
+from vb_testing import wait_until
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosgraph_msgs.msg import Log
 from geometry_msgs.msg import TransformStamped
@@ -55,7 +56,6 @@ class CheckLab(unittest.TestCase):
         unfit = VirtualBorder(name="rug", enabled=True, reason="inactive_on_this_map")
         cls.borders.publish(borders=[VirtualBorder(name="desk", enabled=True, in_force=True), waiting, unfit])
         cls.told, cls.diagnosed, cls.logged = set(), set(), []
-        cls.changed = threading.Condition()
         rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices, queue_size=10)
         rospy.Subscriber("/diagnostics", DiagnosticArray, cls.on_diagnostics, queue_size=10)
         rospy.Subscriber("/rosout", Log, cls.on_log, queue_size=100)
@@ -65,24 +65,18 @@ class CheckLab(unittest.TestCase):
     def on_notices(cls, message):
         if message.source != "/lab_monitor":
             return
-        with cls.changed:
-            cls.told = {(notice.code, notice.camera) for notice in message.notices}
-            cls.changed.notify_all()
+        cls.told = {(notice.code, notice.camera) for notice in message.notices}
 
     @classmethod
     def on_diagnostics(cls, message):
-        with cls.changed:
-            cls.diagnosed.update(
-                (status.name, mapping_from_values(status.values).get("code"), status.level) for status in message.status
-            )
-            cls.changed.notify_all()
+        cls.diagnosed.update(
+            [(one.name, mapping_from_values(one.values).get("code"), one.level) for one in message.status]
+        )
 
     @classmethod
     def on_log(cls, message):
         if message.name == "/lab_monitor":
-            with cls.changed:
-                cls.logged.append(message.msg)
-                cls.changed.notify_all()
+            cls.logged.append(message.msg)
 
     @classmethod
     def play(cls, _event):
@@ -149,8 +143,7 @@ class CheckLab(unittest.TestCase):
         self.assertGreaterEqual(nodes, 4)
 
     def wait(self, arrived):
-        with self.changed:
-            self.assertTrue(self.changed.wait_for(arrived, 240.0), (self.told, self.diagnosed))
+        wait_until(arrived, lambda: f"what is not in {self.told} and {self.diagnosed}")
 
     def test_a_camera_that_should_be_there_is_reported_to_people(self):
         self.wait(lambda: ("detector_missing", "south") in self.told)
@@ -180,15 +173,13 @@ class CheckLab(unittest.TestCase):
         poses = rospy.Publisher("/tf_static", TFMessage, queue_size=1)
         told = lambda: "cameras_disagree" in {code for code, _ in self.told}  # noqa: E731
 
-        def until(arrived, each):
+        def repeat(each, arrived):
             """Does `each` ten times a second until something has arrived."""
-            step = 0
-            with self.changed:
-                while not arrived() and step < 2400:
-                    each(step)
-                    step += 1
-                    self.changed.wait(0.1)
-            self.assertTrue(arrived(), self.told)
+            steps = itertools.count()
+            timer = rospy.Timer(rospy.Duration(0.1), lambda _event: each(next(steps)))
+            self.wait(arrived)
+            timer.shutdown()
+            timer.join()
 
         def draw(step):
             for camera, off in (("east", 0.0), ("west", 0.1)):
@@ -203,8 +194,8 @@ class CheckLab(unittest.TestCase):
             pose.transform.translation.x = 0.1 * (step % 2)
             poses.publish(TFMessage([pose]))
 
-        until(told, draw)
-        until(lambda: not told(), move)
+        repeat(draw, told)
+        repeat(move, lambda: not told())
 
     def test_the_running_lab_says_by_itself_what_is_wrong(self):
         self.wait(lambda: ("lab_camera_not_calibrated", "north") in self.told)

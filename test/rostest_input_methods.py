@@ -3,9 +3,7 @@
 
 import json
 import shutil
-import sys
 import unittest
-from pathlib import Path
 
 import numpy as np
 import rospy
@@ -14,15 +12,14 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
 from std_srvs.srv import Trigger
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src" / "vb_voice_wizard" / "test"))
-from ros_helpers import Newest, wait_until  # noqa: E402
-from speech import RATE, say  # noqa: E402
-from terminal import Terminal  # noqa: E402
+from vb_testing import Newest, wait_until
+from speech import RATE, say
+from terminal import Terminal
 
-from vb_core import names  # noqa: E402
-from vb_core.grid_map import GridMap  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid  # noqa: E402
-from vb_msgs.msg import (  # noqa: E402
+from vb_core import names
+from vb_core.grid_map import GridMap
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid
+from vb_msgs.msg import (
     Audio,
     BorderPreview,
     BorderProgress,
@@ -31,7 +28,7 @@ from vb_msgs.msg import (  # noqa: E402
     SpeechCommand,
     VirtualBorderArray,
 )
-from vb_msgs.srv import Command  # noqa: E402
+from vb_msgs.srv import Command
 
 COMMANDS = ("define_border", "define_seed", "save")
 FRAME_S = 0.04  # 25 images a second

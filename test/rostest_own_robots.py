@@ -4,9 +4,7 @@
 import math
 import os
 import signal
-import socket
 import subprocess
-import sys
 import threading
 import unittest
 from pathlib import Path
@@ -19,17 +17,17 @@ from geometry_msgs.msg import Point, PoseStamped, Twist
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import LaserScan
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src" / "vb_web" / "test"))
-from phone import Browser  # noqa: E402
+from phone import Browser
+from vb_testing import is_listening, wait_until
 
-from vb_core import geometry, names, sentences  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_transform  # noqa: E402
-from vb_msgs.msg import DriverState, NoticeArray, RobotStatusArray, VirtualBorder, VirtualBorderArray  # noqa: E402
-from vb_msgs.srv import AddBorder, RemoveBorder  # noqa: E402
+from vb_core import geometry, names, sentences
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_transform
+from vb_evaluation.processes import free_port
+from vb_msgs.msg import DriverState, NoticeArray, RobotStatusArray, VirtualBorder, VirtualBorderArray
+from vb_msgs.srv import AddBorder, RemoveBorder
 
 CARPET = [(3.12, 0.8), (5.12, 0.8), (5.12, 2.05), (3.12, 2.05)]
 START = {"ada": (7.0, 1.5, math.pi), "bob": (7.0, 3.0, math.pi), "cid": (5.8, 2.4, math.pi)}
-TIMEOUT = 180.0  # [s] on a busy computer; only a fault waits to the end
 
 
 class Robots:
@@ -79,7 +77,6 @@ class OwnRobots(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("own_robots")
-        cls.changed = threading.Condition()
         cls.heard, cls.logged, cls.launch, cls.browser = {}, [], None, None
         cls.robots = Robots()
         cls.goals = {
@@ -103,29 +100,21 @@ class OwnRobots(unittest.TestCase):
 
     @classmethod
     def hear(cls, message, topic):
-        with cls.changed:
-            cls.heard[topic if topic != names.DRIVERS else (topic, message.robot)] = message
-            cls.changed.notify_all()
+        cls.heard[topic if topic != names.DRIVERS else (topic, message.robot)] = message
 
     @classmethod
     def hear_notices(cls, message):
-        with cls.changed:
-            cls.heard[("notices", message.source)] = message.notices
-            cls.changed.notify_all()
+        cls.heard[("notices", message.source)] = message.notices
 
     @classmethod
     def hear_log(cls, message):
-        with cls.changed:
-            cls.logged.append((message.level, message.msg))
-            cls.changed.notify_all()
+        cls.logged.append((message.level, message.msg))
 
     @classmethod
     def start(cls, *arguments, robots="ada bob", **environment):
         """Starts borders_only.launch, and the page in a browser."""
         cls.stop()
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
+        port = free_port()
         state = Path(rospy.get_param("~state"))
         command = ["roslaunch", "vb_bringup", "borders_only.launch", f"state:={state}", f"page_port:={port}"]
         cls.logged = []
@@ -134,11 +123,7 @@ class OwnRobots(unittest.TestCase):
             [*command, f"robots:={robots}", *arguments], env={**os.environ, **environment}, start_new_session=True
         )
         cls.wait(lambda: names.BORDERS in cls.heard and names.ROBOTS in cls.heard, "borders_only to start")
-        for _ in range(int(TIMEOUT / 0.1)):
-            with socket.socket() as probe:
-                if probe.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            rospy.rostime.wallsleep(0.1)
+        wait_until(lambda: is_listening(port), "the page to listen")
         cls.browser = Browser(f"http://127.0.0.1:{port}/")
         cls.browser.wait("window.virtualBorders && window.virtualBorders.view.offer", what="what is connected")
         cls.browser.run("document.getElementById('health').open = true")
@@ -154,9 +139,7 @@ class OwnRobots(unittest.TestCase):
 
     @classmethod
     def wait(cls, arrived, what):
-        with cls.changed:
-            if not cls.changed.wait_for(arrived, TIMEOUT):
-                raise AssertionError(f"waited for {what}; heard {cls.heard.get(('notices', '/robot_monitor'))}")
+        wait_until(arrived, lambda: f"{what}; heard {cls.heard.get(('notices', '/robot_monitor'))}")
 
     @classmethod
     def notices(cls):

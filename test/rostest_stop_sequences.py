@@ -7,25 +7,22 @@ stands; and one more resume, by somebody who looks, lets it drive again.
 
 import os
 import random
-import sys
 import tempfile
 import threading
 import time
 import unittest
-from pathlib import Path
 
 import rospy
 import rostest
 
-TOP = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(TOP / "src" / "vb_voice_wizard" / "test"))
-from ros_helpers import Newest, Process, StubNeighbors, wait_until  # noqa: E402
+from neighbors import StubNeighbors
+from vb_testing import Newest, Process, wait_until
 
-from vb_core import names  # noqa: E402
-from vb_core.errors import CodedError  # noqa: E402
-from vb_core.ros import commands  # noqa: E402
-from vb_core.stop_latch import new_id  # noqa: E402
-from vb_msgs.msg import DriverState, InteractionState, Stop  # noqa: E402
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.ros import commands
+from vb_core.stop_latch import new_id
+from vb_msgs.msg import DriverState, InteractionState, Stop
 
 SEQUENCES = int(os.environ.get("SEQUENCES", "3"))
 FIRST = int(os.environ.get("FIRST_SEQUENCE", "0"))
@@ -43,21 +40,20 @@ class StopSequences(unittest.TestCase):
         cls.driver = Newest(names.DRIVERS, DriverState)
         cls.topic = rospy.Publisher(names.STOP, Stop, queue_size=10)
         cls.manager = Process(
+            "vb_voice_wizard",
             "interaction_manager",
             "__name:=interaction_manager",
             f"_state_file:={FOLDER}/s.json",
             f"_log_file:={FOLDER}/l",
         )
-        cls.robot = Process(
-            "robot_driver", "__name:=robot_driver", f"_stop_file:={FOLDER}/robot.json", package="vb_robot"
-        )
+        cls.robot = Process("vb_robot", "robot_driver", "__name:=robot_driver", f"_stop_file:={FOLDER}/robot.json")
         cls.answers, cls.lock = [], threading.Lock()
         cls.people = [commands.CommandSender(f"person {number}", cls.on_answer) for number in range(3)]
         for person in cls.people:
             person.connect()
         rospy.wait_for_service(names.COMMAND, 120)
         # a person presses what the page shows, so it must have been told something
-        wait_until(lambda: cls.state.all and cls.driver.all, "first messages of both")
+        assert cls.state.message and cls.driver.message
 
     @classmethod
     def tearDownClass(cls):
@@ -120,8 +116,7 @@ class StopSequences(unittest.TestCase):
         rospy.wait_for_service(names.COMMAND, 120)
         # what holds now must have been told to and by both since
         for newest in (self.state, self.driver):
-            count = len(newest.all)
-            wait_until(lambda: len(newest.all) > count + 3, "messages of both")
+            newest.next(4)
         told = [
             at for command, _, at, code in self.answers if command == "stop" and code in ("stopped", "stop_released")
         ]

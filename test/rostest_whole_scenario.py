@@ -7,11 +7,12 @@ import unittest
 import numpy as np
 import rospy
 import rostest
+from vb_testing import wait_until
 
 from vb_core import names
 from vb_core.geometry import resample_chain
 from vb_evaluation import metrics
-from vb_evaluation.observer import Observer, wait_until
+from vb_evaluation.observer import Observer
 from vb_msgs.msg import InteractionState, LaserSpot, NoticeArray
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
@@ -47,9 +48,9 @@ class WholeScenario(unittest.TestCase):
         rospy.Subscriber(
             names.STATE, InteractionState, lambda state: entered.update({state.entered.to_sec(): state.name})
         )
-        self.assertTrue(wait_until(lambda: observer.outcome is not None, 200.0), f"never done; state: {observer.state}")
+        wait_until(lambda: observer.outcome is not None, lambda: f"the end; the state is {observer.state}", 200.0)
         self.assertEqual(observer.outcome["outcome"], "saved", observer.outcome)
-        self.assertTrue(wait_until(lambda: observer.state.last_outcome == "saved" and observer.borders, 120.0))
+        wait_until(lambda: observer.state.last_outcome == "saved" and observer.borders, "the saved border")
 
         self.assertEqual(alarms, set())
 
@@ -86,7 +87,9 @@ class WholeScenario(unittest.TestCase):
         # navigation respects it: the room cannot be reached, its outside can
         pose = lambda p: (p[0], p[1], math.radians(p[2]))  # noqa: E731
         start, goal = pose(scenario.proof.start), pose(scenario.proof.goal)
-        self.assertTrue(wait_until(lambda: not len(observer.plan(start, goal, "/move_base/make_plan")), 120.0))
+        wait_until(
+            lambda: not len(observer.plan(start, goal, "/move_base/make_plan")), "navigation to know of the border"
+        )
         self.assertTrue(len(observer.plan(start, (4.0, 2.4, 0.0), "/move_base/make_plan")))
 
 

@@ -24,12 +24,11 @@ from typing import List
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
-from bench.frame import TOP, Table, arguments, quantiles
+from bench.frame import Table, arguments, quantiles
 from bench.lab.page_lab import Pointer, node_process, start
 from vb_core.ros.commands import make_request, send
 from vb_evaluation.processes import spawn
 
-sys.path.insert(0, str(TOP / "src" / "vb_web" / "test"))
 LISTENER = "from bench.lab import page; page.listen_many({port}, {count}, {seconds})"
 SHOWN = """window.delays = []; const map = window.virtualBorders.map, set = map.setSpots.bind(map);
   map.setSpots = (spots) => { set(spots); const newest = Math.max(...Object.values(spots).map((s) => s[3]));

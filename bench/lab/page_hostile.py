@@ -26,11 +26,10 @@ import yaml
 from tornado.httpclient import AsyncHTTPClient, HTTPRequest
 from tornado.websocket import WebSocketClosedError, websocket_connect
 
-from bench.frame import TOP, Table, arguments
+from bench.frame import Table, arguments
 from bench.lab.page_lab import node_process, start
 
-sys.path.insert(0, str(TOP / "src" / "vb_web" / "test"))
-from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
+from hostile import GOOD_DRAFT, hostile_messages
 
 LIMIT = 5.0  # [s] then a stop counts as lost
 ANY = ssl.create_default_context()

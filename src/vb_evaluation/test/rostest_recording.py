@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import csv
-import time
 import unittest
 from pathlib import Path
 from xmlrpc.client import ServerProxy
@@ -14,6 +13,7 @@ import numpy as np
 import rosgraph
 import rospy
 import rostest
+from vb_testing import TIMEOUT, Newest, wait_until
 from geometry_msgs.msg import Point
 
 from vb_core import names
@@ -25,7 +25,6 @@ from vb_evaluation.study_kit.recording import Recording
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_msgs.srv import Command
 
-DEADLINE = 120.0  # [s] for a loaded machine
 SQUARE = np.array([[1.0, 1.0], [2.5, 1.0], [2.5, 2.0], [1.0, 2.0]])
 
 
@@ -39,23 +38,11 @@ class RecordingTest(unittest.TestCase):
     def setUp(self) -> None:
         rospy.init_node("rostest_recording")
         self.folder = Path(rospy.get_param("~folder"))
-        self.state = InteractionState()
-        self.subscriber = rospy.Subscriber(
-            names.STATE, InteractionState, lambda message: setattr(self, "state", message)
-        )
+        self.state = Newest(names.STATE, InteractionState)
         self.map = rospy.Publisher(names.PHYSICAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
         self.map.publish(messages.message_from_grid(lab(), rospy.Time.now()))
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=1000)
         self.command = rospy.ServiceProxy(names.COMMAND, Command)
-
-    def wait(self, condition, what: str):
-        until = time.monotonic() + DEADLINE
-        while time.monotonic() < until:
-            found = condition()
-            if found:
-                return found
-            rospy.rostime.wallsleep(0.05)
-        self.fail(f"{what} did not happen within {DEADLINE:.0f} s")
 
     def give_command(self, command: str) -> None:
         reply = self.command(command=command, source="test")
@@ -71,27 +58,27 @@ class RecordingTest(unittest.TestCase):
             rospy.rostime.wallsleep(0.002)
 
     def test_one_interaction(self):
-        rospy.wait_for_service(names.COMMAND, DEADLINE)
-        rospy.wait_for_service(names.ADD_BORDER, DEADLINE)
+        rospy.wait_for_service(names.COMMAND, TIMEOUT)
+        rospy.wait_for_service(names.ADD_BORDER, TIMEOUT)
         # the point set and the recorder listen
-        self.wait(self.is_subscribed, "the connection of fusion and recorder")
-        self.wait(lambda: Recording(self.folder).maps, "the record of the physical map")
+        wait_until(self.is_subscribed, "the connection of fusion and recorder")
+        wait_until(lambda: Recording(self.folder).maps, "the record of the physical map")
         corners = np.vstack([SQUARE, SQUARE[:1]])
         outline = np.vstack(
             [np.linspace(a, b, 60, endpoint=False) for a, b in zip(corners[:-1], corners[1:])] + [corners[:1]]
         )
         self.give_command("define_border")
-        self.wait(lambda: self.state.name == "border", "the state Border")
+        self.state.wait(lambda message: message.name == "border", "the state Border")
         self.draw(outline)
         self.give_command("define_seed")
-        self.wait(lambda: self.state.name == "seed", "the state Seed")
+        self.state.wait(lambda message: message.name == "seed", "the state Seed")
         self.draw(np.tile(SQUARE.mean(axis=0), (20, 1)))
-        self.wait(self.saved, "the save")
-        self.wait(lambda: len(Recording(self.folder).maps) >= 2, "the record of the map with borders")
+        wait_until(self.saved, "the save")
+        wait_until(lambda: len(Recording(self.folder).maps) >= 2, "the record of the map with borders")
         # rosbag gives a bag its name when it closes it; roslaunch starts the recorder again, into the next bag
         uri = rosgraph.Master("/test").lookupNode("/recorder")
         ServerProxy(uri).shutdown("/test", "the recording is over")
-        self.wait(lambda: (self.folder / "bags" / "01.bag").is_file(), "the closing of the bag")
+        wait_until(lambda: (self.folder / "bags" / "01.bag").is_file(), "the closing of the bag")
 
         recording = Recording(self.folder)
         (interaction,) = recording.interactions

@@ -4,11 +4,11 @@ import socket
 import signal
 import subprocess
 import sys
-import time
 import uuid
 from pathlib import Path
 
 from vb_evaluation.processes import Child, free_port, start_screen
+from vb_testing import wait_until
 
 
 def test_a_child_and_all_it_started_end(tmp_path):
@@ -74,13 +74,6 @@ def commands_with(mark):
         except OSError:
             continue  # it has just ended
     return [command for command in found if command]  # an ended one that nobody has asked for has none
-
-
-def wait_until(condition, what, seconds=240.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.1)
 
 
 def test_a_script_that_is_ended_leaves_nothing_behind(tmp_path):

@@ -16,16 +16,15 @@ import rostest
 import yaml
 from geometry_msgs.msg import Point
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import wait_until  # noqa: E402
-from vb_core import sentences  # noqa: E402
-from vb_core.grid_map import GridMap  # noqa: E402
-from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, message_from_grid  # noqa: E402
-from vb_core.notices import Notice, Severity  # noqa: E402
-from vb_core.ros.notices import message_from_notice  # noqa: E402
-from vb_feedback.display.layout import Box, fit_view  # noqa: E402
-from vb_feedback.display.restriction_overlay import PREVIEW  # noqa: E402
-from vb_msgs.msg import (  # noqa: E402
+from vb_testing import wait_until
+from vb_core import sentences
+from vb_core.grid_map import GridMap
+from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, message_from_grid
+from vb_core.notices import Notice, Severity
+from vb_core.ros.notices import message_from_notice
+from vb_feedback.display.layout import Box, fit_view
+from vb_feedback.display.restriction_overlay import PREVIEW
+from vb_msgs.msg import (
     BorderProgress,
     BorderIssue,
     InteractionState,
@@ -34,7 +33,7 @@ from vb_msgs.msg import (  # noqa: E402
     VirtualBorder,
     VirtualBorderArray,
 )
-from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
+from visualization_msgs.msg import Marker, MarkerArray
 
 
 class Screen:

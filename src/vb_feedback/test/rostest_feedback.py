@@ -3,17 +3,14 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import unittest
 
 import rospy
 import rostest
 from std_msgs.msg import ColorRGBA
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import wait_until  # noqa: E402
-from vb_msgs.msg import InteractionState, LaserSpot, Sound  # noqa: E402
+from vb_testing import wait_until
+from vb_msgs.msg import InteractionState, LaserSpot, Sound
 
 
 class FeedbackTest(unittest.TestCase):

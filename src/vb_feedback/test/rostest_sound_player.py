@@ -6,8 +6,6 @@ from __future__ import annotations
 import importlib.util
 import os
 import stat
-import subprocess
-import sys
 import tempfile
 import unittest
 
@@ -15,10 +13,9 @@ import rospy
 import rostest
 from rosgraph_msgs.msg import Log
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import wait_until  # noqa: E402
-from vb_feedback.sound.tone_synthesis import synthesize  # noqa: E402
-from vb_msgs.msg import InteractionState, Sound  # noqa: E402
+from vb_testing import Process, assert_ends_with_one_line, wait_until
+from vb_feedback.sound.tone_synthesis import synthesize
+from vb_msgs.msg import InteractionState, Sound
 
 
 class SoundPlayerTest(unittest.TestCase):
@@ -32,7 +29,7 @@ class SoundPlayerTest(unittest.TestCase):
         hears = cls.program("hears", f"cat >> {cls.folder.name}/pcm")
         deaf = cls.program("deaf", f'echo tried >> {cls.folder.name}/tried; exec aplay "$@"')
         cls.nodes = [
-            subprocess.Popen(["rosrun", "vb_feedback", "sound_player", f"__name:={name}", *more])
+            Process("vb_feedback", "sound_player", f"__name:={name}", *more)
             for name, more in (
                 ("hears", [f"_program:={hears}", "_volume:=1.0", "_max_age:=10.0"]),
                 ("deaf", [f"_program:={deaf}", "_device:=no_such_device"]),
@@ -58,8 +55,7 @@ class SoundPlayerTest(unittest.TestCase):
     @classmethod
     def tearDownClass(cls):
         for node in cls.nodes:
-            node.terminate()
-            node.wait()
+            node.stop()
         cls.folder.cleanup()
 
     def test_1_sounds_are_played_whole_and_in_order(self):
@@ -84,21 +80,12 @@ class SoundPlayerTest(unittest.TestCase):
         said = [text for name, level, text in self.said if name == "/deaf" and level >= Log.WARN]
         said = [text for text in said if "there is no sound:" in text]
         self.assertEqual(len(said), 1, said)
-        self.assertIsNone(self.nodes[1].poll())
+        self.assertIsNone(self.nodes[1].process.poll())
 
     def test_3_kobuki_without_its_messages_ends_with_one_sentence(self):
         if importlib.util.find_spec("kobuki_msgs") is not None:
             self.skipTest("kobuki_msgs is installed here")
-        run = subprocess.run(
-            ["rosrun", "vb_feedback", "kobuki_feedback"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            universal_newlines=True,
-            timeout=240,
-        )
-        self.assertEqual(run.returncode, 1, run.stdout)
-        self.assertIn("kobuki_msgs is not installed", run.stdout)
-        self.assertNotIn("Traceback", run.stdout)
+        assert_ends_with_one_line("vb_feedback", "kobuki_feedback", [([], "kobuki_msgs is not installed")])
 
     def test_4_kobuki_with_its_messages(self):
         # the package's own definitions, for machines that do not have it
@@ -117,7 +104,7 @@ class SoundPlayerTest(unittest.TestCase):
             rospy.Subscriber("mobile_base/commands/sound", messages.Sound, beeps.append),
         ]
         state = rospy.Publisher("/virtual_borders/state", InteractionState, queue_size=5, latch=True)
-        node = subprocess.Popen(["rosrun", "vb_feedback", "kobuki_feedback"], env={**os.environ, "PYTHONPATH": paths})
+        node = Process("vb_feedback", "kobuki_feedback", env={**os.environ, "PYTHONPATH": paths})
         try:
             state.publish(InteractionState(state=InteractionState.GUIDE, name="guide"))
             wait_until(lambda: [light.value for light in lights] == [3], "the red light of Guide")
@@ -130,8 +117,7 @@ class SoundPlayerTest(unittest.TestCase):
             self.sounds.publish(name="error")
             wait_until(lambda: [beep.value for beep in beeps] == [4], "the error's beep")
         finally:
-            node.terminate()
-            node.wait()
+            node.stop()
 
 
 KOBUKI_MESSAGES = """

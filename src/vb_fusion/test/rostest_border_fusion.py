@@ -3,7 +3,6 @@
 
 import os
 import signal
-import time
 import unittest
 from pathlib import Path
 from xmlrpc.client import ServerProxy
@@ -12,13 +11,13 @@ import numpy as np
 import rosgraph
 import rospy
 import rostest
+from vb_testing import TIMEOUT, wait_until
 
 from vb_core import names
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, NoticeArray, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder
 
 NODE = "/border_fusion"
-DEADLINE = 120.0  # [s] for a loaded machine
 AT_ONCE = 100  # spots: a quarter of what the node queues
 
 
@@ -46,15 +45,9 @@ class BorderFusionTest(unittest.TestCase):
     def tearDown(self) -> None:
         for end in (self.state, self.spots, self.subscriber, self.notices):
             end.unregister()
-        self.wait(lambda: True, "")
 
     def wait(self, condition, what: str):
-        until = time.monotonic() + DEADLINE
-        while time.monotonic() < until:
-            if condition():
-                return
-            rospy.rostime.wallsleep(0.02)
-        self.fail(f"{what} did not happen; the last progress was {self.progress[-1:]}")
+        wait_until(condition, lambda: f"{what}; the last progress was {self.progress[-1:]}")
 
     def connected(self) -> None:
         self.wait(
@@ -64,7 +57,7 @@ class BorderFusionTest(unittest.TestCase):
             and self.notices.get_num_connections(),
             "the connection",
         )
-        rospy.wait_for_service(names.GET_DRAWN_BORDER, DEADLINE)
+        rospy.wait_for_service(names.GET_DRAWN_BORDER, TIMEOUT)
 
     def enter(self, state: int, interaction: str, outcome: str = "", age: float = 0.0) -> None:
         message = InteractionState(state=state, interaction_id=interaction, last_outcome=outcome)

@@ -2,9 +2,7 @@
 """The real commands, guided by a scripted person: spots clicked in RViz; and what publishes the pose."""
 
 import math
-import os
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -26,8 +24,7 @@ from vb_core.ros import messages
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.detection.projection import floor_points
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from scenes import Scene  # noqa: E402
+from scenes import Scene
 
 TIMEOUT = 120.0
 SMALL = CameraModel(640, 360, np.array([[400.0, 0, 319], [0, 400.0, 181], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))

@@ -2,7 +2,6 @@
 """A detector that reads its camera itself: spots, stamps, images for others, and what becomes of it when the camera fails."""
 
 import subprocess
-import sys
 import threading
 import time
 import unittest
@@ -18,19 +17,18 @@ import tf2_ros
 import yaml
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from mjpeg_server import MjpegServer  # noqa: E402
-from scenes import GREEN, Scene  # noqa: E402
+from mjpeg_server import MjpegServer
+from scenes import GREEN, Scene
+from vb_testing import TIMEOUT, Process, wait_until
 
-from vb_core import geometry, names  # noqa: E402
-from vb_core.camera_model import CameraModel  # noqa: E402
-from vb_core.ros import messages  # noqa: E402
-from vb_core.ros.images import array_from_image  # noqa: E402
-from vb_core.ros.notices import NoticeListener  # noqa: E402
-from vb_laser_detect.camera import lens_file  # noqa: E402
-from vb_msgs.msg import DetectorStatus, LaserSpot  # noqa: E402
+from vb_core import geometry, names
+from vb_core.camera_model import CameraModel
+from vb_core.ros import messages
+from vb_core.ros.images import array_from_image
+from vb_core.ros.notices import NoticeListener
+from vb_laser_detect.camera import lens_file
+from vb_msgs.msg import DetectorStatus, LaserSpot
 
-TIMEOUT = 60.0
 COMMAND = ("rosrun", "vb_laser_detect", "calibrate_camera")
 LATE_S = 0.4  # [s] by which the camera is late
 PLACE = (300.0, 200.0)
@@ -48,14 +46,6 @@ def images(width=640, height=480):
     empty = [jpeg(scene.render([])) for _ in range(8)]
     spot = [jpeg(scene.render([(PLACE[0] + 2 * (i % 3), PLACE[1])], sigma=1.6, color=GREEN)) for i in range(9)]
     return empty, spot
-
-
-def until(condition, what, timeout=TIMEOUT):
-    end = time.monotonic() + timeout
-    while not condition():
-        if time.monotonic() > end:
-            raise AssertionError(f"waited in vain for {what}")
-        time.sleep(0.02)
 
 
 class TestCameraSource(unittest.TestCase):
@@ -78,13 +68,12 @@ class TestCameraSource(unittest.TestCase):
         rospy.set_param("/spot_detector_hall", yaml.safe_load(config.read_text()))
         for name, value in (("camera", "hall"), ("source", cls.server.address()), ("settings", str(cls.settings))):
             rospy.set_param(f"/spot_detector_hall/{name}", value)
-        cls.node = subprocess.Popen(["rosrun", "vb_laser_detect", "spot_detector", "__name:=spot_detector_hall"])
-        until(lambda: cls.status and cls.status[-1].processed > 20, "the first images")
+        cls.node = Process("vb_laser_detect", "spot_detector", "__name:=spot_detector_hall")
+        wait_until(lambda: cls.status and cls.status[-1].processed > 20, "the first images")
 
     @classmethod
     def tearDownClass(cls):
-        cls.node.terminate()
-        cls.node.wait()
+        cls.node.stop()
         cls.server.close()
 
     def codes(self):
@@ -92,7 +81,7 @@ class TestCameraSource(unittest.TestCase):
 
     def test_1_spots_are_where_and_when_they_were(self):
         self.server.jpegs = self.spot
-        until(lambda: len(self.spots) > 20, "spots")
+        wait_until(lambda: len(self.spots) > 20, "spots")
         arrived, message = self.spots[-1]
         rays = CAMERA.rays(np.array([PLACE])) @ T[:3, :3].T
         truth = geometry.intersect_floor(T[:3, 3], rays)[0]
@@ -120,21 +109,21 @@ class TestCameraSource(unittest.TestCase):
 
     def test_3_a_stalled_camera_is_named_and_comes_back(self):
         self.server.stalled.set()
-        until(lambda: "camera_stalled" in self.codes(), "the sentence")
+        wait_until(lambda: "camera_stalled" in self.codes(), "the sentence")
         self.server.stalled.clear()
         self.comes_back()
 
     def test_4_a_camera_that_vanishes_is_named_and_comes_back(self):
         self.server.status = 401
         self.server.broken.set()
-        until(lambda: "camera_password" in self.codes(), "the sentence")
+        wait_until(lambda: "camera_password" in self.codes(), "the sentence")
         self.server.broken.clear()
         self.server.status = 200
         self.comes_back()
 
     def test_5_spots_are_dropped_while_the_lens_is_of_another_image_size(self):
         self.server.jpegs = images(320, 240)[1]
-        until(lambda: self.refused("no_camera_info") > 0, "the refusal")
+        wait_until(lambda: self.refused("no_camera_info") > 0, "the refusal")
         self.server.jpegs = self.spot
         self.comes_back()
 
@@ -145,7 +134,7 @@ class TestCameraSource(unittest.TestCase):
             other.publish(DetectorStatus(camera="hall", frame_id="hall_optical_frame"))
             return self.refused("camera_name_twice") > 0
 
-        until(speak, "the refusal")
+        wait_until(speak, "the refusal")
 
     def test_7_the_exposure_of_a_camera_in_the_network_cannot_be_set(self):
         done = subprocess.run(
@@ -177,8 +166,8 @@ class TestCameraSource(unittest.TestCase):
 
     def comes_back(self):
         count = len(self.spots)
-        until(lambda: len(self.spots) > count + 10, "spots")
-        until(lambda: not self.codes(), "the sentence's end")
+        wait_until(lambda: len(self.spots) > count + 10, "spots")
+        wait_until(lambda: not self.codes(), "the sentence's end")
 
 
 if __name__ == "__main__":

@@ -5,8 +5,6 @@ Spots are where and when they were; whatever is wrong with its input, a detector
 and goes on.
 """
 
-import os
-import sys
 import threading
 import unittest
 from collections import defaultdict
@@ -29,9 +27,8 @@ from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from players import FixedCamera, RobotCamera  # noqa: E402
-from scenes import GREEN, RED  # noqa: E402
+from players import FixedCamera, RobotCamera
+from scenes import GREEN, RED
 
 TIMEOUT = 120.0
 WARN_EVERY = 10.0

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -15,10 +14,10 @@ import numpy as np
 import rospy
 import rostest
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import Latest, MapServer, lab, wait_until  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
-from vb_msgs.msg import VirtualBorderArray  # noqa: E402
+from map_server import MapServer, lab
+from vb_testing import Newest, wait_until
+from vb_core.ros.messages import OccupancyGridArray
+from vb_msgs.msg import VirtualBorderArray
 
 SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
 
@@ -28,10 +27,10 @@ class BorderFilesTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("rostest_border_files")
         cls.grid = lab()
-        cls.maps = Latest("/virtual_borders/map", OccupancyGridArray)
-        cls.borders = Latest("/virtual_borders/borders", VirtualBorderArray)
+        cls.maps = Newest("/virtual_borders/map", OccupancyGridArray)
+        cls.borders = Newest("/virtual_borders/borders", VirtualBorderArray)
         cls.server = MapServer(cls.grid)
-        wait_until(lambda: cls.maps.count and cls.borders.count, "the first map")
+        assert cls.maps.message and cls.borders.message
 
     def stored(self, count):
         wait_until(lambda: len(self.borders.message.borders) == count, f"{count} border(s)")

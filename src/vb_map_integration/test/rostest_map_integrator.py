@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
-import sys
 import unittest
 
 import numpy as np
@@ -17,12 +15,12 @@ from geometry_msgs.msg import Point, TransformStamped
 from std_srvs.srv import Trigger
 from tf2_ros import StaticTransformBroadcaster
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import Latest, MapServer, lab, polygon, wait_until  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
-from vb_core.map_files import read_map  # noqa: E402
-from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray  # noqa: E402
-from vb_msgs.srv import (  # noqa: E402
+from map_server import MapServer, lab, polygon
+from vb_testing import Newest, assert_ends_with_one_line, wait_until
+from vb_core.ros.messages import OccupancyGridArray
+from vb_core.map_files import read_map
+from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray
+from vb_msgs.srv import (
     AddBorder,
     AddBorderRequest,
     ConfirmMap,
@@ -56,8 +54,8 @@ class MapIntegratorTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("rostest_map_integrator")
         cls.folder = rospy.get_param("~folder")
-        cls.maps = Latest("/virtual_borders/map", OccupancyGridArray)
-        cls.borders = Latest("/virtual_borders/borders", VirtualBorderArray)
+        cls.maps = Newest("/virtual_borders/map", OccupancyGridArray)
+        cls.borders = Newest("/virtual_borders/borders", VirtualBorderArray)
         cls.grid = lab()
         for name in SERVICES:
             rospy.wait_for_service(f"/virtual_borders/{name}", 120.0)
@@ -70,8 +68,7 @@ class MapIntegratorTest(unittest.TestCase):
         transform.transform.rotation.w = 1.0
         cls.broadcaster = StaticTransformBroadcaster()
         cls.broadcaster.sendTransform(transform)
-        wait_until(lambda: cls.maps.count, "the first map, with no border")
-        wait_until(lambda: cls.borders.count, "the first list of borders")
+        assert cls.borders.message
         assert (cls.cells() == cls.grid.data).all()
 
     @classmethod
@@ -223,7 +220,7 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual((robots.code, robots.values[0].value), ("unknown_robot", "nobody"))
 
     def test_walls_and_slow_zones(self):
-        limits = Latest("/virtual_borders/speed_limits", OccupancyGridArray)
+        limits = Newest("/virtual_borders/speed_limits", OccupancyGridArray)
         slow = polygon(zone=VirtualBorder.SLOW, max_speed=0.25)
         self.assertEqual(self.call("add_border", slow, "", "test").code, "ok")
         wait_until(lambda: (np.asarray(limits.message.data) == 25).sum() == 400, "limits")
@@ -236,7 +233,7 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertTrue(all(border.in_force for border in self.borders.message.borders))
 
     def test_a_map_that_may_be_another_place(self):
-        notices = Latest("/virtual_borders/notices", NoticeArray)
+        notices = Newest("/virtual_borders/notices", NoticeArray)
         self.call("add_border", polygon(name="carpet"), "", "test")
         wait_until(lambda: self.restricted() == 400, "400 restricted cells")
         ground, other = self.grid, self.grid.with_data(self.grid.data.copy())
@@ -306,19 +303,8 @@ class MapIntegratorTest(unittest.TestCase):
         wait_until(lambda: listed() == ["carpet", "rug", "mat"], "the borders after a restart")
 
     def test_bad_parameters_end_the_node_with_one_line(self):
-        # not by rosrun: it looks through whole folders first
-        script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "scripts", "map_integrator")
-        settings = ("_occupied_from:=0", "_no_such_thing:=1")
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-        started = [
-            subprocess.Popen([sys.executable, script, f"__name:=bad_{k}", setting], **pipes)
-            for k, setting in enumerate(settings)
-        ]
-        for process, setting in zip(started, settings):
-            output = process.communicate(timeout=240)[0].decode()
-            self.assertEqual(process.returncode, 1)
-            self.assertIn(setting[1:].split(":")[0], output)
-            self.assertNotIn("Traceback", output)
+        cases = [(["_occupied_from:=0"], "occupied_from"), (["_no_such_thing:=1"], "no_such_thing")]
+        assert_ends_with_one_line("vb_map_integration", "map_integrator", cases)
 
 
 if __name__ == "__main__":

@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import sys
 import unittest
 from pathlib import Path
 
@@ -14,11 +12,11 @@ import rospy
 import rostest
 from std_srvs.srv import Trigger
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import MapServer, lab, polygon, wait_until  # noqa: E402
-from vb_core.map_files import read_map  # noqa: E402
-from vb_map_integration.borders.geojson import borders_from_geojson  # noqa: E402
-from vb_msgs.srv import AddBorder  # noqa: E402
+from map_server import MapServer, lab, polygon
+from vb_testing import wait_until
+from vb_core.map_files import read_map
+from vb_map_integration.borders.geojson import borders_from_geojson
+from vb_msgs.srv import AddBorder
 
 
 class MapRecorderTest(unittest.TestCase):

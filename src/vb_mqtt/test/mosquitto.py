@@ -4,31 +4,15 @@ from __future__ import annotations
 
 import json
 import queue
-import socket
 import subprocess
-import time
 from pathlib import Path
 
 import paho.mqtt.client as paho
 
-TIMEOUT = 30.0
+from vb_evaluation.processes import free_port, spawn
+from vb_testing import is_listening, wait_until
+
 PROGRAM = "/usr/sbin/mosquitto"  # where Debian has it, which is in nobody's PATH but root's
-
-
-def until(condition, what, seconds=TIMEOUT):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        found = condition()
-        if found:
-            return found
-        time.sleep(0.02)
-    raise AssertionError(f"waited {seconds} s for {what}")
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 class Mosquitto:
@@ -46,13 +30,12 @@ class Mosquitto:
         self.start()
 
     def start(self):
-        self._process = subprocess.Popen([PROGRAM, "-c", str(self._file)], stderr=subprocess.DEVNULL)
-        until(self._listens, "the broker")
+        self._process = spawn([PROGRAM, "-c", str(self._file)], stderr=subprocess.DEVNULL)
+        wait_until(self._listens, "the broker")
 
     def _listens(self):
         assert self._process.poll() is None, "the broker has ended"
-        with socket.socket() as probe:
-            return probe.connect_ex(("127.0.0.1", self.port)) == 0
+        return is_listening(self.port)
 
     def kill(self):
         self._process.kill()
@@ -71,7 +54,7 @@ class Hub:
         self._client.reconnect_delay_set(1, 1)
         self._client.connect_async("127.0.0.1", port, 10)
         self._client.loop_start()
-        until(self._client.is_connected, "the hub's connection")
+        wait_until(self._client.is_connected, "the hub's connection")
 
     def _on_message(self, _client, _data, message):
         self.messages[message.topic] = message.payload
@@ -82,7 +65,7 @@ class Hub:
         return json.loads(self.messages[topic]) if self.messages.get(topic) else None
 
     def wait(self, topic, condition, what):
-        until(lambda: self.value(topic) is not None and condition(self.value(topic)), what)
+        wait_until(lambda: self.value(topic) is not None and condition(self.value(topic)), what)
         return self.value(topic)
 
     def send(self, topic, payload, retain=False, qos=1):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import collections
 import os
 import random
-import subprocess
 import sys
 import tempfile
 import threading
@@ -22,13 +21,13 @@ import rospy
 import rostest
 from geometry_msgs.msg import Point
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from mosquitto import Hub, Mosquitto, until  # noqa: E402
-from vb_core import names  # noqa: E402
-from vb_mqtt.inbox import MAX_AGE  # noqa: E402
-from vb_msgs.msg import BorderProgress, InteractionState, Stop, VirtualBorder, VirtualBorderArray  # noqa: E402
-from vb_msgs.srv import AddBorder, Command, CommandResponse, GetDrawnBorder, GetDrawnBorderResponse  # noqa: E402
-from vb_msgs.srv import RemoveBorder  # noqa: E402
+from mosquitto import Hub, Mosquitto
+from vb_testing import Process, wait_until
+from vb_core import names
+from vb_mqtt.inbox import MAX_AGE
+from vb_msgs.msg import BorderProgress, InteractionState, Stop, VirtualBorder, VirtualBorderArray
+from vb_msgs.srv import AddBorder, Command, CommandResponse, GetDrawnBorder, GetDrawnBorderResponse
+from vb_msgs.srv import RemoveBorder
 
 KILLS = int(os.environ.get("VB_BROKER_KILLS", "3"))
 SEED = int(os.environ.get("VB_BROKER_SEED", "1"))
@@ -36,25 +35,10 @@ CARPET = [Point(x, y, 0.0) for x, y in ((3.12, 0.8), (5.12, 0.8), (5.12, 2.05), 
 MIDDLE = Point(4.0, 1.4, 0.0)
 
 
-class Node:
+def start(port, device, *remaps):
     """The node in a process of its own, which a test kills."""
-
-    def __init__(self, port, device, *arguments):
-        self.device = device
-        self._command = ["rosrun", "vb_mqtt", "mqtt", f"__name:=mqtt_{device}", f"_broker:=127.0.0.1:{port}"]
-        self._command += [f"_device:={device}", "_connection_file:=/none", "_cameras:=[red]", *arguments]
-        self.start()
-
-    def start(self):
-        self._process = subprocess.Popen(self._command)
-
-    def kill(self):
-        self._process.kill()
-        self._process.wait()
-
-    def stop(self):
-        self._process.terminate()
-        self._process.wait(20)
+    broker = (f"_broker:=127.0.0.1:{port}", f"_device:={device}", "_connection_file:=/none")
+    return Process("vb_mqtt", "mqtt", f"__name:=mqtt_{device}", *broker, "_cameras:=[red]", *remaps)
 
 
 class MqttTest(unittest.TestCase):
@@ -68,7 +52,7 @@ class MqttTest(unittest.TestCase):
         cls.drawn = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, cls.on_drawn)
         cls.server = Mosquitto(tempfile.mkdtemp(prefix="vb_mqtt_"))
         cls.hub = Hub(cls.server.port)
-        cls.node = Node(cls.server.port, "home")
+        cls.node = start(cls.server.port, "home")
         rospy.wait_for_service(names.COMMAND, 60)
 
     @classmethod
@@ -86,9 +70,9 @@ class MqttTest(unittest.TestCase):
         self.hub.wait("home/health", lambda health: health["manager"] == health["integrator"] == "online", "all nodes")
         if self.shown("stopped")["stopped"]:
             number = self.heard[names.STATE].stop_number
-            until(lambda: self.is_done("resume", seen_stop=number), "robots that may drive")
+            wait_until(lambda: self.is_done("resume", seen_stop=number), "robots that may drive")
             self.wait("stopped", lambda value: not value["stopped"], "robots that may drive")
-        until(lambda: self.is_done("cancel"), "an end")
+        wait_until(lambda: self.is_done("cancel"), "an end")
         self.wait("state", lambda value: value["state"] == "default", "the default state")
 
     # ------------------------------------------------------------------ as a hub
@@ -112,7 +96,7 @@ class MqttTest(unittest.TestCase):
         identity = f"{random.getrandbits(64):x}"
         self.hub.send("home/command", {"command": command, "at": time.time(), "id": identity, **fields})
         try:
-            until(lambda: (self.shown("answer") or {}).get("id") == identity, "an answer", 1.0)
+            wait_until(lambda: (self.shown("answer") or {}).get("id") == identity, "an answer", 1.0)
         except AssertionError:
             return False
         return self.shown("answer")["event_type"] == "done"
@@ -146,11 +130,11 @@ class MqttTest(unittest.TestCase):
             picture = cv2.imdecode(np.frombuffer(self.hub.messages.get("home/map", b"0"), np.uint8), cv2.IMREAD_COLOR)
             return picture is not None and int(((picture[..., 2] > 180) & (picture[..., 0] < 100)).sum())
 
-        with_border = until(red, "a picture with the border")
+        with_border = wait_until(red, "a picture with the border")
         self.remove_border(identity)
-        until(lambda: red() is not None and red() < with_border / 2, "a picture without the border")
-        until(lambda: not self.hub.messages.get(f"homeassistant/switch/home/{key}/config"), "the switch to go")
-        until(lambda: not self.hub.messages.get(f"home/{key}"), "its state to go")
+        wait_until(lambda: red() is not None and red() < with_border / 2, "a picture without the border")
+        wait_until(lambda: not self.hub.messages.get(f"homeassistant/switch/home/{key}/config"), "the switch to go")
+        wait_until(lambda: not self.hub.messages.get(f"home/{key}"), "its state to go")
 
     def test_a_border_is_switched_once_by_a_message_that_comes_twice(self):
         identity = self.add_border("Nursery")
@@ -176,7 +160,7 @@ class MqttTest(unittest.TestCase):
         state = self.wait("state", lambda value: value["state"] == "border", "the state border")
         self.assertIn("cancel", state["available_commands"])
         self.give("define_seed")
-        interaction = until(lambda: self.heard[names.STATE].interaction_id, "an interaction")
+        interaction = wait_until(lambda: self.heard[names.STATE].interaction_id, "an interaction")
         drawn = BorderProgress(interaction_id=interaction, border_spots=50, seed_spots=5, has_seed=True, code="ok")
         drawn.header.stamp = rospy.Time.now()
 
@@ -184,13 +168,13 @@ class MqttTest(unittest.TestCase):
             self.progress.publish(drawn)
             return self.give("save")["code"] == "confirm_save"
 
-        until(asked, "the question")
+        wait_until(asked, "the question")
         question = self.wait("question", lambda value: value["command"] == "save", "the question")
         self.assertEqual(question["asked"], "home_assistant")
         self.wait("health", lambda health: health["confirm"] == "online", "the button that answers")
         self.assertEqual(len(self.heard[names.BORDERS].borders), before)
         self.assertEqual(self.give(question["answer"])["code"], "saved")
-        until(lambda: len(self.heard[names.BORDERS].borders) == before + 1, "the border")
+        wait_until(lambda: len(self.heard[names.BORDERS].borders) == before + 1, "the border")
         self.wait("question", lambda value: value["command"] == "", "the question to be closed")
         self.remove_border(self.heard[names.BORDERS].borders[-1].id)
 
@@ -202,9 +186,9 @@ class MqttTest(unittest.TestCase):
         # somebody else stops them too, and the hub does not hear of it
         self.server.kill()
         rospy.ServiceProxy(names.COMMAND, Command)(command="stop", source="test", id="newer")
-        until(lambda: self.heard[names.STATE].stop_number != shown["stop_number"], "the newer stop")
+        wait_until(lambda: self.heard[names.STATE].stop_number != shown["stop_number"], "the newer stop")
         self.server.start()
-        until(self.hub.connected, "the hub's connection")
+        wait_until(self.hub.connected, "the hub's connection")
         self.wait("stopped", lambda value: value["stop_number"] != shown["stop_number"], "the newer stop at the hub")
         self.assertEqual(self.give("resume", seen_stop=shown["stop_number"])["code"], "stopped_since")
         self.assertEqual(self.give("resume")["code"], "resume_which_stop")
@@ -220,14 +204,14 @@ class MqttTest(unittest.TestCase):
         self.assertEqual(self.refusal(b"\xff\x00{"), "mqtt_bad_message")
         # what the broker keeps comes with the next connection, and is not kept after that
         self.node.kill()
-        until(lambda: self.hub.messages["home/availability"] == b"offline", "the will")
+        wait_until(lambda: self.hub.messages["home/availability"] == b"offline", "the will")
         for payload in ("stop", {"command": "define_border", "at": time.time() + 4.0}):
             self.hub.messages.pop("home/answer", None)
             self.hub.send("home/command", payload, retain=True).wait_for_publish(5.0)
             self.node.start()
             self.assertEqual(self.wait("answer", lambda _: True, "a refusal")["code"], "mqtt_retained")
-            until(lambda: self.hub.messages["home/availability"] == b"online", "the node")
-            until(lambda: not self.hub.messages["home/command"], "what was kept to be deleted")
+            wait_until(lambda: self.hub.messages["home/availability"] == b"online", "the node")
+            wait_until(lambda: not self.hub.messages["home/command"], "what was kept to be deleted")
             self.node.kill()
         self.node.start()
         self.wait("health", lambda health: health["manager"] == "online", "the node")
@@ -239,10 +223,10 @@ class MqttTest(unittest.TestCase):
         topic = f"homeassistant/switch/home/border_{identity}/config"
         self.hub.wait(topic, lambda _: True, "the switch")
         self.node.kill()
-        until(lambda: self.hub.messages["home/availability"] == b"offline", "the will")
+        wait_until(lambda: self.hub.messages["home/availability"] == b"offline", "the will")
         self.remove_border(identity)
         self.node.start()
-        until(lambda: not self.hub.messages.get(topic), "the switch to go")
+        wait_until(lambda: not self.hub.messages.get(topic), "the switch to go")
 
     def test_a_flood_is_refused_and_stop_gets_through(self):
         for number in range(2000):
@@ -257,7 +241,9 @@ class MqttTest(unittest.TestCase):
         # another process has its patience back
         self.node.kill()
         self.node.start()
-        until(lambda: self.is_done("resume", seen_stop=self.shown("stopped")["stop_number"]), "robots that may drive")
+        wait_until(
+            lambda: self.is_done("resume", seen_stop=self.shown("stopped")["stop_number"]), "robots that may drive"
+        )
 
     def test_a_resume_sent_right_behind_a_stop_does_not_overtake_it(self):
         carried_out, overtaken = [], threading.Event()
@@ -270,11 +256,11 @@ class MqttTest(unittest.TestCase):
             return CommandResponse(success=True, code="ok")
 
         service = rospy.Service("/order/command", Command, on_command)
-        node = Node(self.server.port, "order", f"{names.COMMAND}:=/order/command", f"{names.STOP}:=/order/stop")
+        node = start(self.server.port, "order", f"{names.COMMAND}:=/order/command", f"{names.STOP}:=/order/stop")
         self.hub.wait("order/state", lambda _: True, "the other node")
         for command in ("stop", "resume"):
             self.hub.send("order/command", {"command": command, "at": time.time(), "id": command})
-        until(lambda: len(carried_out) == 2, "both commands")
+        wait_until(lambda: len(carried_out) == 2, "both commands")
         self.assertEqual(carried_out, ["stop", "resume"])
         node.stop()
         service.shutdown()
@@ -290,7 +276,7 @@ class MqttTest(unittest.TestCase):
 
         # this node's commands reach nobody else
         service = rospy.Service("/kills/command", Command, on_command)
-        node = Node(self.server.port, "kills", f"{names.COMMAND}:=/kills/command", f"{names.STOP}:=/kills/stop")
+        node = start(self.server.port, "kills", f"{names.COMMAND}:=/kills/command", f"{names.STOP}:=/kills/stop")
         self.hub.wait("kills/state", lambda _: True, "the other node")
         luck, given, stops = random.Random(SEED), {}, 0
 
@@ -312,9 +298,9 @@ class MqttTest(unittest.TestCase):
             # a blip, or longer than a command lives
             time.sleep(luck.uniform(0.0, 1.0) if luck.random() < 0.5 else luck.uniform(MAX_AGE, MAX_AGE + 2.0))
             self.server.start()
-            until(self.hub.connected, "the hub's connection")
+            wait_until(self.hub.connected, "the hub's connection")
             again = [give()]
-            until(
+            wait_until(
                 lambda: any(done[one] for one in again) or time.sleep(1.0) or again.append(give()),
                 "a command to be done",
             )

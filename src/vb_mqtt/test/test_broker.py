@@ -4,10 +4,11 @@ import os
 import subprocess
 
 import pytest
-from mosquitto import PROGRAM, Hub, Mosquitto, until
+from mosquitto import PROGRAM, Hub, Mosquitto
 
 from vb_core.errors import CodedError
 from vb_mqtt.broker import Broker, Connection, read_connection, split_host
+from vb_testing import wait_until
 
 pytestmark = pytest.mark.skipif(not os.path.exists(PROGRAM), reason="mosquitto is not installed")
 WILL = ("lab/availability", b"offline")
@@ -37,9 +38,9 @@ def test_states_are_retained_and_a_broker_that_lost_them_gets_the_newest_again(s
     broker = connect(server.port)
     broker.put("lab/state", b"one")
     hub = Hub(server.port)
-    until(lambda: hub.messages.get("lab/state") == b"one" and hub.messages.get(WILL[0]) == b"online", "the state")
+    wait_until(lambda: hub.messages.get("lab/state") == b"one" and hub.messages.get(WILL[0]) == b"online", "the state")
     server.kill()
-    until(lambda: not broker.connected, "the loss to be noticed")
+    wait_until(lambda: not broker.connected, "the loss to be noticed")
     for number in range(50):
         broker.put("lab/state", b"%d" % number)
     broker.put("lab/gone", b"x")
@@ -48,8 +49,8 @@ def test_states_are_retained_and_a_broker_that_lost_them_gets_the_newest_again(s
     while not hub.heard.empty():
         hub.heard.get()
     server.start()
-    until(lambda: hub.messages.get("lab/state") == b"49", "the newest state")
-    until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
+    wait_until(lambda: hub.messages.get("lab/state") == b"49", "the newest state")
+    wait_until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
     heard = []
     while not hub.heard.empty():
         heard.append(hub.heard.get())
@@ -63,24 +64,24 @@ def test_states_are_retained_and_a_broker_that_lost_them_gets_the_newest_again(s
 def test_the_hub_learns_at_once_that_the_process_is_gone(server):
     broker = connect(server.port)
     hub = Hub(server.port)
-    until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
+    wait_until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
     broker.close()
-    until(lambda: hub.messages.get(WILL[0]) == b"offline", "the farewell")
+    wait_until(lambda: hub.messages.get(WILL[0]) == b"offline", "the farewell")
     hub.close()
 
 
 def test_what_is_sent_without_a_connection_is_not_sent_later(server):
     broker = connect(server.port)
     hub = Hub(server.port)
-    until(lambda: broker.connected, "a connection")
+    wait_until(lambda: broker.connected, "a connection")
     assert broker.send("lab/answer", b"1")
-    until(lambda: hub.messages.get("lab/answer") == b"1", "the answer")
+    wait_until(lambda: hub.messages.get("lab/answer") == b"1", "the answer")
     server.kill()
-    until(lambda: not broker.connected, "the loss to be noticed")
+    wait_until(lambda: not broker.connected, "the loss to be noticed")
     assert not broker.send("lab/answer", b"2")
     server.start()
-    until(lambda: broker.connected, "a connection")
-    until(
+    wait_until(lambda: broker.connected, "a connection")
+    wait_until(
         lambda: hub.connected() and broker.send("lab/answer", b"3") and hub.messages["lab/answer"] == b"3", "an answer"
     )
     heard = [hub.heard.get() for _ in range(hub.heard.qsize())]
@@ -94,10 +95,10 @@ def test_a_command_says_whether_the_broker_had_kept_it_and_a_fault_is_reported(s
     hub.send("lab/command", b"kept", retain=True).wait_for_publish(5.0)
     received, faults = [], []
     broker = connect(server.port, received=received, faults=faults)
-    until(lambda: received == [("lab/command", b"kept", True)], "what was kept")
+    wait_until(lambda: received == [("lab/command", b"kept", True)], "what was kept")
     hub.send("lab/command", b"raise")
     hub.send("lab/command", b"new")
-    until(lambda: received[1:] == [("lab/command", b"new", False)], "what comes after a fault")
+    wait_until(lambda: received[1:] == [("lab/command", b"new", False)], "what comes after a fault")
     assert [str(fault) for fault in faults] == ["a fault"]
     hub.close()
     broker.close()
@@ -154,11 +155,11 @@ def test_over_tls_with_a_password(guarded, authority):
         client.username_pw_set("home", "secret")
 
     hub = Hub(guarded.port, setup=secure)
-    until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
+    wait_until(lambda: hub.messages.get(WILL[0]) == b"online", "the availability")
     hub.close()
     broker.close()
     refused = connect(guarded.port, Connection(password="wrong", **known))
-    until(lambda: refused.trouble, "a refusal")
+    wait_until(lambda: refused.trouble, "a refusal")
     assert "authori" in refused.trouble.lower() and not refused.connected
     refused.close()
 
@@ -170,7 +171,7 @@ def test_a_broker_that_cannot_prove_who_it_is_gets_no_password(guarded, authorit
     broker = Broker(f"{host}:{guarded.port}", known, "lab", WILL, {}, tried.append)
     broker._client.on_connect_fail = lambda *_: tried.append(True)
     broker.start()
-    until(lambda: len(tried) > 1, "two tries")
+    wait_until(lambda: len(tried) > 1, "two tries")
     assert not broker.connected
     broker.close()
 

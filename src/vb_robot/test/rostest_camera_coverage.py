@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """The coverage node with two cameras, one of which comes late and is moved."""
 
-import os
-import sys
 import unittest
 
 import numpy as np
@@ -11,18 +9,13 @@ import rostest
 import tf2_ros
 from sensor_msgs.msg import CameraInfo
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from stimulus import room, wait_until  # noqa: E402
+from stimulus import room
+from vb_testing import wait_until
 
-from vb_core import geometry, names  # noqa: E402
-from vb_core.camera_model import CameraModel  # noqa: E402
-from vb_core.ros.cameras import info_from_camera  # noqa: E402
-from vb_core.ros.messages import (  # noqa: E402
-    OccupancyGridArray,
-    grid_from_message,
-    message_from_grid,
-    message_from_transform,
-)
+from vb_core import geometry, names
+from vb_core.camera_model import CameraModel
+from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid, message_from_transform
 
 LENS = CameraModel.ideal(400, 400, 200.0)  # sees 2 m x 2 m from a height of 2 m
 DOWN = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])
@@ -67,22 +60,22 @@ class CoverageTest(unittest.TestCase):
         return None if self.grid is None else int(self.grid.values_at(np.array([[x, y]]))[0])
 
     def test_who_sees_what_and_what_changes(self):
-        self.assertTrue(wait_until(lambda: self.value(4.5, 2.5) == 1), "one camera")
+        wait_until(lambda: self.value(4.5, 2.5) == 1, "what one camera sees")
         self.assertEqual((self.value(1.5, 2.5), self.value(0.02, 2.5)), (0, -1))
         self.silent.clear()
         self.place("west", 3.0, 2.5)
-        self.assertTrue(wait_until(lambda: self.value(3.75, 2.5) == 2), "both see it")
+        wait_until(lambda: self.value(3.75, 2.5) == 2, "a place that both see")
         counted = self.count
         done = rospy.Time.now() + rospy.Duration(1.5)
-        self.assertTrue(wait_until(lambda: rospy.Time.now() > done))
+        wait_until(lambda: rospy.Time.now() > done, "one and a half seconds")
         self.assertEqual(self.count, counted, "nothing has changed, so nothing is published")
         self.place("west", 1.5, 2.5)
-        self.assertTrue(wait_until(lambda: self.value(1.0, 2.5) == 1), "the camera was moved")
+        wait_until(lambda: self.value(1.0, 2.5) == 1, "the camera at its new place")
         grid = room()
         data = grid.data.copy()
         data[45:55, 40:44] = 100  # stands before the camera in the west
         self.map.publish(message_from_grid(grid.with_data(data), rospy.Time.now()))
-        self.assertTrue(wait_until(lambda: self.value(2.1, 2.5) == -1 and self.value(2.25, 2.5) == 0), "behind it")
+        wait_until(lambda: self.value(2.1, 2.5) == -1 and self.value(2.25, 2.5) == 0, "what stands before the camera")
 
 
 if __name__ == "__main__":

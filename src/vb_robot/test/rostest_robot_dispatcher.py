@@ -4,7 +4,6 @@
 import math
 import os
 import signal
-import sys
 import unittest
 from xmlrpc.client import ServerProxy
 
@@ -14,13 +13,13 @@ import rospy
 import rostest
 from move_base_msgs.msg import MoveBaseAction
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from stimulus import Stimulus, assert_bad_parameter_is_named, wait_until  # noqa: E402
+from stimulus import Stimulus, assert_bad_parameter_is_named
+from vb_testing import wait_until
 
-from vb_core.poses import to_base  # noqa: E402
-from vb_core.ros.messages import pose2d_from_message  # noqa: E402
-from vb_robot import robot_dispatcher_node  # noqa: E402
-from vb_robot.floor_view import FloorView  # noqa: E402
+from vb_core.poses import to_base
+from vb_core.ros.messages import pose2d_from_message
+from vb_robot import robot_dispatcher_node
+from vb_robot.floor_view import FloorView
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
 
@@ -62,14 +61,14 @@ class DispatcherTest(unittest.TestCase):
         cls.stimulus = Stimulus(pose=(5.0, 0.7, 0.0))
         cls.stimulus.set_state(DEFAULT)
         cls.navigation = MoveBase(cls.stimulus)
-        assert wait_until(lambda: cls.stimulus.spots.get_num_connections() > 0), "the dispatcher did not subscribe"
+        wait_until(lambda: cls.stimulus.spots.get_num_connections() > 0, "the dispatcher to listen")
 
     def setUp(self):
         self.stimulus.spot = None
         self.stimulus.spot_frame = "map"
         self.stimulus.set_state(DEFAULT)
         # whatever an earlier test left running is cancelled by the state
-        self.assertTrue(wait_until(lambda: not self.navigation.server.is_active()))
+        wait_until(lambda: not self.navigation.server.is_active(), "no goal")
         self.stimulus.pose = (5.0, 0.7, 0.0)
         self.navigation.goals.clear()
         self.navigation.preempted = 0
@@ -83,28 +82,31 @@ class DispatcherTest(unittest.TestCase):
         self.stimulus.spot = (2.0, 2.5, "robot", True)
         count = []
         gather = rospy.Subscriber("/virtual_borders/spots", rospy.AnyMsg, count.append)
-        self.assertTrue(wait_until(lambda: len(count) >= 20))
+        wait_until(lambda: len(count) >= 20, "twenty spots")
         self.assertEqual(self.navigation.goals, [], "a robot's own camera alone sends no robot")
         self.stimulus.spot = (2.0, 2.5, "red", False)
-        self.assertTrue(wait_until(lambda: self.navigation.goals))
+        wait_until(lambda: self.navigation.goals, "a goal")
         self.assert_sees(self.navigation.goals[0][1], (2.0, 2.5))
         seen = len(count)
-        self.assertTrue(wait_until(lambda: len(count) >= seen + 30))
+        wait_until(lambda: len(count) >= seen + 30, "thirty more spots")
         self.assertEqual(len(self.navigation.goals), 1, "a spot that stays needs one goal")
         gather.unregister()
         self.stimulus.set_state(DEFAULT)
-        self.assertTrue(wait_until(lambda: self.navigation.preempted == 1), "the goal is cancelled with the state")
+        wait_until(lambda: self.navigation.preempted == 1, "the goal to be cancelled with the state")
 
     def test_aborted_goal_is_followed_by_another_place(self):
         self.navigation.behavior = "abort"
         self.stimulus.set_state(SEED)
         self.stimulus.spot = (2.0, 2.5, "red", False)
-        self.assertTrue(wait_until(lambda: len(self.navigation.goals) >= 2))
+        wait_until(lambda: len(self.navigation.goals) >= 2, "a second goal")
         (_, first), (_, second) = self.navigation.goals[:2]
         self.assertGreater(math.dist(first[:2], second[:2]), 0.25)
         self.navigation.behavior = "reach"
         reached = len(self.navigation.goals)
-        self.assertTrue(wait_until(lambda: len(self.navigation.goals) > reached or self._robot_sees((2.0, 2.5))))
+        wait_until(
+            lambda: len(self.navigation.goals) > reached or self._robot_sees((2.0, 2.5)),
+            "another goal, or a robot that sees the spot",
+        )
 
     def _robot_sees(self, spot):
         return FloorView.usual().sees(to_base(np.array([spot]), self.stimulus.pose), 0.05)[0]
@@ -113,9 +115,9 @@ class DispatcherTest(unittest.TestCase):
         self.navigation.behavior = "reach"
         self.stimulus.set_state(BORDER)
         self.stimulus.spot = (2.0, 2.5, "red", False)
-        self.assertTrue(wait_until(lambda: self._robot_sees((2.0, 2.5))))
+        wait_until(lambda: self._robot_sees((2.0, 2.5)), "a robot that sees the spot")
         self.stimulus.spot = (4.6, 4.0, "green", False)
-        self.assertTrue(wait_until(lambda: self._robot_sees((4.6, 4.0))))
+        wait_until(lambda: self._robot_sees((4.6, 4.0)), "a robot that sees the spot at its new place")
 
     def test_guide_sends_no_robot_and_wrong_frames_do_no_harm(self):
         self.navigation.behavior = "hold"
@@ -124,25 +126,25 @@ class DispatcherTest(unittest.TestCase):
         self.stimulus.spot = (2.0, 2.5, "red", False)
         count = []
         gather = rospy.Subscriber("/virtual_borders/spots", rospy.AnyMsg, count.append)
-        self.assertTrue(wait_until(lambda: len(count) >= 15))
+        wait_until(lambda: len(count) >= 15, "fifteen spots")
         self.assertEqual(self.navigation.goals, [])
         self.stimulus.spot_frame = "map"
-        self.assertTrue(wait_until(lambda: self.navigation.goals))
+        wait_until(lambda: self.navigation.goals, "a goal")
         self.stimulus.set_state(GUIDE)
-        self.assertTrue(wait_until(lambda: self.navigation.preempted == 1))
+        wait_until(lambda: self.navigation.preempted == 1, "the goal to be cancelled")
         gather.unregister()
 
     def test_goal_of_a_killed_dispatcher_is_cancelled(self):
         self.navigation.behavior = "hold"
         self.stimulus.set_state(BORDER)
         self.stimulus.spot = (2.0, 2.5, "red", False)
-        self.assertTrue(wait_until(lambda: self.navigation.goals))
+        wait_until(lambda: self.navigation.goals, "a goal")
         self.stimulus.spot = None
         uri = rospy.get_master().lookupNode("/robot_dispatcher")[2]
         pid = ServerProxy(uri).getPid(rospy.get_name())[2]
         os.kill(pid, signal.SIGKILL)
         self.stimulus.set_state(DEFAULT)
-        self.assertTrue(wait_until(lambda: self.navigation.preempted == 1, 120.0), "it comes back and finds its goal")
+        wait_until(lambda: self.navigation.preempted == 1, "a dispatcher that comes back and cancels its goal", 120.0)
 
     def test_bad_parameter_is_named(self):
         assert_bad_parameter_is_named(self, robot_dispatcher_node.build, "robots", ["ada", "ada"])

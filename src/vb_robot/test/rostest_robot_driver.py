@@ -3,7 +3,6 @@
 
 import os
 import signal
-import sys
 import time
 import unittest
 from xmlrpc.client import ServerProxy
@@ -17,13 +16,13 @@ from nav_msgs.msg import Path
 from std_srvs.srv import Empty, EmptyResponse
 from visualization_msgs.msg import MarkerArray
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from stimulus import Body, Stimulus, assert_bad_parameter_is_named, room, wait_until  # noqa: E402
+from stimulus import Body, Stimulus, assert_bad_parameter_is_named, room
+from vb_testing import wait_until
 
-from vb_core import names  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
-from vb_msgs.msg import DriverState, NoticeArray, Stop, VirtualBorder, VirtualBorderArray  # noqa: E402
-from vb_robot import robot_driver_node  # noqa: E402
+from vb_core import names
+from vb_core.ros.messages import OccupancyGridArray
+from vb_msgs.msg import DriverState, NoticeArray, Stop, VirtualBorder, VirtualBorderArray
+from vb_robot import robot_driver_node
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
 
@@ -58,7 +57,7 @@ class DriverTest(unittest.TestCase):
         cls.borders.publish(VirtualBorderArray(borders=[border]))
         cls.stimulus.scan_range = 7.0
         cls.stimulus.set_state(DEFAULT)
-        assert wait_until(lambda: cls.drivers.get("") and cls.drivers.get("ada")), "the drivers did not come up"
+        wait_until(lambda: cls.drivers.get("") and cls.drivers.get("ada"), "both drivers")
 
     @classmethod
     def listen(cls, body):
@@ -84,11 +83,11 @@ class DriverTest(unittest.TestCase):
         self.stimulus.spot, self.stimulus.silent, self.stimulus.confidence = None, False, 1.0
         type(self).wish = None
         self.stimulus.set_state(DEFAULT)
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.0, 0.0) == self.ada.velocity))
+        wait_until(lambda: self.stimulus.velocity == (0.0, 0.0) == self.ada.velocity, "both robots to stand")
         self.put(self.stimulus, (1.5, 2.5, 0.0))
         self.put(self.ada, (1.0, 4.0, 0.0))
         self.publish_border(False)
-        self.assertTrue(wait_until(self.is_released), str(self.drivers))
+        wait_until(self.is_released, lambda: f"the end of all stops; {self.drivers}")
 
     def is_released(self):
         # again: a driver that has just started may have told of a stop since
@@ -98,6 +97,9 @@ class DriverTest(unittest.TestCase):
     def is_stopped(self):
         self.stop.publish(Stop())  # again: a driver that reports need not be connected to this topic yet
         return {drives for drives, _code in self.drivers.values()} == {"stop"}
+
+    def stop_all(self):
+        wait_until(self.is_stopped, lambda: f"a stop of both; {self.drivers}")
 
     def put(self, body, pose):
         with body.lock:
@@ -113,10 +115,19 @@ class DriverTest(unittest.TestCase):
     def guided(self):
         self.stimulus.set_state(GUIDE)
         self.stimulus.spot = (self.stimulus.pose[0] + 2.2, self.stimulus.pose[1], "robot", True)
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] > 0.1), str(self.drivers))
+        wait_until(lambda: self.stimulus.velocity[0] > 0.1, lambda: f"a robot that drives; {self.drivers}")
 
-    def holds(self, code):
-        return wait_until(lambda: self.drivers.get("", ("", ""))[1] == code and self.stimulus.velocity == (0.0, 0.0))
+    def wait_hold(self, code):
+        wait_until(
+            lambda: self.drivers[""][1] == code and self.stimulus.velocity == (0.0, 0.0),
+            lambda: f"a robot that stands because of {code}; {self.drivers}",
+        )
+
+    def wait_driven(self):
+        wait_until(lambda: self.stimulus.velocity == (0.05, 0.2), lambda: f"navigation to drive; {self.drivers}")
+
+    def wait_notice(self, code, robot="", there=True):
+        wait_until(lambda: self.has_notice(code, robot) == there, lambda: f"{code}: {there}; {self.notices}")
 
     def has_notice(self, code, robot=""):
         return any((code, robot) in codes for codes in self.notices.values())
@@ -125,76 +136,78 @@ class DriverTest(unittest.TestCase):
         self.guided()
         self.assertEqual(self.drivers[""][0], "follow")
         self.stimulus.silent = True
-        self.assertTrue(self.holds("state_lost"), str(self.drivers))
-        self.assertTrue(wait_until(lambda: self.has_notice("robot_state_lost")))
+        self.wait_hold("state_lost")
+        self.wait_notice("robot_state_lost")
         self.stimulus.silent = False
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] > 0.1))
-        self.assertTrue(wait_until(lambda: not self.has_notice("robot_state_lost")))
+        wait_until(lambda: self.stimulus.velocity[0] > 0.1, lambda: f"a robot that drives; {self.drivers}")
+        self.wait_notice("robot_state_lost", there=False)
 
     def test_a_driver_that_starts_again_while_the_manager_is_away_stays_stopped(self):
-        self.assertTrue(wait_until(self.is_stopped), str(self.drivers))
+        self.stop_all()
         self.stimulus.silent = True
         said = []
         listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
         before = process_of("/robot_driver")
         os.kill(before, signal.SIGKILL)
-        self.assertTrue(wait_until(lambda: process_of("/robot_driver") not in (None, before)))
+        wait_until(lambda: process_of("/robot_driver") not in (None, before), "the driver that starts again")
         said.clear()
-        self.assertTrue(wait_until(lambda: any(message.robot == "" for message in said)))
+        wait_until(lambda: any(message.robot == "" for message in said), "what it reports")
         listener.unregister()
         self.assertEqual({message.code for message in said if message.robot == ""}, {"stopped"})
 
     def test_navigation_goes_through_it_and_stop_wins(self):
         type(self).wish = (0.05, 0.2)
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
-        self.assertTrue(wait_until(self.is_stopped), str(self.drivers))
-        self.assertTrue(self.holds("stopped"))
-        self.assertTrue(wait_until(lambda: self.has_notice("robot_stopped")))
-        self.assertTrue(wait_until(lambda: self.has_notice("stop_not_persisted", "ada")))
+        self.wait_driven()
+        self.stop_all()
+        self.wait_hold("stopped")
+        self.wait_notice("robot_stopped")
+        self.wait_notice("stop_not_persisted", "ada")
         self.assertFalse(self.has_notice("stop_not_persisted"))
-        self.assertTrue(wait_until(lambda: self.is_released() or self.stimulus.velocity == (0.05, 0.2)))
+        wait_until(lambda: self.is_released() or self.stimulus.velocity == (0.05, 0.2), "navigation to drive again")
         self.stimulus.latch.stop("said to the manager", "test")
-        self.assertTrue(self.holds("stopped"))
+        self.wait_hold("stopped")
         self.stimulus.latch.resume(self.stimulus.latch.number)
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.wait_driven()
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
 
     def test_without_a_scan_it_stops(self):
         type(self).wish = (0.05, 0.2)
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.wait_driven()
         self.stimulus.scan_range = None
-        self.assertTrue(self.holds("scan_lost"))
+        self.wait_hold("scan_lost")
         self.stimulus.scan_range = 7.0
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.wait_driven()
 
     def test_commands_past_the_driver_stop_it(self):
         other = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         type(self).wish = (0.05, 0.2)
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.wait_driven()
 
         def disturbed():
             other.publish(Twist())
             return self.drivers[""][1] == "other_cmd_vel_publisher"
 
-        self.assertTrue(wait_until(disturbed))
+        wait_until(disturbed, "the other publisher to be found")
         other.unregister()
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.wait_driven()
 
     def test_another_node_that_drives_the_base_is_named_and_answered_with_zeros_also_while_idle_and_stopped(self):
         for situation in ("idle", "stopped"):
             if situation == "stopped":
-                self.assertTrue(wait_until(self.is_stopped), str(self.drivers))
+                self.stop_all()
             heard = []
             base = rospy.Subscriber(
                 "cmd_vel", Twist, lambda message: heard.append((time.monotonic(), message.linear.x))
             )
             other = rospy.Publisher("cmd_vel", Twist, queue_size=1)
-            self.assertTrue(wait_until(lambda: self.drivers[""][1] == "other_cmd_vel_publisher"), situation)
-            self.assertTrue(wait_until(lambda: self.has_notice("robot_other_cmd_vel_publisher")), "silent, but it can")
+            wait_until(
+                lambda: self.drivers[""][1] == "other_cmd_vel_publisher", f"the other one to be found while {situation}"
+            )
+            self.wait_notice("robot_other_cmd_vel_publisher")
             forward = Twist()
             forward.linear.x = 0.3
             # to the driver and back to this process, whose subscribers share one connection
-            self.assertTrue(wait_until(lambda: base.get_num_connections() > 1 and other.get_num_connections() > 1))
+            wait_until(lambda: base.get_num_connections() > 1 and other.get_num_connections() > 1, "all connections")
             for _ in range(40):
                 other.publish(forward)
                 rospy.rostime.wallsleep(0.05)
@@ -206,21 +219,21 @@ class DriverTest(unittest.TestCase):
             self.assertEqual(set(following), {0.0}, "each of its commands is answered by a zero")
             other.unregister()
             base.unregister()
-            self.assertTrue(wait_until(lambda: self.drivers[""][1] in ("idle", "stopped")), situation)
+            wait_until(lambda: self.drivers[""][1] in ("idle", "stopped"), f"{situation} without the other one")
 
     def test_a_base_that_does_not_listen_is_told(self):
         # drivers that came up before this process listened have said so, too
         for robot in ("", "ada"):
-            self.assertTrue(wait_until(lambda: not self.has_notice("base_not_listening", robot)), str(self.notices))
+            self.wait_notice("base_not_listening", robot, there=False)
         self.ada.wheels.unregister()
-        self.assertTrue(wait_until(lambda: self.has_notice("base_not_listening", "ada")))
+        self.wait_notice("base_not_listening", "ada")
         self.assertFalse(self.has_notice("base_not_listening"), str(self.notices))
         self.listen(self.ada)
-        self.assertTrue(wait_until(lambda: not self.has_notice("base_not_listening", "ada")))
+        self.wait_notice("base_not_listening", "ada", there=False)
 
     def test_a_command_that_goes_sideways_stops_it(self):
         type(self).wish = (0.05, 0.2)
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.wait_driven()
         sideways = Twist()
         sideways.linear.x, sideways.linear.y = 0.05, 0.1
         navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
@@ -230,15 +243,15 @@ class DriverTest(unittest.TestCase):
             navigation.publish(sideways)
             return self.drivers[""][1] == "bad_command" and self.stimulus.velocity == (0.0, 0.0)
 
-        self.assertTrue(wait_until(stops), str(self.drivers))
+        wait_until(stops, lambda: f"the robot to stop; {self.drivers}")
         navigation.unregister()
 
     def test_the_active_source_and_its_code_are_reported_twice_a_second(self):
         type(self).wish = (0.05, 0.2)
-        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.wait_driven()
         said = []
         listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
-        self.assertTrue(wait_until(lambda: len([one for one in said if one.robot == ""]) >= 5))
+        wait_until(lambda: len([one for one in said if one.robot == ""]) >= 5, "five reports")
         listener.unregister()
         mine = [one for one in said if one.robot == ""]
         self.assertEqual({(one.source, one.code) for one in mine}, {("navigation", "driving")})
@@ -250,8 +263,8 @@ class DriverTest(unittest.TestCase):
         os.kill(before, signal.SIGKILL)
         heard = []
         base = rospy.Subscriber("cmd_vel", Twist, heard.append)
-        self.assertTrue(wait_until(lambda: process_of("/robot_driver") not in (None, before)))
-        self.assertTrue(wait_until(lambda: len(heard) > 5))
+        wait_until(lambda: process_of("/robot_driver") not in (None, before), "the driver that starts again")
+        wait_until(lambda: len(heard) > 5, "the first commands")
         self.assertEqual({(message.linear.x, message.angular.z) for message in heard}, {(0.0, 0.0)})
         base.unregister()
 
@@ -261,27 +274,30 @@ class DriverTest(unittest.TestCase):
         self.put(self.stimulus, (4.5, 2.5, 0.0))
         self.put(self.ada, (4.4, 2.4, 0.0))
         for robot in ("", "ada"):
-            self.assertTrue(wait_until(lambda: self.has_notice("robot_inside_border", robot)), robot)
+            self.wait_notice("robot_inside_border", robot)
         self.put(self.ada, (1.0, 4.0, 0.0))
-        self.assertTrue(wait_until(lambda: not self.has_notice("robot_inside_border", "ada")))
+        self.wait_notice("robot_inside_border", "ada", there=False)
         self.assertTrue(self.has_notice("robot_inside_border", ""), "that the other has left clears nothing")
 
     def test_leaves_by_itself_after_the_drawing(self):
         self.stimulus.set_state(SEED)
         self.put(self.ada, (4.15, 2.5, 3.1))
         self.publish_border()
-        self.assertTrue(wait_until(lambda: self.has_notice("robot_inside_border", "ada")))
+        self.wait_notice("robot_inside_border", "ada")
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
         # only a border that comes while the robot is there is left: until now the driver may have seen the map
         # before it saw where the robot had been put, which is a robot that somebody took into a border
         self.publish_border(False)
-        self.assertTrue(wait_until(lambda: not self.has_notice("robot_inside_border", "ada")))
+        self.wait_notice("robot_inside_border", "ada", there=False)
         self.publish_border()
-        self.assertTrue(wait_until(lambda: self.has_notice("robot_inside_border", "ada")))
+        self.wait_notice("robot_inside_border", "ada")
         self.stimulus.set_state(DEFAULT)
-        self.assertTrue(wait_until(lambda: self.has_notice("robot_exits_border", "ada")))
-        self.assertTrue(wait_until(lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0)))
-        self.assertTrue(wait_until(lambda: not self.has_notice("robot_inside_border", "ada")))
+        self.wait_notice("robot_exits_border", "ada")
+        wait_until(
+            lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0),
+            "ada to leave the border and stand",
+        )
+        self.wait_notice("robot_inside_border", "ada", there=False)
 
     def test_a_localisation_that_does_not_know_looks_around_if_it_ever_knew_or_was_shown(self):
         known, unknown = PoseWithCovarianceStamped(), PoseWithCovarianceStamped()
@@ -300,13 +316,13 @@ class DriverTest(unittest.TestCase):
             poses.publish(unknown)
             said = []
             listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
-            self.assertTrue(wait_until(lambda: len([one for one in said if one.robot == "ada"]) > 6))
+            wait_until(lambda: len([one for one in said if one.robot == "ada"]) > 6, "three seconds of reports")
             listener.unregister()
             self.assertEqual(looks, [], "nobody has said where it is")
             rospy.Publisher("ada/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True).publish(unknown)
-            self.assertTrue(wait_until(lambda: len(looks) == 3))
+            wait_until(lambda: len(looks) == 3, "three looks")
             poses.publish(unknown)
-            self.assertTrue(wait_until(lambda: len(looks) == 4), "it knew a moment ago")
+            wait_until(lambda: len(looks) == 4, "a look of one that knew a moment ago")
         finally:
             poses.publish(known)
             service.shutdown()
@@ -318,7 +334,7 @@ class DriverTest(unittest.TestCase):
         )
         poses = rospy.Publisher("amcl_pose", PoseWithCovarianceStamped, queue_size=1)
         plain = self.publish_border()
-        self.assertTrue(wait_until(lambda: cells and cells[-1] > plain), "by something in any case")
+        wait_until(lambda: cells and cells[-1] > plain, "some margin in any case")
         usual = cells[-1]
 
         def becomes(variance, condition):
@@ -326,8 +342,8 @@ class DriverTest(unittest.TestCase):
             poses.publish(localization)
             return condition(cells[-1])
 
-        self.assertTrue(wait_until(lambda: becomes(0.25, lambda count: count > usual)))
-        self.assertTrue(wait_until(lambda: becomes(0.0001, lambda count: count == usual)))
+        wait_until(lambda: becomes(0.25, lambda count: count > usual), "a wider margin")
+        wait_until(lambda: becomes(0.0001, lambda count: count == usual), "the usual margin")
         listener.unregister()
 
     def test_the_path_of_a_robot_with_a_name_is_on_the_topic_of_all(self):
@@ -341,7 +357,7 @@ class DriverTest(unittest.TestCase):
             planner.publish(path)
             return shown == {"ada": 2}
 
-        self.assertTrue(wait_until(is_shown))
+        wait_until(is_shown, "the path on the topic of all")
 
     def test_a_contact_that_cannot_be_heard_is_refused(self):
         contact = {"topic": "bumper", "type": "no_such_msgs/Bumper"}

@@ -2,22 +2,20 @@
 """Two robots and the faults of their navigation: the dispatcher against two move_base action servers."""
 
 import math
-import os
-import sys
 import unittest
 
 import numpy as np
 import rospy
 import rostest
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from faulty_move_base import FaultyMoveBase  # noqa: E402
-from move_base_msgs.msg import MoveBaseActionGoal  # noqa: E402
-from stimulus import Body, Stimulus, room, wait_until  # noqa: E402
+from faulty_move_base import FaultyMoveBase
+from move_base_msgs.msg import MoveBaseActionGoal
+from stimulus import Body, Stimulus, room
+from vb_testing import wait_until
 
-from vb_core import names  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d  # noqa: E402
-from vb_msgs.msg import NoticeArray  # noqa: E402
+from vb_core import names
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d
+from vb_msgs.msg import NoticeArray
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
 SPOT = (2.0, 2.5)
@@ -37,7 +35,7 @@ class FaultsTest(unittest.TestCase):
             name: rospy.Publisher(f"/{name}/virtual_borders/map", OccupancyGridArray, queue_size=1, latch=True)
             for name in cls.bases
         }
-        assert wait_until(lambda: cls.stimulus.spots.get_num_connections() > 0), "the dispatcher did not subscribe"
+        wait_until(lambda: cls.stimulus.spots.get_num_connections() > 0, "the dispatcher to listen")
 
     def setUp(self):
         self.stop_drawing()
@@ -65,7 +63,7 @@ class FaultsTest(unittest.TestCase):
 
         def is_first():
             self.draw_once(spot)
-            wait_until(lambda: any(base.asked for base in self.bases.values()))
+            wait_until(lambda: any(base.asked for base in self.bases.values()), "a robot to be asked")
             asked = {name: base.asked[0] for name, base in self.bases.items() if base.asked}
             if asked and min(asked, key=asked.get) == first:
                 return True
@@ -74,7 +72,7 @@ class FaultsTest(unittest.TestCase):
                 body.pose = pose
             return False
 
-        self.assertTrue(wait_until(is_first, 180.0), f"{first} is never sent first")
+        wait_until(is_first, lambda: f"{first} to be sent first", 180.0)
 
     def draw_once(self, spot=SPOT):
         self.stimulus.set_state(BORDER)
@@ -83,7 +81,7 @@ class FaultsTest(unittest.TestCase):
     def stop_drawing(self):
         self.stimulus.spot = None
         self.stimulus.set_state(DEFAULT)
-        self.assertTrue(wait_until(lambda: not any(base.active for base in self.bases.values())))
+        wait_until(lambda: not any(base.active for base in self.bases.values()), "no goal")
         for base in self.bases.values():
             base.rest()
 
@@ -91,7 +89,7 @@ class FaultsTest(unittest.TestCase):
         return self.bases[name].goals
 
     def is_sent(self, name, count=1):
-        self.assertTrue(wait_until(lambda: len(self.goals(name)) >= count), f"{name}: {self.goals(name)}")
+        wait_until(lambda: len(self.goals(name)) >= count, lambda: f"{count} goals of {name}; {self.goals(name)}")
         return self.goals(name)[-1][1]
 
     # ------------------------------------------------------------- who goes
@@ -115,9 +113,9 @@ class FaultsTest(unittest.TestCase):
         goal.goal.target_pose.pose = message_from_pose2d(*best)
         self.bases["bob"].behavior = "hold"
         somebody = rospy.Publisher("/bob/move_base/goal", MoveBaseActionGoal, queue_size=1)
-        self.assertTrue(wait_until(lambda: somebody.get_num_connections() >= 2))
+        wait_until(lambda: somebody.get_num_connections() >= 2, "all who hear of goals")
         somebody.publish(goal)
-        self.assertTrue(wait_until(lambda: self.bases["bob"].active))
+        wait_until(lambda: self.bases["bob"].active, "bob to set out")
         self.draw_once()
         place = self.is_sent("ada")
         self.assertGreaterEqual(math.dist(place[:2], best[:2]), 2 * 0.18 + 0.10)
@@ -138,12 +136,12 @@ class FaultsTest(unittest.TestCase):
         self.bases["ada"].behavior = "abort"
         self.draw()
         self.is_sent("bob")
-        self.assertTrue(wait_until(lambda: math.dist(self.bob.pose[:2], SPOT) < 1.6 and not self.bases["bob"].active))
+        wait_until(lambda: math.dist(self.bob.pose[:2], SPOT) < 1.6 and not self.bases["bob"].active, "bob to arrive")
 
     def test_navigation_that_dies_while_driving(self):
         self.draw()
         self.is_sent("ada")
-        self.assertTrue(wait_until(lambda: self.ada.velocity[0] > 0.0))
+        wait_until(lambda: self.ada.velocity[0] > 0.0, "ada to drive")
         self.bases["ada"].die()
         self.is_sent("bob")
 
@@ -160,10 +158,10 @@ class FaultsTest(unittest.TestCase):
         # the interaction goes on; when the spot is lost people are told how things are
         seen = []
         count = rospy.Subscriber(names.SPOTS, rospy.AnyMsg, seen.append)
-        self.assertTrue(wait_until(lambda: len(seen) >= 25))
+        wait_until(lambda: len(seen) >= 25, "25 spots")
         count.unregister()
         self.stimulus.spot = None
-        self.assertTrue(wait_until(lambda: "spot_not_seen_no_robot" in self.words), str(self.words))
+        wait_until(lambda: "spot_not_seen_no_robot" in self.words, lambda: f"people to be told; {self.words}")
         self.stimulus.spot = (*SPOT, "red", False)
         self.bases["bob"].revive()
         self.is_sent("bob")
@@ -171,20 +169,20 @@ class FaultsTest(unittest.TestCase):
     def test_localisation_that_jumps_half_a_metre(self):
         self.draw()
         self.is_sent("ada")
-        self.assertTrue(wait_until(lambda: self.ada.velocity[0] > 0.0))
+        wait_until(lambda: self.ada.velocity[0] > 0.0, "ada to drive")
         self.ada.offset = (0.35, 0.35)
-        self.assertTrue(wait_until(lambda: self.goals("ada") and not self.bases["ada"].active))
+        wait_until(lambda: self.goals("ada") and not self.bases["ada"].active, "ada to arrive")
         believed = np.add(self.ada.pose[:2], self.ada.offset)
         self.assertLess(math.dist(believed, SPOT), 1.6, "it goes on by what localisation says now")
 
     def test_cancel_while_driving_stops_the_robot(self):
         self.draw()
         self.is_sent("ada")
-        self.assertTrue(wait_until(lambda: self.ada.velocity[0] > 0.3))
+        wait_until(lambda: self.ada.velocity[0] > 0.3, "ada to drive")
         cancelled = rospy.Time.now().to_sec()
         self.stimulus.spot = None
         self.stimulus.set_state(DEFAULT)
-        self.assertTrue(wait_until(lambda: self.bases["ada"].stopped))
+        wait_until(lambda: self.bases["ada"].stopped, "ada to be stopped")
         print(f"cancel to stop: {1e3 * (self.bases['ada'].stopped[0] - cancelled):.0f} ms")
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
         # and the next interaction is like any other

@@ -156,13 +156,3 @@ def assert_bad_parameter_is_named(test, build, key, value):
     with test.assertRaises(ParameterError) as caught:
         build()
     test.assertEqual(caught.exception.key, f"{rospy.get_name()}/{key}")
-
-
-def wait_until(condition, seconds=60.0):
-    """Waits until the condition is true; gives whether it became so in time."""
-    deadline = rospy.get_rostime() + rospy.Duration(seconds)
-    while not rospy.is_shutdown() and rospy.get_rostime() < deadline:
-        if condition():
-            return True
-        rospy.rostime.wallsleep(0.02)
-    return bool(condition())

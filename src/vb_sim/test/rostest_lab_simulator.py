@@ -3,8 +3,6 @@
 
 import math
 import os
-import subprocess
-import sys
 import unittest
 
 import numpy as np
@@ -16,14 +14,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from waiting import Latest, wait_until  # noqa: E402
+from vb_testing import Newest, assert_ends_with_one_line, wait_until
 
-from vb_core import geometry, names  # noqa: E402
-from vb_core.errors import CodedError  # noqa: E402
-from vb_core.ros.messages import message_from_pose2d  # noqa: E402
-from vb_core.ros.transforms import TransformLookup  # noqa: E402
-from vb_msgs.msg import LabState, ParticipantState  # noqa: E402
+from vb_core import geometry, names
+from vb_core.errors import CodedError
+from vb_core.ros.messages import message_from_pose2d
+from vb_core.ros.transforms import TransformLookup
+from vb_msgs.msg import LabState, ParticipantState
 
 START = (7.6, 0.4, math.radians(150.0))
 
@@ -32,10 +29,10 @@ class LabSimulatorTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("test_lab_simulator")
-        cls.clock = Latest("/clock", Clock)
-        cls.state = Latest(names.LAB_STATE, LabState)
-        cls.odom = Latest("/odom", Odometry)
-        cls.amcl = Latest("/amcl_pose", PoseWithCovarianceStamped)
+        cls.clock = Newest("/clock", Clock)
+        cls.state = Newest(names.LAB_STATE, LabState)
+        cls.odom = Newest("/odom", Odometry)
+        cls.amcl = Newest("/amcl_pose", PoseWithCovarianceStamped)
         cls.transforms = TransformLookup()
         cls.cmd_vel = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
         cls.initialpose = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
@@ -60,11 +57,10 @@ class LabSimulatorTest(unittest.TestCase):
             self.cmd_vel.publish(command)
             return condition(self.state.message)
 
-        self.assertTrue(wait_until(driven))
+        wait_until(driven, "the robot to get there")
 
     def test_time_goes_on_evenly(self):
-        first = self.clock.count
-        self.assertTrue(wait_until(lambda: self.clock.count > first + 60))
+        self.clock.next(60)
         stamps = [message.clock.to_nsec() for message in self.clock.all]
         self.assertGreater(min(np.diff(stamps[5:])), 0)
         self.assertEqual(set(np.diff(stamps[-40:])) - {20000000, 40000000, 60000000}, set())
@@ -77,7 +73,7 @@ class LabSimulatorTest(unittest.TestCase):
             lambda state: math.hypot(state.robot_poses[0].x - start[0], state.robot_poses[0].y - start[1]) > 0.3
         )
         # nobody commands any longer: it stands soon
-        self.assertTrue(wait_until(lambda: abs(self.odom.next().twist.twist.linear.x) < 1e-6))
+        wait_until(lambda: abs(self.odom.next().twist.twist.linear.x) < 1e-6, "the robot to stand")
         heading = math.atan2(*(self.pose()[:2] - start[:2])[::-1])
         self.assertAlmostEqual(geometry.wrap_angle(heading - START[2]), 0.0, delta=0.1)
 
@@ -99,7 +95,7 @@ class LabSimulatorTest(unittest.TestCase):
 
     def test_scan_shows_the_corner(self):
         self.reset()
-        scan = Latest("/scan", LaserScan).next()
+        scan = Newest("/scan", LaserScan).next()
         self.assertEqual((scan.header.frame_id, len(scan.ranges)), ("base_laser_link", 360))
         # the start is 0.4 m from two walls
         self.assertAlmostEqual(min(scan.ranges), 0.4, delta=0.08)
@@ -110,12 +106,12 @@ class LabSimulatorTest(unittest.TestCase):
         wanted = PoseWithCovarianceStamped()
         wanted.header.frame_id = "map"
         wanted.pose.pose = message_from_pose2d(5.0, 2.0, 0.0)
-        self.assertTrue(wait_until(lambda: self.initialpose.get_num_connections() > 0))
+        wait_until(lambda: self.initialpose.get_num_connections() > 0, "the lab to listen")
         self.initialpose.publish(wanted)
-        self.amcl.until(lambda message: abs(message.pose.pose.position.x - 5.0) < 1e-3)
+        self.amcl.wait(lambda message: abs(message.pose.pose.position.x - 5.0) < 1e-3, "the new estimate")
         self.assertTrue(np.allclose(self.pose(), before))
         self.reset()
-        self.amcl.until(lambda message: abs(message.pose.pose.position.x - START[0]) < 0.2)
+        self.amcl.wait(lambda message: abs(message.pose.pose.position.x - START[0]) < 0.2, "the estimate at the start")
 
     def test_the_participant_is_in_the_state_until_silent(self):
         message = ParticipantState(
@@ -131,12 +127,12 @@ class LabSimulatorTest(unittest.TestCase):
             self.participant.publish(message)
             return self.state.message.laser_on
 
-        self.assertTrue(wait_until(shown))
+        wait_until(shown, "the laser in the state")
         state = self.state.message
         self.assertEqual(
             (state.laser.x, state.laser_color, state.person.x, state.participant_doing), (1.0, "green", 3.0, "draws")
         )
-        self.state.until(lambda state: not state.laser_on)
+        self.state.wait(lambda state: not state.laser_on, "the laser to be off")
         self.assertTrue(self.state.message.person_present)
 
     def test_bad_worlds_end_with_one_line(self):
@@ -146,21 +142,12 @@ class LabSimulatorTest(unittest.TestCase):
             text = file.read()
         with open(bad, "w") as file:
             file.write(text.replace("resolution: 0.025", "resolution: -1"))
-        cases = {"_world:=/no/such.yaml": "no_world", f"_world:={bad}": "room/resolution", "_seed:=2": "world"}
-        runs = [
-            subprocess.Popen(
-                ["rosrun", "vb_sim", "lab_simulator", f"__name:=bad_{index}", argument],
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                universal_newlines=True,
-            )
-            for index, argument in enumerate(cases)
+        cases = [
+            (["_world:=/no/such.yaml"], "no_world"),
+            ([f"_world:={bad}"], "room/resolution"),
+            (["_seed:=2"], "world"),
         ]
-        for run, word in zip(runs, cases.values()):
-            output, _ = run.communicate(timeout=240)
-            self.assertEqual(run.returncode, 1, output)
-            self.assertNotIn("Traceback", output)
-            self.assertIn(word, [line for line in output.splitlines() if "FATAL" in line][0])
+        assert_ends_with_one_line("vb_sim", "lab_simulator", cases)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,6 @@
 """The stand-ins for map_server and move_base, with the simulated robot."""
 
 import math
-import os
-import sys
 import unittest
 
 import actionlib
@@ -18,13 +16,12 @@ from nav_msgs.msg import Path
 from nav_msgs.srv import GetMap, GetPlan
 from std_srvs.srv import Empty, Trigger
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from waiting import Latest, wait_until  # noqa: E402
+from vb_testing import Newest, wait_until
 
-from vb_core import geometry, names  # noqa: E402
-from vb_core.ros import node  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid, message_from_pose2d  # noqa: E402
-from vb_msgs.msg import LabState  # noqa: E402
+from vb_core import geometry, names
+from vb_core.ros import node
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid, message_from_pose2d
+from vb_msgs.msg import LabState
 
 
 def pose(x, y, yaw=0.0):
@@ -39,19 +36,19 @@ class NavigationTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("test_navigation")
         node.wait_for_clock()
-        cls.state = Latest(names.LAB_STATE, LabState)
-        cls.map = Latest("/map", OccupancyGridArray)
-        cls.cmd_vel = Latest("/cmd_vel", Twist)
-        cls.costmap = Latest("/move_base/global_costmap/costmap", OccupancyGridArray)
-        cls.updates = Latest("/move_base/global_costmap/costmap_updates", OccupancyGridUpdate)
-        cls.plan = Latest("/move_base/NavfnROS/plan", Path)
+        cls.state = Newest(names.LAB_STATE, LabState)
+        cls.map = Newest("/map", OccupancyGridArray)
+        cls.cmd_vel = Newest("/cmd_vel", Twist)
+        cls.costmap = Newest("/move_base/global_costmap/costmap", OccupancyGridArray)
+        cls.updates = Newest("/move_base/global_costmap/costmap_updates", OccupancyGridUpdate)
+        cls.plan = Newest("/move_base/NavfnROS/plan", Path)
         cls.maps = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, queue_size=1, latch=True)
         cls.simple = rospy.Publisher("/move_base_simple/goal", PoseStamped, queue_size=1)
         cls.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         assert cls.client.wait_for_server(rospy.Duration(60.0))
         cls.make_plan = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
         cls.make_plan.wait_for_service(60.0)
-        cls.grid = grid_from_message(cls.map.until(lambda message: True))
+        cls.grid = grid_from_message(cls.map.message)
 
     def setUp(self):
         rospy.wait_for_service("/lab_simulator/reset", 120.0)
@@ -64,9 +61,9 @@ class NavigationTest(unittest.TestCase):
             low, high = self.grid.world_to_cell(np.array(blocked).reshape(2, 2))
             data[low[0] : high[0], low[1] : high[1]] = 100
         before = self.costmap.count
-        self.assertTrue(wait_until(lambda: self.maps.get_num_connections() > 0))
+        wait_until(lambda: self.maps.get_num_connections() > 0, "navigation to listen")
         self.maps.publish(message_from_grid(self.grid.with_data(data), rospy.Time.now()))
-        self.assertTrue(wait_until(lambda: self.costmap.count > before))
+        wait_until(lambda: self.costmap.count > before, "the costmap with it")
 
     def path(self, start, goal, tolerance=0.0):
         reply = self.make_plan(pose(*start), pose(*goal), tolerance)
@@ -76,12 +73,12 @@ class NavigationTest(unittest.TestCase):
         self.client.send_goal(MoveBaseGoal(target_pose=pose(*goal)))
 
     def finish(self, limit=90.0):
-        self.assertTrue(
-            wait_until(lambda: self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), limit)
+        wait_until(
+            lambda: self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), "the goal's end", limit
         )
-        self.assertTrue(wait_until(self.may_plan))
-        last = self.cmd_vel.message
-        self.assertTrue(last is None or (last.linear.x == 0.0 and last.angular.z == 0.0))
+        wait_until(self.may_plan, "plans for others again")
+        for last in self.cmd_vel.all[-1:]:
+            self.assertEqual((last.linear.x, last.angular.z), (0.0, 0.0))
         return self.client.get_state(), self.client.get_goal_status_text()
 
     def may_plan(self):
@@ -116,7 +113,6 @@ class NavigationTest(unittest.TestCase):
         occupancy = np.array(self.costmap.message.data).reshape(self.grid.shape)
         row, column = self.grid.world_to_cell([(4.0, 1.0)])[0]
         self.assertEqual(occupancy[row, column], 100)
-        self.assertTrue(wait_until(lambda: self.updates.message is not None))
         self.assertEqual((self.updates.message.height, self.updates.message.width), self.grid.shape)
         # clearing costmaps loses no border
         rospy.ServiceProxy("/move_base/clear_costmaps", Empty)()
@@ -130,7 +126,7 @@ class NavigationTest(unittest.TestCase):
         self.publish()
         first = len(self.cmd_vel.all)
         self.send(6.6, 1.0, 1.5)
-        self.assertTrue(wait_until(lambda: self.client.get_state() == GoalStatus.ACTIVE))
+        wait_until(lambda: self.client.get_state() == GoalStatus.ACTIVE, "the goal to be taken")
         # as the real one: no plans for others while a goal is active
         self.assertFalse(self.may_plan())
         self.assertEqual(self.finish()[0], GoalStatus.SUCCEEDED)
@@ -143,7 +139,7 @@ class NavigationTest(unittest.TestCase):
     def test_4_a_border_published_while_driving_is_respected(self):
         self.publish()
         self.send(5.2, 1.0, math.pi)
-        self.state.until(lambda state: state.robot_poses[0].x < 7.3)
+        self.state.wait(lambda state: state.robot_poses[0].x < 7.3, "the robot to set out")
         entered = []
         border = (6.0, 0.4, 6.4, 1.3)
         self.publish(border)
@@ -167,16 +163,15 @@ class NavigationTest(unittest.TestCase):
 
     def test_6_simple_goal_and_cancel(self):
         self.publish()
-        self.assertTrue(wait_until(lambda: self.simple.get_num_connections() > 0))
+        wait_until(lambda: self.simple.get_num_connections() > 0, "navigation to listen")
         first = len(self.cmd_vel.all)
         self.simple.publish(pose(6.0, 2.5))
-        self.assertTrue(wait_until(lambda: any(message.linear.x > 0.1 for message in self.cmd_vel.all[first:])))
+        wait_until(lambda: any(message.linear.x > 0.1 for message in self.cmd_vel.all[first:]), "a robot that drives")
         self.client.cancel_all_goals()
-        self.assertTrue(wait_until(self.may_plan))
-        self.assertTrue(wait_until(lambda: self.cmd_vel.message.linear.x == 0.0))
+        wait_until(self.may_plan, "plans for others again")
+        wait_until(lambda: self.cmd_vel.message.linear.x == 0.0, "a robot that stands")
         last = self.cmd_vel.count
-        for _ in range(15):
-            self.state.next()
+        self.state.next(15)
         self.assertEqual(self.cmd_vel.count, last)
 
 

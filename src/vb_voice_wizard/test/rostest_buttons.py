@@ -3,20 +3,16 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import unittest
 
 import rospy
 import rostest
 from sensor_msgs.msg import Joy
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import wait_until  # noqa: E402
+from vb_testing import assert_ends_with_one_line, wait_until
 
-from vb_msgs.msg import InteractionState, Stop  # noqa: E402
-from vb_msgs.srv import Command, CommandResponse  # noqa: E402
+from vb_msgs.msg import InteractionState, Stop
+from vb_msgs.srv import Command, CommandResponse
 
 
 class ButtonsTest(unittest.TestCase):
@@ -90,16 +86,7 @@ class ButtonsTest(unittest.TestCase):
         self.state.publish(InteractionState(name="default"))
 
     def test_a_bad_mapping_is_one_line(self):
-        found = subprocess.run(
-            ["rosrun", "vb_voice_wizard", "buttons", "__name:=bad", "_mapping:={dance: 1}"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            universal_newlines=True,
-            timeout=240,
-        )
-        self.assertEqual(found.returncode, 1)
-        self.assertIn("dance", found.stdout)
-        self.assertNotIn("Traceback", found.stdout)
+        assert_ends_with_one_line("vb_voice_wizard", "buttons", [(["_mapping:={dance: 1}"], "dance")])
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import unittest
@@ -19,10 +18,10 @@ from vb_core import names, sentences
 from vb_core.notices import Notice, Severity
 from vb_core.ros.notices import message_from_notice
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import Newest, Process, StubNeighbors, rospy_point, wait_until  # noqa: E402
+from neighbors import StubNeighbors, point
+from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until
 
-from vb_msgs.msg import (  # noqa: E402
+from vb_msgs.msg import (
     BorderPreview,
     BorderProgress,
     BorderIssue,
@@ -33,7 +32,7 @@ from vb_msgs.msg import (  # noqa: E402
     Stop,
     VirtualBorderArray,
 )
-from vb_msgs.srv import AddBorderResponse, Command, GetDrawnBorderResponse, PreviewBorderResponse  # noqa: E402
+from vb_msgs.srv import AddBorderResponse, Command, GetDrawnBorderResponse, PreviewBorderResponse
 
 FOLDER = tempfile.mkdtemp(prefix="vb_interaction_")
 LOG = os.path.join(FOLDER, "interactions.jsonl")
@@ -56,7 +55,7 @@ class InteractionManagerTest(unittest.TestCase):
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, queue_size=1, latch=True)
         cls.state = Newest("/virtual_borders/state", InteractionState)
         cls.preview = Newest("/virtual_borders/preview", BorderPreview)
-        cls.node = Process("interaction_manager", "__name:=interaction_manager", *ARGUMENTS)
+        cls.node = Process("vb_voice_wizard", "interaction_manager", "__name:=interaction_manager", *ARGUMENTS)
         rospy.wait_for_service("/virtual_borders/command", 60)
 
     @classmethod
@@ -131,8 +130,8 @@ class InteractionManagerTest(unittest.TestCase):
             border_spots=5,
             seed_spots=5,
             has_seed=True,
-            seed=rospy_point(0.5 + dx, 0.5),
-            chain=[rospy_point(0, 0), rospy_point(1, 0), rospy_point(1, 1)],
+            seed=point(0.5 + dx, 0.5),
+            chain=[point(0, 0), point(1, 0), point(1, 1)],
         )
 
     def test_save_saves_the_border_that_was_previewed(self):
@@ -281,8 +280,7 @@ class InteractionManagerTest(unittest.TestCase):
 
     def test_the_state_is_repeated_in_default_too(self):
         self.in_state("default")
-        count = len(self.state.all)
-        wait_until(lambda: len(self.state.all) > count + 3, "states without any change")
+        self.state.next(4)  # without any change
 
     def test_a_command_that_is_sent_again_is_carried_out_once(self):
         with_undo = self.stub.offer_undo()
@@ -452,7 +450,11 @@ class InteractionManagerTest(unittest.TestCase):
         os.makedirs(folder, exist_ok=True)
         self.node.kill()
         other = Process(
-            "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, f"_state_file:={folder}/s.json"
+            "vb_voice_wizard",
+            "interaction_manager",
+            "__name:=interaction_manager",
+            *ARGUMENTS,
+            f"_state_file:={folder}/s.json",
         )
         try:
             wait_until(lambda: os.path.exists(f"{folder}/s.stop") and self._answers("cancel"), "the other manager")
@@ -511,7 +513,12 @@ class InteractionManagerTest(unittest.TestCase):
         del self.state.all[:]
         notices = Newest("/virtual_borders/notices", NoticeArray)
         impatient = Process(
-            "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, "_idle_timeout:=3", "_idle_warning:=2.5"
+            "vb_voice_wizard",
+            "interaction_manager",
+            "__name:=interaction_manager",
+            *ARGUMENTS,
+            "_idle_timeout:=3",
+            "_idle_warning:=2.5",
         )
         try:
             self.state.wait(lambda message: message.stopped, "a stop in doubt")
@@ -542,16 +549,7 @@ class InteractionManagerTest(unittest.TestCase):
 
     def test_a_bad_parameter_is_one_line(self):
         # limits and unknown keys are tested where parameters are checked; each node here costs a second
-        found = subprocess.run(
-            ["rosrun", "vb_voice_wizard", "interaction_manager", "__name:=bad", "_log_file:=/tmp"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            universal_newlines=True,
-            timeout=120,
-        )
-        self.assertEqual(found.returncode, 1)
-        self.assertIn("log_file", found.stdout)
-        self.assertNotIn("Traceback", found.stdout)
+        assert_ends_with_one_line("vb_voice_wizard", "interaction_manager", [(["_log_file:=/tmp"], "log_file")])
 
 
 if __name__ == "__main__":

@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import os
 import re
-import socket
 import subprocess
-import sys
 import tempfile
 import unittest
 
@@ -15,18 +13,13 @@ import rospy
 import rostest
 from vb_core import sentences
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import Newest, Process, StubNeighbors, wait_until  # noqa: E402
-from terminal import Terminal  # noqa: E402
+from neighbors import StubNeighbors
+from vb_testing import Newest, Process, assert_ends_with_one_line, wait_until
 
-from vb_msgs.msg import (  # noqa: E402
-    BorderPreview,
-    BorderProgress,
-    BorderIssue,
-    InteractionState,
-    VirtualBorder,
-    VirtualBorderArray,
-)
+from vb_evaluation.processes import free_port, spawn
+from terminal import Terminal
+
+from vb_msgs.msg import BorderPreview, BorderProgress, BorderIssue, InteractionState, VirtualBorder, VirtualBorderArray
 
 FOLDER = tempfile.mkdtemp(prefix="vb_console_")
 
@@ -47,6 +40,7 @@ class WizardConsoleTest(unittest.TestCase):
         cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, queue_size=1, latch=True)
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, queue_size=1, latch=True)
         cls.manager = Process(
+            "vb_voice_wizard",
             "interaction_manager",
             "__name:=interaction_manager",
             f"_log_file:={FOLDER}/log",
@@ -131,16 +125,14 @@ class WizardConsoleTest(unittest.TestCase):
         self.terminal.shows("The border fusion is back")
 
     def test_the_master_may_come_late_and_be_restarted(self):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
+        port = free_port()
         environment = {"ROS_MASTER_URI": f"http://127.0.0.1:{port}"}
         terminal = Terminal(environment)
         terminal.shows("waiting for the ROS master")
 
         def master():
             # the master alone: it is up in a moment
-            return subprocess.Popen(
+            return spawn(
                 ["rosmaster", "--core", "-p", str(port)],
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -163,17 +155,7 @@ class WizardConsoleTest(unittest.TestCase):
         second.wait()
 
     def test_without_a_terminal(self):
-        found = subprocess.run(
-            ["rosrun", "vb_voice_wizard", "wizard_console"],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            universal_newlines=True,
-            timeout=240,
-        )
-        self.assertEqual(found.returncode, 1)
-        self.assertIn("needs a terminal", found.stderr)
-        self.assertNotIn("Traceback", found.stderr)
+        assert_ends_with_one_line("vb_voice_wizard", "wizard_console", [([], "needs a terminal")])
 
 
 if __name__ == "__main__":

@@ -6,9 +6,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
-import subprocess
-import sys
 import unittest
 from datetime import datetime
 from pathlib import Path
@@ -23,16 +20,17 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point
 from sensor_msgs.msg import Image
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from accessibility import faults_of  # noqa: E402
-from phone import TIMEOUT, PHONE, WALL, Browser  # noqa: E402
-from vb_core import names, sentences  # noqa: E402
-from vb_core.notices import Notice, Severity  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message, mapping_from_values  # noqa: E402
-from vb_core.ros.notices import NoticePublisher  # noqa: E402
-from vb_msgs.msg import DetectorStatus, DriverState, InteractionState, LaserSpot, NoticeArray, StudyEvent  # noqa: E402
-from vb_msgs.msg import Stop, VirtualBorder, VirtualBorderArray  # noqa: E402
-from vb_msgs.srv import AddBorder  # noqa: E402
+from accessibility import faults_of
+from phone import PHONE, WALL, Browser
+from vb_testing import Process, is_listening, wait_until
+from vb_core import names, sentences
+from vb_core.notices import Notice, Severity
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, mapping_from_values
+from vb_core.ros.notices import NoticePublisher
+from vb_evaluation.processes import free_port
+from vb_msgs.msg import DetectorStatus, DriverState, InteractionState, LaserSpot, NoticeArray, StudyEvent
+from vb_msgs.msg import Stop, VirtualBorder, VirtualBorderArray
+from vb_msgs.srv import AddBorder
 
 CARPET = [[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]]
 
@@ -43,15 +41,6 @@ def round_the(corners, per_side=6):
     for a, b in zip(corners, corners[1:] + corners[:1]):
         path += [[a[0] + (b[0] - a[0]) * i / per_side, a[1] + (b[1] - a[1]) * i / per_side] for i in range(per_side)]
     return path
-
-
-def until(condition, what, seconds=TIMEOUT):
-    for _ in range(int(seconds / 0.05)):
-        found = condition()
-        if found:
-            return found
-        rospy.rostime.wallsleep(0.05)
-    raise AssertionError(f"waited {seconds} s for {what}")
 
 
 class PageTest(unittest.TestCase):
@@ -73,9 +62,7 @@ class PageTest(unittest.TestCase):
             names.NOTICES, NoticeArray, lambda message: cls.said.__setitem__(message.source, message.notices)
         )
         cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=5)
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            cls.port = probe.getsockname()[1]
+        cls.port = free_port()
         cls.events = Path(rospy.get_param("~state")) / "page_events.jsonl"
         cls.page = None
         cls.start_page()
@@ -84,26 +71,13 @@ class PageTest(unittest.TestCase):
     @classmethod
     def tearDownClass(cls):
         cls.browser.close()
-        cls.stop_page()
+        cls.page.stop()
 
     @classmethod
     def start_page(cls, *arguments):
         files = (f"_events_file:={cls.events}", f"_codes_file:={cls.events.parent}/page_codes.yaml")
-        cls.page = subprocess.Popen(
-            ["rosrun", "vb_web", "page", "__name:=page", f"_port:={cls.port}", *files, *arguments]
-        )
-        until(cls.listening, "the page to listen")
-
-    @classmethod
-    def listening(cls):
-        with socket.socket() as probe:
-            return probe.connect_ex(("127.0.0.1", cls.port)) == 0
-
-    @classmethod
-    def stop_page(cls, kill=False):
-        # rosrun became the node: exec
-        (cls.page.kill if kill else cls.page.terminate)()
-        cls.page.wait(20)
+        cls.page = Process("vb_web", "page", "__name:=page", f"_port:={cls.port}", *files, *arguments)
+        wait_until(lambda: is_listening(cls.port), "the page to listen")
 
     def setUp(self):
         if self.browser.run("return document.body.dataset.mode != 'look' || document.getElementById('dialog').open"):
@@ -117,7 +91,7 @@ class PageTest(unittest.TestCase):
         return list(message.borders) if message else []
 
     def wait_borders(self, count):
-        until(lambda: names.BORDERS in self.heard and len(self.borders()) == count, f"{count} borders")
+        wait_until(lambda: names.BORDERS in self.heard and len(self.borders()) == count, f"{count} borders")
         return self.borders()
 
     def draw_carpet(self, name=""):
@@ -192,10 +166,10 @@ class PageTest(unittest.TestCase):
         field.clear()
         field.send_keys("Rug")
         self.browser.click("#dialog button", "Rename")
-        until(lambda: self.borders()[0].name == "Rug", "the new name")
+        wait_until(lambda: self.borders()[0].name == "Rug", "the new name")
         self.browser.click("#borders .switch")
-        until(lambda: not self.borders()[0].enabled, "the border to be off")
-        until(
+        wait_until(lambda: not self.borders()[0].enabled, "the border to be off")
+        wait_until(
             lambda: (self.heard[names.MAP_WITH_BORDERS].data == self.heard[names.PHYSICAL_MAP].data).all(),
             "the map without it",
         )
@@ -253,7 +227,7 @@ class PageTest(unittest.TestCase):
         low = self.browser.run("return window.virtualBorders.draft().points[arguments[0]]", index)
         self.browser.driver.switch_to.active_element.send_keys("\ue012" * 2)  # the left arrow
         self.browser.click("#review button", "Save")
-        points = until(
+        points = wait_until(
             lambda: len(self.borders()) == 1
             and any(p.x > 5.4 for p in self.borders()[0].points)
             and self.borders()[0].points,
@@ -262,7 +236,7 @@ class PageTest(unittest.TestCase):
         self.assertAlmostEqual(min(abs(p.x - (low[0] - 0.1)) + abs(p.y - low[1]) for p in points), 0.0, delta=0.02)
         # times, which switch it on
         self.browser.click("#borders .switch")
-        until(lambda: not self.borders()[0].enabled, "the border to be off")
+        wait_until(lambda: not self.borders()[0].enabled, "the border to be off")
         self.browser.wait_text("#borders", "Switched off")
         self.browser.click("#borders .name")
         self.browser.click("#dialog button", "Schedule")
@@ -273,7 +247,7 @@ class PageTest(unittest.TestCase):
         for field, text in (("from", "8"), ("to", "1230")):
             self.browser.field(f"#dialog input[data-key={field}]").send_keys(text)
         self.browser.click("#dialog button", "Save")
-        until(lambda: self.borders()[0].schedule == "mon-fri 08:00-12:30", "the schedule")
+        wait_until(lambda: self.borders()[0].schedule == "mon-fri 08:00-12:30", "the schedule")
         self.assertTrue(self.borders()[0].enabled)
         self.browser.wait_text("#toast", "Switched on: in force only Mon")
         self.browser.wait(
@@ -353,7 +327,7 @@ class PageTest(unittest.TestCase):
         self.browser.wait_text("#dialog", "Switch off")
         self.assertEqual(self.browser.run("return document.querySelector('#dialog input').value"), "Rug 2")
         self.browser.click("#dialog button", "Rename")
-        until(lambda: self.borders()[0].name == "Rug 2", "the new name")
+        wait_until(lambda: self.borders()[0].name == "Rug 2", "the new name")
         # what a dialog covered cannot be pressed at once
         self.browser.click("#borders .name")
         under = self.browser.driver.execute_async_script(
@@ -374,7 +348,7 @@ class PageTest(unittest.TestCase):
         self.browser.wait("document.body.dataset.state == 'border'", what="the state border")
         self.browser.click("#settings-button")  # stop is in reach also while a dialog is open
         self.browser.click("#stop")
-        until(lambda: self.heard[names.STATE].stopped and names.STOP in self.heard, "stop")
+        wait_until(lambda: self.heard[names.STATE].stopped and names.STOP in self.heard, "stop")
         self.browser.wait_text("#banners", "All robots are stopped")
         self.assertGreaterEqual(
             self.browser.run(
@@ -394,7 +368,7 @@ class PageTest(unittest.TestCase):
         self.assertEqual(self.browser.text("#state"), "Stopped")
         self.browser.click("#dialog button", "Close")
         self.browser.click("#resume", "Resume")
-        until(lambda: not self.heard[names.STATE].stopped, "go on")
+        wait_until(lambda: not self.heard[names.STATE].stopped, "go on")
         self.browser.wait_text("#toast", "Robots may drive again.")
         self.browser.click("#commands button", "Cancel")
         self.browser.wait("document.body.dataset.state == 'default'", what="the state default")
@@ -430,7 +404,7 @@ class PageTest(unittest.TestCase):
         self.browser.wait("document.getElementById('toast').dataset.code == 'stopped'", what="the second answer")
         self.assertTrue(self.heard[names.STATE].stopped)
         self.browser.click("#resume")
-        until(lambda: not self.heard[names.STATE].stopped, "go on")
+        wait_until(lambda: not self.heard[names.STATE].stopped, "go on")
         inside = """const m = window.virtualBorders.map, [w, h] = m.size(), [x0, x1, y0, y1] = m.box;
             const [a, b] = [m.toScreen([x0, y1]), m.toScreen([x1, y0])];
             return a[0] < w / 2 && b[0] > w / 2 && a[1] < h / 2 && b[1] > h / 2"""
@@ -480,7 +454,7 @@ class PageTest(unittest.TestCase):
         self.browser.tap([3.0, 1.0])
         check("a drawing")
         self.browser.click("#resume", "Resume")
-        until(lambda: not self.heard[names.STATE].stopped, "go on")
+        wait_until(lambda: not self.heard[names.STATE].stopped, "go on")
         self.browser.wait("!document.getElementById('resume').getClientRects().length", what="no Resume")
         self.assertEqual(self.browser.run("return document.querySelectorAll('#placed .knob').length"), 1)
         self.browser.click("#review button", "Cancel")
@@ -523,7 +497,7 @@ class PageTest(unittest.TestCase):
         finally:
             small.close()
         self.browser.click("#resume")
-        until(lambda: not self.heard[names.STATE].stopped, "go on")
+        wait_until(lambda: not self.heard[names.STATE].stopped, "go on")
 
     def test_3ac_each_border_in_view_has_its_name_or_its_mark_and_nothing_else_has(self):
         self.browser.wait_arrived()
@@ -699,13 +673,13 @@ class PageTest(unittest.TestCase):
         self.browser.wait_text("#review", "m²")
         self.browser.run("window.virtualBorders.map.zoom(1.5)")
         view = self.browser.run("return window.virtualBorders.map.view")
-        self.page.send_signal(signal.SIGSTOP)
+        self.page.process.send_signal(signal.SIGSTOP)
         try:
             self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
             self.browser.click("#review button", "Save")
             self.browser.wait_text("#review", "connection is lost")
         finally:
-            self.page.send_signal(signal.SIGCONT)
+            self.page.process.send_signal(signal.SIGCONT)
         self.browser.wait("document.body.dataset.state == 'default'", what="the connection")
         self.browser.wait_text("#review", "m²")
         self.assertEqual(self.browser.run("return window.virtualBorders.map.view"), view)
@@ -726,7 +700,7 @@ class PageTest(unittest.TestCase):
         try:
             self.browser.wait_text("#banners", "has not responded for more than 0:0")
             self.browser.click("#stop")
-            until(lambda: names.STOP in self.heard, "stop on its topic")
+            wait_until(lambda: names.STOP in self.heard, "stop on its topic")
         finally:
             os.kill(process, signal.SIGKILL)
 
@@ -735,10 +709,10 @@ class PageTest(unittest.TestCase):
             return self.heard[names.STATE].stopped
 
         # roslaunch restarts the manager, and the robot that heard the stop tells it
-        until(told, "the manager to know of the stop")
+        wait_until(told, "the manager to know of the stop")
         self.browser.wait_text("#banners", "All robots are stopped")
         self.browser.click("#resume")
-        until(lambda: not self.heard[names.STATE].stopped, "go on")
+        wait_until(lambda: not self.heard[names.STATE].stopped, "go on")
         robot.unregister()
 
     # ------------------------------------------------------------- what is seen
@@ -880,14 +854,14 @@ class PageTest(unittest.TestCase):
         spot = LaserSpot(camera="red")
         spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()
         spot.position.x, spot.position.y = 4.0, 2.5
-        until(lambda: self.spots.get_num_connections(), "the page to listen")
+        wait_until(lambda: self.spots.get_num_connections(), "the page to listen")
         self.spots.publish(spot)
         self.browser.wait("document.querySelector('.spot')", what="the spot")
         evil = "<img src=x onerror=window.evil=1>"
         self.browser.run("document.getElementById('study').open = true")
         self.browser.field("#mark-form input").send_keys(evil)
         self.browser.click("#mark-form button")
-        until(lambda: names.STUDY_EVENTS in self.heard and self.heard[names.STUDY_EVENTS].text == evil, "the note")
+        wait_until(lambda: names.STUDY_EVENTS in self.heard and self.heard[names.STUDY_EVENTS].text == evil, "the note")
         self.browser.wait(
             "document.getElementById('events').textContent.includes(arguments[0])", evil, what="the note in the history"
         )
@@ -907,7 +881,7 @@ class PageTest(unittest.TestCase):
     # last: the page that it starts asks every browser for a code
     def test_7_the_page_comes_back_after_it_was_killed_and_in_a_network_asks_for_the_code_on_the_display(self):
         self.store_carpet()
-        self.stop_page(kill=True)
+        self.page.kill()
         self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
         self.start_page("_address:=0.0.0.0")
         self.browser.wait(
@@ -918,7 +892,7 @@ class PageTest(unittest.TestCase):
         field = self.browser.field("#login input")
         field.send_keys("wrong-code\n")
         self.browser.wait_text("#login-answer", "not a valid code")
-        shown = until(
+        shown = wait_until(
             lambda: [notice for notice in self.said.get("/page", ()) if notice.code == "page_invitation"],
             "the code on the display",
         )
@@ -930,9 +904,9 @@ class PageTest(unittest.TestCase):
         self.browser.wait_text("#borders", "Rug")
         self.assertNotIn("On your phone", self.browser.text("#notices"))
         self.browser.click("#commands button", "Define border")
-        until(lambda: not self.said["/page"], "no code while somebody draws")
+        wait_until(lambda: not self.said["/page"], "no code while somebody draws")
         self.browser.click("#commands button", "Cancel")
-        until(lambda: self.said["/page"], "the code again")
+        wait_until(lambda: self.said["/page"], "the code again")
         self.assertIn("Rug was added", self.browser.run("return document.getElementById('events').textContent"))
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 
 from selenium import webdriver
 from selenium.common.exceptions import ElementClickInterceptedException, StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
+from vb_testing import TIMEOUT, wait_until
 
 PHONE, WALL = (360, 740), (1920, 1080)
 _SWITCHES = (
@@ -22,7 +22,6 @@ _SWITCHES = (
     "--disable-extensions",
     "--no-first-run",
 )
-TIMEOUT = 120.0  # a busy machine takes ten times as long; only a fault waits to the end
 
 
 class Browser:
@@ -58,14 +57,10 @@ class Browser:
 
     def wait(self, script, *arguments, what=None):
         """Waits until a script gives something true, and gives that."""
-        end = time.monotonic() + TIMEOUT
-        while True:
-            found = self.run(f"return ({script})", *arguments)
-            if found:
-                return found
-            if time.monotonic() > end:
-                raise AssertionError(f"waited for {what or script}; the page says: {self.said()}")
-            time.sleep(0.05)
+        return wait_until(
+            lambda: self.run(f"return ({script})", *arguments),
+            lambda: f"{what or script}; the page says: {self.said()}",
+        )
 
     def said(self):
         """The page's words on one line, what is urgent last: a report of failed tests keeps the end."""

@@ -1,8 +1,6 @@
-"""What the node tests share: a map server, borders, and a subscriber that remembers."""
+"""What the node tests share: a map server, and borders."""
 
 from __future__ import annotations
-
-import time
 
 import numpy as np
 import rospy
@@ -10,19 +8,6 @@ from geometry_msgs.msg import Point
 from vb_core.grid_map import GridMap
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid
 from vb_msgs.msg import VirtualBorder
-
-DEADLINE_S = 20.0
-
-
-def wait_until(condition, what, seconds=DEADLINE_S):
-    """Waits until a condition gives something true, and returns it."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end and not rospy.is_shutdown():
-        found = condition()
-        if found:
-            return found
-        rospy.rostime.wallsleep(0.02)
-    raise AssertionError(f"gave up waiting: {what}")
 
 
 def lab(width=160, height=100):
@@ -44,18 +29,6 @@ class MapServer:
     def publish(self, grid):
         self.grid = grid
         self.publisher.publish(message_from_grid(grid, rospy.Time.now()))
-
-
-class Latest:
-    """The newest message of a topic, an empty one until the first."""
-
-    def __init__(self, topic, kind):
-        self.message, self.count = kind(), 0
-        self.subscriber = rospy.Subscriber(topic, kind, self.take, queue_size=10, buff_size=2**22)
-
-    def take(self, message):
-        self.message = message
-        self.count += 1
 
 
 def polygon(x=0.0, y=0.0, size=1.0, **fields):

@@ -11,7 +11,7 @@ import subprocess
 import termios
 import threading
 
-from ros_helpers import wait_until
+from vb_testing import wait_until
 
 
 class Terminal:
