@@ -86,7 +86,7 @@ def test_depth_of_another_frame_is_not_used():
     report = Faults()
     topic = camera_geometry.DepthTopic("/depth/image_raw", "/depth/camera_info", report)
     depth = np.full((48, 64), 1500, np.uint16)
-    topic._on_image(
+    topic._images.append(
         Image(Header(stamp=rospy.Time(5), frame_id="depth_frame"), 48, 64, "16UC1", 0, 128, depth.tobytes())
     )
     assert topic.nearest(rospy.Time(5), "color_frame") == (None, None)

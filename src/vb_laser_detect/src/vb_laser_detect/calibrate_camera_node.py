@@ -14,6 +14,7 @@ import queue
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any, Sequence, Tuple
 
@@ -39,16 +40,12 @@ from vb_laser_detect.detector import DetectorParams, SpotDetector
 
 FOLDER = "~/.ros/virtual_borders/cameras"
 _SPOT_TIMEOUT = 4.0  # [s] for the spot to be seen and still
+print_line = partial(print, flush=True)  # the person sees each line at once
 _HELP = """
 Hold the spot still on a place that you know in the map, for two seconds, then
   click the place in RViz ("Publish Point"), or type its map coordinates: x y [m]
 Four places are needed, six to eight are good: near the corners of what the camera sees, and some within.
   undo   takes the last place back      done   ends and writes      quit   ends without writing"""
-
-
-def print_line(text: str) -> None:
-    """Prints a line for the person, unbuffered."""
-    print(text, flush=True)
 
 
 def detector_params_of(camera: str) -> DetectorParams:
@@ -216,7 +213,7 @@ def main() -> int:
             return 0
         rospy.init_node("calibrate_camera", anonymous=True)
         if arguments.command in camera_setup_node.COMMANDS:
-            return camera_setup_node.main(arguments)
+            return camera_setup_node.COMMANDS[arguments.command](arguments)
         arguments.folder = arguments.folder or str(rospy.get_param("/camera_poses/calibration_dir", FOLDER))
         return SpotCalibration(arguments).run()
     except CodedError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from functools import partial
 from typing import Any, Deque, List, Optional, Sequence, Tuple
@@ -114,14 +113,9 @@ class DepthTopic:
 
     def __init__(self, topic: str, info_topic: str, report: DetectorDiagnostics) -> None:
         self._report = report
-        self._lock = threading.Lock()
         self._images: Deque[Image] = deque(maxlen=12)  # a busy computer searches an image late
         self._info = InfoTopic(info_topic, report)
-        rospy.Subscriber(topic, Image, self._on_image, queue_size=1, buff_size=2**22)
-
-    def _on_image(self, message: Image) -> None:
-        with self._lock:
-            self._images.append(message)
+        rospy.Subscriber(topic, Image, self._images.append, queue_size=1, buff_size=2**22)
 
     def nearest(self, stamp: rospy.Time, color_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
         """Returns the depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
@@ -129,9 +123,8 @@ class DepthTopic:
         Args:
             color_frame: of the colour image; depth of another frame is not registered to it.
         """
-        with self._lock:
-            images = list(self._images)
-        best = min(images, key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
+        # copied at once: images come in meanwhile
+        best = min(list(self._images), key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
         if best is None or abs((best.header.stamp - stamp).to_sec()) > _MAX_DEPTH_AGE:
             return None, None
         if best.header.frame_id.lstrip("/") != color_frame.lstrip("/"):

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import argparse
 import http.server
-import queue
 import random
 import sys
 import threading
 import time
+from collections import deque
 from pathlib import Path
-from typing import Any, Dict, List, Tuple
+from typing import Any, Deque, Dict, List, Tuple
 
 import cv2
 import dynamic_reconfigure.client
@@ -35,7 +35,7 @@ from vb_laser_detect.camera.exposure_search import WHITE, Look, find_exposure, l
 from vb_laser_detect.camera_feed import lens_path
 from vb_laser_detect.camera_geometry import decode, is_rectified, require_size, sibling_topic
 
-_TIMEOUT = 15.0  # [s] for the next image
+_TIMEOUT, _POLL_PERIOD = 15.0, 0.005  # [s] for the next image, and between two looks
 _SETTLED = 0.5  # [s] after which a new exposure time is in the images
 _BLINKS, _SHORTEST, _LONGEST = 40, 0.25, 0.65  # switches of the light, and [s] between two of them
 _SPOT_TIMEOUT = 30.0  # [s]
@@ -61,18 +61,11 @@ class CameraImages:
         self.settings = str(self.params.get("settings", ""))
         self.frame = str(self.params.get("frame", ""))
         self._reader = PixelReader()
-        self._newest: "queue.Queue[Any]" = queue.Queue(1)
+        self._newest: Deque[Any] = deque(maxlen=1)
         self._image = "/" + (self.params.get("image") or f"{camera}/image_raw").lstrip("/")
         compressed = self.params.get("image_transport") == "compressed"
         kind, self._topic = (CompressedImage, f"{self._image}/compressed") if compressed else (Image, self._image)
-        rospy.Subscriber(self._topic, kind, self._take, queue_size=1, buff_size=2**24)
-
-    def _take(self, message: Any) -> None:
-        try:
-            self._newest.get_nowait()
-        except queue.Empty:
-            pass
-        self._newest.put(message)
+        rospy.Subscriber(self._topic, kind, self._newest.append, queue_size=1, buff_size=2**24)
 
     def next(self, after: float = 0.0) -> Tuple[float, Picture]:
         """Waits for an image that was taken after a time; returns its stamp [s] and itself.
@@ -82,10 +75,10 @@ class CameraImages:
         """
         end = time.monotonic() + _TIMEOUT
         while time.monotonic() < end and not rospy.is_shutdown():
-            try:
-                message = self._newest.get(timeout=0.5)
-            except queue.Empty:
+            if not self._newest:
+                rospy.rostime.wallsleep(_POLL_PERIOD)
                 continue
+            message = self._newest.popleft()
             self.frame = self.frame or message.header.frame_id
             if message.header.stamp.to_sec() >= after:
                 return message.header.stamp.to_sec(), self._reader.read(*decode(message))
@@ -295,11 +288,6 @@ def set_exposure(arguments: argparse.Namespace) -> int:
 
 
 COMMANDS = {"lens": calibrate_lens, "delay": measure_camera_delay, "exposure": set_exposure}
-
-
-def main(arguments: argparse.Namespace) -> int:
-    """Runs one of the commands; returns the exit status."""
-    return COMMANDS[arguments.command](arguments)
 
 
 def add_commands(commands: Any) -> None:

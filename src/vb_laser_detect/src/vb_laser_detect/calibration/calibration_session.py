@@ -8,7 +8,6 @@ from typing import Deque, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration.pose import (
@@ -115,13 +114,11 @@ def describe(estimate: PoseEstimate, observed: Correspondences) -> List[str]:
     right = math.degrees(math.atan2(T[1, 0], T[0, 0]))
     used = estimate.used
     sigma_cm, sigma_deg = 100 * estimate.position_sigma, np.degrees(estimate.angle_sigma)
-    qx, qy, qz, qw = geometry.quaternion_from_rotation(T[:3, :3])
     lines = [
         f"position     {T[0, 3]:.3f} {T[1, 3]:.3f} {T[2, 3]:.3f} m, "
         f"+- {sigma_cm[0]:.1f} {sigma_cm[1]:.1f} {sigma_cm[2]:.1f} cm",
         f"orientation  {tilt:.2f} deg from vertical, the image's x axis points to {right:.1f} deg in the map,  "
         f"+- {sigma_deg[0]:.2f} {sigma_deg[1]:.2f} {sigma_deg[2]:.2f} deg about the camera's x, y, z",
-        f"quaternion   {qx:.6f} {qy:.6f} {qz:.6f} {qw:.6f}",
         f"points       {int(used.sum())} of {len(used)} used",
         f"error        {estimate.rms_px:.2f} px rms, {estimate.errors_px[used].max():.2f} px at most",
         f"on the floor {100 * estimate.rms_m:.2f} cm rms, {100 * estimate.errors_m[used].max():.2f} cm at most",

@@ -44,12 +44,15 @@ class LensCalibration:
     Args:
         size: width and height of the images [px].
         fisheye: for lenses that see more than about 120 degrees.
+
+    Attributes:
+        covered: cells of the image in which corners were seen, (columns, rows) bool.
     """
 
     def __init__(self, size: Tuple[int, int], fisheye: bool = False) -> None:
         self.size, self.fisheye = size, fisheye
         self.views: List[BoardView] = []
-        self._covered = np.zeros(_CELLS, bool)
+        self.covered = np.zeros(_CELLS, bool)
         self._estimated: Optional[LensEstimate] = None
 
     def add(self, view: BoardView) -> bool:
@@ -59,7 +62,7 @@ class LensCalibration:
         self.views = [*self.views, view][-_MAX_VIEWS:]
         self._estimated = None
         cells = (view.pixels / self.size * _CELLS).astype(int)
-        self._covered[tuple(np.clip(cells, 0, np.array(_CELLS) - 1).T)] = True
+        self.covered[tuple(np.clip(cells, 0, np.array(_CELLS) - 1).T)] = True
         return True
 
     def _moved(self, view: BoardView, other: BoardView) -> float:
@@ -68,16 +71,6 @@ class LensCalibration:
             return 1.0
         moved = np.linalg.norm(view.pixels[here] - other.pixels[there], axis=1)
         return float(moved.mean()) / self.size[0]
-
-    @property
-    def coverage(self) -> float:
-        """Part of the image, 0 ... 1, in which corners were seen."""
-        return float(self._covered.mean())
-
-    @property
-    def covered(self) -> np.ndarray:
-        """Which cells of the image were covered, (columns, rows) bool."""
-        return self._covered
 
     def estimate(self) -> LensEstimate:
         """Estimates the lens.
@@ -90,13 +83,11 @@ class LensCalibration:
         if self._estimated is None:
             objects = [np.column_stack([view.corners, np.zeros(len(view.ids))]) for view in self.views]
             try:
-                found = (self._fisheye if self.fisheye else self._pinhole)(
-                    objects, [view.pixels for view in self.views]
-                )
+                estimate = self._fisheye if self.fisheye else self._pinhole
+                self._estimated = estimate(objects, [view.pixels for view in self.views])
             except cv2.error:
                 raise CodedError("lens_not_determined") from None
-            self._estimated = len(self.views), found
-        return self._estimated[1]
+        return self._estimated
 
     def _pinhole(self, objects: list, pixels: list) -> LensEstimate:
         parts = ([part.astype(np.float32) for part in parts] for parts in (objects, pixels))
@@ -121,8 +112,10 @@ class LensCalibration:
         """
         if len(self.views) < MIN_VIEWS:
             raise CodedError("too_few_views", views=len(self.views), least=MIN_VIEWS)
-        if self.coverage < MIN_COVERAGE:
-            raise CodedError("little_coverage", percent=round(100 * self.coverage), least=round(100 * MIN_COVERAGE))
+        if self.covered.mean() < MIN_COVERAGE:
+            raise CodedError(
+                "little_coverage", percent=round(100 * self.covered.mean()), least=round(100 * MIN_COVERAGE)
+            )
         found = self.estimate()
         if found.rms > _MAX_RMS:
             raise CodedError("lens_not_determined")
@@ -134,7 +127,7 @@ class LensCalibration:
 
     def describe(self) -> str:
         """Describes the progress in one line."""
-        text = f"{len(self.views)} views, {100 * self.coverage:.0f} % of the image covered"
+        text = f"{len(self.views)} views, {100 * self.covered.mean():.0f} % of the image covered"
         try:
             found = self.estimate()
         except CodedError:
