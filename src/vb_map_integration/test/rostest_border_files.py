@@ -30,7 +30,7 @@ class BorderFilesTest(unittest.TestCase):
         cls.maps = Newest("/virtual_borders/map", OccupancyGridArray)
         cls.borders = Newest("/virtual_borders/borders", VirtualBorderArray)
         cls.server = MapServer(cls.grid)
-        wait_until(lambda: cls.maps.count and cls.borders.count, "the first map")
+        assert cls.maps.message and cls.borders.message
 
     def stored(self, count):
         wait_until(lambda: len(self.borders.message.borders) == count, f"{count} border(s)")

@@ -673,13 +673,13 @@ class PageTest(unittest.TestCase):
         self.browser.wait_text("#review", "m²")
         self.browser.run("window.virtualBorders.map.zoom(1.5)")
         view = self.browser.run("return window.virtualBorders.map.view")
-        self.page.send_signal(signal.SIGSTOP)
+        self.page.process.send_signal(signal.SIGSTOP)
         try:
             self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
             self.browser.click("#review button", "Save")
             self.browser.wait_text("#review", "connection is lost")
         finally:
-            self.page.send_signal(signal.SIGCONT)
+            self.page.process.send_signal(signal.SIGCONT)
         self.browser.wait("document.body.dataset.state == 'default'", what="the connection")
         self.browser.wait_text("#review", "m²")
         self.assertEqual(self.browser.run("return window.virtualBorders.map.view"), view)
