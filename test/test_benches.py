@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+import people
+
 TOP = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
-import people  # noqa: E402
 
 SAMPLES = {
     "detection/calibration.py": "--repetitions 2 --images 0",

@@ -11,7 +11,6 @@ import importlib
 import json
 import os
 import shutil
-import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -40,9 +39,9 @@ from vb_msgs.msg import VirtualBorder
 from vb_sim.room.world import load_world
 from vb_web import action_requests
 
+from integrators import integrator, square
+
 TOP = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(TOP / "src" / "vb_map_integration" / "test"))
-from integrators import integrator, square  # noqa: E402
 
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
 

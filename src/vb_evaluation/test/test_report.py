@@ -6,7 +6,6 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,8 +18,7 @@ from vb_evaluation.report.maps import nearest_to_median
 from vb_evaluation.report.page import write_report
 from vb_evaluation.statistics import Interval
 
-sys.path.insert(0, str(Path(__file__).parent))
-import study_rows  # noqa: E402
+import study_rows
 
 
 @pytest.fixture(scope="module")

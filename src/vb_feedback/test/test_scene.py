@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -13,8 +11,7 @@ from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
 from vb_feedback.display.text_panel import PanelContent, words
 
-sys.path.insert(0, str(Path(__file__).parent))
-from shape_boxes import text_boxes  # noqa: E402
+from shape_boxes import text_boxes
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2

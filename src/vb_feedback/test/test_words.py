@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -14,8 +12,7 @@ from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.scene import PLATE, TEXT
 from vb_feedback.display.text_panel import PanelNotice, PanelContent, words
 
-sys.path.insert(0, str(Path(__file__).parent))
-from shape_boxes import text_boxes  # noqa: E402
+from shape_boxes import text_boxes
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2

@@ -1,17 +1,14 @@
 """Density must not outweigh geometry: a spot held still, and false spots that stay at one place."""
 
-import sys
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-from disturbances import beside, held, timed, with_fixed_place  # noqa: E402
-from strokes import hausdorff  # noqa: E402
+from disturbances import beside, held, timed, with_fixed_place
+from strokes import hausdorff
 
-from vb_fusion.extraction import extract_border  # noqa: E402
+from vb_fusion.extraction import extract_border
 
 BAD = 0.25  # [m]
 

@@ -3,21 +3,19 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from shapely.geometry import Polygon, box
 
-sys.path.insert(0, str(Path(__file__).parent))
-import people  # noqa: E402
-from strokes import Setting, draw, hausdorff, jaccard  # noqa: E402
+import people
+from strokes import Setting, draw, hausdorff, jaccard
 
-from vb_core import geometry  # noqa: E402
-from vb_core.errors import ParameterError  # noqa: E402
-from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
-from vb_fusion.line import closure  # noqa: E402
+from vb_core import geometry
+from vb_core.errors import ParameterError
+from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border
+from vb_fusion.line import closure
 
 BASE = Setting()
 
@@ -179,6 +177,13 @@ def test_figures_with_a_gap_of_up_to_a_third_of_their_diagonal_are_meant_closed(
     wide = np.linalg.norm(np.ptp(ring, axis=0)) * gap
     last = int(np.flatnonzero((away >= wide) & (np.arange(len(dense)) > len(dense) / 2))[-1])
     assert closure.classify_closure(dense[: last + 1]).closed
+
+
+def test_a_line_there_and_back_that_encloses_less_than_a_hand_trembles_is_open():
+    along = np.linspace(0.0, 1.0, 50)
+    lens = np.column_stack([np.concatenate([along, along[::-1]]), 0.01 * np.sin(2.0 * np.pi * np.linspace(0, 1, 100))])
+    assert closure.classify_closure(lens).code == "open_flat"
+    assert closure.classify_closure(lens * [1.0, 20.0]).closed
 
 
 @pytest.mark.parametrize("depth", [0.7, 1.0, 3.0])

@@ -1,18 +1,14 @@
 """Algorithms 1 to 3 against their literal transcription, and their speed-ups against plain answers."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-sys.path.insert(0, str(Path(__file__).parent))
-import paper_transcription as transcription  # noqa: E402
+import paper_transcription as transcription
 
-from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
-from vb_fusion.paper import dbscan, find_cluster, generate_polygon, thin_points  # noqa: E402
+from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border
+from vb_fusion.paper import dbscan, find_cluster, generate_polygon, thin_points
 
 # multiples of 1/64 m are exact in binary: comparisons with a distance come out alike however they are computed
 coordinate = st.integers(-128, 128).map(lambda k: k / 64.0)

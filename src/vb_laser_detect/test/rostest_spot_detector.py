@@ -173,6 +173,14 @@ class SpotDetectorTest(unittest.TestCase):
         # a log's stamp comes a little later than the decision to write it
         self.assertTrue((np.diff(stamps) > WARN_EVERY / 2).all(), stamps)
 
+    def check_dropped(self, camera, code):
+        """Spots are counted as dropped, and none is published."""
+        o = self.observer
+        with o.changed:
+            before, count = o.refused(camera, code), len([spot for spot in o.spots if spot.camera == camera])
+        self.wait(lambda: o.refused(camera, code) >= before + 5, f"spots of {camera} that are dropped for {code}")
+        self.assertLessEqual(len([spot for spot in o.spots if spot.camera == camera]), count)
+
     def check_spots(self, camera, projections, limit):
         """All spots of a camera until now are right, have their images' own times, and come in order."""
         self.wait_for_spots(camera, 15)
@@ -264,18 +272,14 @@ class SpotDetectorTest(unittest.TestCase):
 
     def another_camera_says_the_same_frame(self):
         # a frame has one pose: neither camera's spots can be believed
-        o, name = self.observer, self.red.frame
+        name = self.red.frame
         other = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
         timer = rospy.Timer(
             rospy.Duration(0.5), lambda _event: other.publish(DetectorStatus(camera="green", frame_id=name))
         )
         self.addCleanup(timer.shutdown)
         self.check_fault("red", "shared_frame", "green, red", DiagnosticStatus.ERROR, count=3)
-        with o.changed:
-            count = len([spot for spot in o.spots if spot.camera == "red"])
-        before = o.refused("red", "shared_frame")
-        self.wait(lambda: o.refused("red", "shared_frame") >= before + 5, "images whose place is not known")
-        self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "red"]), count)
+        self.check_dropped("red", "shared_frame")
         timer.shutdown()
         # each spot says which one it is
         self.assertGreater(self.wait_for_spots("red")[-1].track, 0)
@@ -417,16 +421,10 @@ class SpotDetectorTest(unittest.TestCase):
         # without a pose at the image's time a spot is dropped and counted, never published where it was last
         robot.localized = False
         self.check_fault("robot", "no_transform", "no transform", DiagnosticStatus.ERROR, count=5)
-        with o.changed:
-            count = len([spot for spot in o.spots if spot.camera == "robot"])
-        before = o.refused("robot", "no_transform")
-        self.wait(lambda: o.refused("robot", "no_transform") >= before + 5, "more spots that are dropped")
-        self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "robot"]), count)
+        self.check_dropped("robot", "no_transform")
         robot.looped = robot.localized = True
         self.wait(lambda: "loop" in o.diagnostics["robot"].message, "the diagnostic of the loop")
-        before = o.refused("robot", "no_transform")
-        self.wait(lambda: o.refused("robot", "no_transform") >= before + 5, "spots that are dropped for the loop")
-        self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "robot"]), count)
+        self.check_dropped("robot", "no_transform")
         robot.looped = False
         self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
 

@@ -23,8 +23,7 @@ from vb_map_integration.storage.database_files import FILE
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_map_integration.storage.repair import repair_borders
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from integrators import GRID, integrator, square  # noqa: E402
+from integrators import GRID, integrator, square
 
 
 def codes(keeper):

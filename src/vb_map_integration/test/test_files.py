@@ -1,16 +1,12 @@
 """Recordings of maps with their borders."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 
 from vb_core.map_files import read_map
 from vb_map_integration.borders.geojson import borders_from_geojson
 from vb_map_integration.storage.recording import MapRecording
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from integrators import GRID, integrator, square  # noqa: E402
+from integrators import GRID, integrator, square
 
 
 def test_a_recording_is_numbered_and_continued(tmp_path):

@@ -1,8 +1,6 @@
 """GeoJSON, and what a costmap makes of soft values."""
 
 import json
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -12,8 +10,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid.costmap_settings import check_soft_value
 from vb_map_integration.borders.geojson import borders_from_geojson, borders_to_geojson
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from integrators import square  # noqa: E402
+from integrators import square
 
 LINE = VirtualBorder([(0, 0), (0, 1), (0, 2)], (1, 1), closed=False)
 

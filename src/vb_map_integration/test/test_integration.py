@@ -1,8 +1,5 @@
 """The integration against exact polygons, and its invariants."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import shapely
@@ -19,8 +16,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import raster
 from vb_map_integration.integration import WALL_WIDTH, IntegrationError, IntegrationParams, integrate
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_of, world  # noqa: E402
+from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_of, world
 
 SETTINGS = settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 

@@ -1,8 +1,5 @@
 """Changes, history, checks and composition, without ROS."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -14,8 +11,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_map_integration.grid.reachability import check_reachability
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from integrators import GRID, at, expected, integrator, square  # noqa: E402
+from integrators import GRID, at, expected, integrator, square
 
 COMMANDS = st.lists(
     st.tuples(

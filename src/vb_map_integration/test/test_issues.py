@@ -1,7 +1,6 @@
 """Every code that a person or a program may get has a sentence, and each one comes where it should."""
 
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,8 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from integrators import GRID, at, integrator, square  # noqa: E402
-from oracle import ROOMS, world  # noqa: E402
+from integrators import GRID, at, integrator, square
+from oracle import ROOMS, world
 
 PACKAGE = Path(__file__).resolve().parents[1]
 RAISED = "|".join(

@@ -1,12 +1,8 @@
 """Borders that name robots hold for them alone."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from integrators import GRID, integrator, square  # noqa: E402
+from integrators import GRID, integrator, square
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():

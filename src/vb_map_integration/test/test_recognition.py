@@ -1,8 +1,6 @@
 """Maps that change: which place they show, where its borders lie, and that nothing is opened without a word."""
 
-import sys
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +11,7 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_map_integration.places.registration import IDENTITY, Transform, register
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from integrators import GRID, integrator, square  # noqa: E402
+from integrators import GRID, integrator, square
 
 
 def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):

@@ -1,8 +1,5 @@
 """What becomes of each border when the map changes: the same, to be confirmed, or it does not fit; never silently else."""
 
-import sys
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -12,9 +9,8 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_map_integration.places.registration import Transform
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from integrators import integrator  # noqa: E402
-from test_recognition import closed_off, flat, keep_out  # noqa: E402
+from integrators import integrator
+from test_recognition import closed_off, flat, keep_out
 
 DOOR = VirtualBorder([(3.1, 1.25), (3.1, 2.05)], (2.6, 1.6), closed=False)  # of the room on the left
 

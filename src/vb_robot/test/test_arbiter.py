@@ -19,9 +19,11 @@ from vb_robot.driving.spot_follower import (
     BACK_TO_DISTANCE,
     FAR_DISTANCE,
     GOOD_DISTANCE,
+    INNER_ZONE,
     MAX_SPEED,
     MAX_TURN,
     NEAR_DISTANCE,
+    SETTLED_ZONE,
     SpotFollower,
     VelocityRequest,
 )
@@ -174,6 +176,7 @@ def test_somebody_who_commands_past_the_driver_stops_it_and_is_named():
     rig.arbiter.gate.record_other_publisher("/move_base", rig.now)
     assert rig.step().code == "other_cmd_vel_publisher" and rig.commands[-1].v == 0.0
     assert rig.arbiter.gate.other_publishers(rig.now) == "/move_base"
+    assert rig.arbiter.gate.other_publishers(rig.now - 60.0) == "", "a simulation that begins again has none yet"
     assert rig.step(1.2).v == 0.3
 
 
@@ -488,6 +491,20 @@ def test_between_near_and_far_the_robot_goes_on_with_what_it_does():
     assert speed(back) == 0.0
     assert speed(NEAR_DISTANCE - 0.05) < 0.0 and speed(back) < 0.0
     assert speed(BACK_TO_DISTANCE + 0.01) == 0.0 and speed(back) == 0.0
+
+
+def test_a_spot_between_the_zones_neither_starts_nor_ends_a_turn():
+    follower = SpotFollower()
+    follower.view = VIEW
+    across = np.column_stack([np.full(2000, GOOD_DISTANCE), np.linspace(0.0, 1.0, 2000)])
+    off = np.abs(2.0 * (VIEW.pixels(across)[:, 0] + 0.5) / VIEW.camera.width - 1.0)
+
+    def turns(share):
+        follower.spot = tuple(across[np.flatnonzero(off >= share)[0]])
+        return follower.compute_request((0.0, 0.0, 0.0)).w > 0.0
+
+    between = 0.5 * (SETTLED_ZONE + INNER_ZONE)
+    assert [turns(at) for at in (between, INNER_ZONE + 0.02, between, SETTLED_ZONE - 0.02, between)] == [0, 1, 1, 0, 0]
 
 
 def test_reversing_slows_down_at_the_brakes_rate_and_speeds_up_at_the_motors():

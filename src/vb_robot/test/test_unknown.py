@@ -1,23 +1,20 @@
 """What a robot does not know is a stop: where it is, which maps belong together, who else drives it, what it touches."""
 
 import math
-import os
-import sys
 import threading
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from test_arbiter import DT, PROFILE, Rig, empty, with_border  # noqa: E402
+from test_arbiter import DT, PROFILE, Rig, empty, with_border
 
-from vb_core.errors import ParameterError  # noqa: E402
-from vb_core.robot_profile import KINDS, Contact, RobotProfile  # noqa: E402
-from vb_core.node_graph import NodeGraph  # noqa: E402
-from vb_core.vocabulary import state_of  # noqa: E402
-from vb_robot.driving.safety import Fix, Scan, pose_jump, safe_speed  # noqa: E402
-from vb_robot.driving.workspace import PoseUncertainty, Workspace  # noqa: E402
-from vb_robot.spots import Sighting, Sightings  # noqa: E402
+from vb_core.errors import ParameterError
+from vb_core.robot_profile import KINDS, Contact, RobotProfile
+from vb_core.node_graph import NodeGraph
+from vb_core.vocabulary import state_of
+from vb_robot.driving.safety import Fix, Scan, pose_jump, safe_speed
+from vb_robot.driving.workspace import PoseUncertainty, Workspace
+from vb_robot.spots import Sighting, Sightings
 
 
 def driving(wish=(0.3, 0.0), **how):

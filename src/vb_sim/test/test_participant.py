@@ -1,6 +1,5 @@
 """The simulated person, on a small stand-in for the system."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +20,7 @@ from vb_sim.person.participant_robot_only import RobotOnlyScript
 from vb_sim.person.stroke_order import choose_order, list_orders
 from vb_sim.room.world import load_world
 
-sys.path.insert(0, str(Path(__file__).parent))
-from closed_loop import DT, System  # noqa: E402
+from closed_loop import DT, System
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WORLD = load_world(str(PACKAGE / "worlds" / "lab.yaml"))

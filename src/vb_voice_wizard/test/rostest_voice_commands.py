@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import itertools
 import threading
 import unittest
 
@@ -119,15 +118,17 @@ class VoiceCommandsTest(unittest.TestCase):
 
     def test_beside_own_sounds_a_stop_counts_and_nothing_else(self):
         def heard_beside_a_sound(command, taken):
-            """Says it again and again while a sound is on, until the node has judged it so."""
-            repeated = itertools.chain.from_iterable(self.pieces(command, seed) for seed in itertools.count())
-
-            def done():
+            """Says it again while a sound is on, each time when the last one was judged, until the node has judged it so."""
+            for seed in range(20):
+                told = self.heard.count
                 self.sound.publish(Sound(name="success"))
-                self.audio.publish(next(repeated))
-                return any(message.command == command and taken(message) for message in self.heard.all)
-
-            wait_until(done, f"{command} beside our own sound")
+                self.speak(command, seed)
+                wait_until(
+                    lambda: self.sound.publish(Sound(name="success")) or self.heard.count > told, "what was made of it"
+                )
+                if any(message.command == command and taken(message) for message in self.heard.all):
+                    return
+            self.fail(f"{command} was never judged so beside our own sound: {self.heard.all}")
 
         heard_beside_a_sound("cancel", lambda message: message.reason == "muted")
         del self.requests[:]  # of what was said before the node had heard of the sound

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +10,7 @@ from vb_core.errors import ParameterError
 from vb_voice_wizard.recognizer import CommandRecognizer
 from vb_voice_wizard.voice.listener import CommandListener, ListenerParams
 
-sys.path.insert(0, str(Path(__file__).parent))
-from speech import RATE, say  # noqa: E402
+from speech import RATE, say
 
 PIECE = RATE // 20
 BEGAN = 1000.0  # [s] of the clock when the stream begins

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +10,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams
 from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
 
-sys.path.insert(0, str(Path(__file__).parent))
-from speech import RATE, command_in, examine, room_noise, say, tone  # noqa: E402
+from speech import RATE, command_in, examine, room_noise, say, tone
 
 COMMANDS = {
     "define_border": ("define border", "en-us"),

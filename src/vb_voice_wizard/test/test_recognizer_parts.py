@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,8 +14,7 @@ from vb_core.ros.node import start_thread
 from vb_voice_wizard.voice.audio_sources import Microphone, Resampler, level_db
 from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer, SpeechDetector
 
-sys.path.insert(0, str(Path(__file__).parent))
-from speech import RATE, room_noise, say, utterances  # noqa: E402
+from speech import RATE, room_noise, say, utterances
 
 # ------------------------------------------------------------------ endpointing
 STEP = CHUNK / RATE

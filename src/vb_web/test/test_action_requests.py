@@ -2,16 +2,13 @@
 
 import json
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
+from hostile import GOOD_DRAFT, hostile_messages
 
 from vb_core.errors import CodedError
 from vb_web import action_requests

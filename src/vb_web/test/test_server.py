@@ -5,22 +5,19 @@ import contextlib
 import json
 import socket
 import subprocess
-import sys
 import threading
-from pathlib import Path
 
 import pytest
 from tornado.httpclient import AsyncHTTPClient, HTTPRequest
 from tornado.websocket import WebSocketClosedError, websocket_connect
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
-from vb_core.errors import CodedError, ParameterError  # noqa: E402
-from vb_web import access, action_requests  # noqa: E402
-from vb_web.access import AccessCodes, Places, Role, Sessions  # noqa: E402
-from vb_web.images import ImageCache, EncodedImage  # noqa: E402
-from vb_web.server import PageServer, ServerParams  # noqa: E402
-from vb_web.view import View  # noqa: E402
+from hostile import GOOD_DRAFT, hostile_messages
+from vb_core.errors import CodedError, ParameterError
+from vb_web import access, action_requests
+from vb_web.access import AccessCodes, Places, Role, Sessions
+from vb_web.images import ImageCache, EncodedImage
+from vb_web.server import PageServer, ServerParams
+from vb_web.view import View
 
 CODES = AccessCodes("view-er22", "oper-at33")
 BOUNDS = action_requests.Bounds((0.0, 0.0), (8.0, 5.0))
