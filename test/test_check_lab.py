@@ -31,6 +31,8 @@ from vb_bringup.lab_checks import (
 )
 from vb_bringup.lab_monitor import CameraComparison, DetectorWatch
 from vb_core import sentences
+from vb_core.grid_map import GridMap
+from vb_core.map_files import read_map, write_map
 from vb_core.notices import Notice, Severity
 from vb_core.offer import ConnectedRobot, Connections, offer
 
@@ -173,12 +175,27 @@ def test_what_is_connected_to_a_robot_is_a_line_with_its_severity():
         (dict(shape=None, file="room.yaml"), "lab_map_not_served"),
         (dict(publishers=["/a", "/b"]), "lab_map_many_publishers"),
         (dict(with_borders=False), "lab_map_without_borders"),
+        (dict(all_known=True), "lab_map_all_known"),
     ],
 )
 def test_each_mistake_with_the_map_is_named(changes, code):
     good = MapObservation((100, 200), 0.05, ["/map_server"], True)
     assert not codes(check_map(good))
     assert codes(check_map(dataclasses.replace(good, **changes))) == [code]
+
+
+@pytest.mark.parametrize("free_thresh, is_told", [(0.196, False), (0.25, True)])
+def test_a_map_file_whose_unknown_is_read_as_free_is_told(tmp_path, free_thresh, is_told):
+    """10 of 183 maps of public repositories had free_thresh 0.25 with pixels of 205."""
+    cells = np.full((20, 20), -1, np.int8)
+    cells[5:15, 5:15] = 100
+    cells[6:14, 6:14] = 0
+    _, path = write_map(tmp_path / "map", GridMap(cells, 0.05))
+    path.write_text(path.read_text().replace("free_thresh: 0.196", f"free_thresh: {free_thresh}"))
+    assert lab_observation.is_all_known(read_map(path).data) is is_told
+    assert not lab_observation.is_all_known(
+        read_map(path).data[5:15, 5:15]
+    )  # a room that is known whole, with walls all round
 
 
 @pytest.mark.parametrize("reason", ["disabled", "off_schedule", "other_robot"])

@@ -287,6 +287,7 @@ class MapObservation:
         shape: (rows, columns) of /map; None: no map arrived.
         publishers: nodes that publish /map; with_borders: whether /virtual_borders/map has the same geometry.
         file: what the lab was given as its map; "" if nothing.
+        all_known: whether no cell of /map is unknown although free floor reaches its edge.
     """
 
     shape: Optional[Tuple[int, int]] = None
@@ -294,6 +295,7 @@ class MapObservation:
     publishers: Sequence[str] = ()
     with_borders: bool = False
     file: str = ""
+    all_known: bool = False
 
 
 def check_map(seen: MapObservation) -> List[CheckLine]:
@@ -311,6 +313,8 @@ def check_map(seen: MapObservation) -> List[CheckLine]:
         )
     if not seen.with_borders:
         lines.append(CheckLine("map", CheckState.ERROR, "lab_map_without_borders"))
+    if seen.all_known:
+        lines.append(CheckLine("map", CheckState.WARNING, "lab_map_all_known"))
     rows, columns = seen.shape
     values = {"width": f"{columns * seen.resolution:.1f}", "height": f"{rows * seen.resolution:.1f}"}
     return lines or [CheckLine("map", CheckState.OK, "lab_map_ok", values)]

@@ -13,7 +13,6 @@ from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 import rosgraph
 import rospy
-from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 
 from vb_bringup.lab_checks import (
@@ -39,6 +38,7 @@ from vb_core.errors import CodedError
 from vb_core.offer import offer
 from vb_core.ros.graph import read_graph
 from vb_core.ros.images import array_from_compressed_image, array_from_image
+from vb_core.ros.messages import OccupancyGridArray
 from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robots import connections_from_message
@@ -49,6 +49,7 @@ from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorderArray
 _DETECTOR = "spot_detector"
 _MONITOR, _ROBOT_MONITOR = "/lab_monitor", "/robot_monitor"
 _CONNECTION_TIMEOUT = 5.0  # [s] a publisher that cannot be reached by then is one of the faults to report
+_HARDLY_ANY = 0.01  # share of unknown cells; shades between may be left where all else was read as free
 _IMAGE_TYPES = {"sensor_msgs/Image": Image, "sensor_msgs/CompressedImage": CompressedImage}
 
 
@@ -157,8 +158,8 @@ def _wanted_topics(images: Iterable[Tuple[str, type]], robots: Sequence[str]) ->
             found.setdefault(_within(robot, name), Image)
     return {
         **found,
-        names.PHYSICAL_MAP: OccupancyGrid,
-        names.MAP_WITH_BORDERS: OccupancyGrid,
+        names.PHYSICAL_MAP: OccupancyGridArray,
+        names.MAP_WITH_BORDERS: OccupancyGridArray,
         names.BORDERS: VirtualBorderArray,
         names.ROBOTS: RobotStatusArray,
     }
@@ -340,6 +341,15 @@ def _robot(status: RobotStatus, streams: Mapping[str, ObservedTopic], transforms
     )
 
 
+def is_all_known(cells: np.ndarray) -> bool:
+    """Returns whether a map (H, W) int8 has hardly any unknown cell although free floor reaches its edge.
+
+    No robot records such a map: what it has not seen was read as free, for instance a pixel of 205 with free_thresh 0.25.
+    """
+    edges = np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]])
+    return bool((edges == 0).any()) and float((cells < 0).mean()) < _HARDLY_ANY
+
+
 def _map(graph: NodeGraph, streams: Mapping[str, ObservedTopic]) -> MapObservation:
     physical, virtual = streams[names.PHYSICAL_MAP].message(), streams[names.MAP_WITH_BORDERS].message()
     publishers = graph.publishers.get(names.PHYSICAL_MAP, [])
@@ -351,4 +361,5 @@ def _map(graph: NodeGraph, streams: Mapping[str, ObservedTopic]) -> MapObservati
         publishers=publishers,
         with_borders=virtual is not None
         and (virtual.info.width, virtual.info.height) == (physical.info.width, physical.info.height),
+        all_known=is_all_known(np.asarray(physical.data, np.int8).reshape(physical.info.height, physical.info.width)),
     )
