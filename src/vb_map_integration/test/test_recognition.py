@@ -1,6 +1,7 @@
 """Maps that change: which place they show, where its borders lie, and that nothing is opened without a word."""
 
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -127,6 +128,22 @@ def test_floor_that_one_beam_saw_far_outside_the_walls_does_no_harm(column):
     origin = (grid.origin[0], grid.origin[1] - below * grid.resolution, 0.0)
     found = register(grid, GridMap(data, grid.resolution, origin))
     assert found is not None and np.hypot(found.transform.x, found.transform.y) < 0.1
+
+
+def test_an_empty_canvas_costs_no_memory():
+    """The first registration on a canvas of 4000 x 4000 cells took up to 1 GB, whatever was drawn on it."""
+    canvases = []
+    for seed in (0, 1):
+        home, cells = flat(seed=seed), np.full((4000, 4000), -1, np.int8)
+        cells[1900 : 1900 + home.shape[0], 1800 : 1800 + home.shape[1]] = home.data
+        canvases.append(GridMap(cells, home.resolution))
+    tracemalloc.start()
+    try:
+        found = register(*canvases)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert found is not None and found.is_unambiguous and most < 100e6  # one canvas of real numbers has 128 MB
 
 
 def test_maps_without_walls_are_not_registered():
