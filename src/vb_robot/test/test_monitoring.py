@@ -212,6 +212,15 @@ def test_a_planner_under_a_limit_keeps_what_lies_below_it():
     assert limited(usual, math.inf) == usual
 
 
+@pytest.mark.parametrize("limit", [0.2, 0.1, 0.05, 0.02])
+def test_teb_keeps_a_speed_that_it_may_drive_under_every_limit(limit):
+    """It subtracts penalty_epsilon from its highest speeds: what it does with nothing left is undefined."""
+    usual = {"max_vel_x": 0.4, "max_vel_x_backwards": 0.2, "penalty_epsilon": 0.05, "max_vel_theta": 0.3}
+    found = limited({name: usual[name] for name in wiring.PLANNERS["TebLocalPlannerROS"]}, limit)
+    assert 0.0 < found["max_vel_x"] - found["penalty_epsilon"] < limit
+    assert 0.0 < found["max_vel_x_backwards"] - found["penalty_epsilon"] < limit
+
+
 class Planner:
     """A local planner with dynamic_reconfigure, and the parameter server; it may refuse to drive more slowly."""
 

@@ -17,7 +17,7 @@ PATHS = ("nav_msgs/Path",)
 # stay below these
 PLANNERS: Mapping[str, Tuple[str, ...]] = {
     "DWAPlannerROS": ("max_vel_trans", "max_vel_x", "min_vel_trans"),
-    "TebLocalPlannerROS": ("max_vel_x", "max_vel_x_backwards"),
+    "TebLocalPlannerROS": ("max_vel_x", "max_vel_x_backwards", "penalty_epsilon"),
     "TrajectoryPlannerROS": ("max_vel_x", "min_vel_x"),
 }
 
