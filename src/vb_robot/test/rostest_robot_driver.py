@@ -378,7 +378,7 @@ class DriverTest(unittest.TestCase):
                 rospy.delete_param("robot_profile")
 
     def test_bad_parameter_is_named(self):
-        assert_bad_parameter_is_named(self, robot_driver_node.build, "exit_borders", "sometimes")
+        assert_bad_parameter_is_named(self, robot_driver_node.build, "mobile_cameras", 5)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Who drives, and whether it may; and the closed loop of following, on a unicycle without ROS."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.poses import to_base
-from vb_core.robot_profile import RobotProfile
+from vb_core.robot_profile import Driving, RobotProfile
 from vb_core.stop_latch import HeldStops, StopLatch
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_robot.driving.arbiter import ACCELERATION, Arbiter
@@ -59,7 +60,8 @@ class Rig:
         stops=None,
     ):
         self.now, self.pose, self.silent = 100.0, pose, set()
-        self.arbiter = Arbiter(PROFILE, camera, cameras, exit_borders, stops)
+        profile = replace(PROFILE, driving=Driving(exit_borders=exit_borders))
+        self.arbiter = Arbiter(profile, camera, cameras, stops)
         self.arbiter.follower.view = VIEW
         self.set_grid(grid or empty())
         self.camera, self.fov, self.state, self.latch = camera, fov, (DEFAULT, "", 0.0), StopLatch()

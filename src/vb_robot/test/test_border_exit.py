@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
-from vb_core.robot_profile import RobotProfile
+from vb_core.robot_profile import Driving, RobotProfile
 from vb_core.vocabulary import BORDER, DEFAULT
 from vb_robot.driving import border_exit
 from vb_robot.driving.arbiter import Arbiter
@@ -46,7 +46,8 @@ class Rig:
     """An arbiter on a unicycle that a border has enclosed; its scanner sees `ranges`."""
 
     def __init__(self, map_with_borders, physical, pose, ranges=OPEN, exit_borders=True):
-        self.arbiter, self.maps = Arbiter(RobotProfile(), exit_borders=exit_borders), (map_with_borders, physical)
+        profile = RobotProfile(driving=Driving(exit_borders=exit_borders))
+        self.arbiter, self.maps = Arbiter(profile), (map_with_borders, physical)
         self.pose, self.ranges, self.now, self.poses, self.state, self.said = (
             pose,
             ranges,

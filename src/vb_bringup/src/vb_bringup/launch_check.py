@@ -183,7 +183,6 @@ KINDS: Dict[str, Kind] = {
         name: _TRUTH
         for name in (
             "robot",
-            "exit_borders",
             "obey",
             "record_maps",
             "rviz",

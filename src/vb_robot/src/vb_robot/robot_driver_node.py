@@ -67,7 +67,6 @@ class DriverParams(Parameters):
         "", doc="name of the robot in borders and notices, of its camera, and before its frames; empty: the only one"
     )
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
-    exit_borders: bool = param(True, doc="whether to drive out of a border that was added where the robot is")
     stop_file: str = param("", doc="file with the stops that the robot holds, also after a restart; empty: none")
 
 
@@ -113,9 +112,7 @@ class RobotDriverNode:
         prefix = f"{params.robot}/" if params.robot else ""
         self._base, self._odom = prefix + profile.frames.base, prefix + profile.frames.odom
         self._stops = HeldStops(FilePath(params.stop_file).expanduser() if params.stop_file else None)
-        self._arbiter = Arbiter(
-            profile, params.robot or "robot", params.mobile_cameras, params.exit_borders, self._stops
-        )
+        self._arbiter = Arbiter(profile, params.robot or "robot", params.mobile_cameras, self._stops)
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
         self._borders: List[KnownBorder] = []

@@ -60,7 +60,6 @@ class Arbiter:
 
     Args:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
-        exit_borders: whether it leaves a border that was saved where it is.
         stops: those that it holds from before this program started.
 
     Attributes:
@@ -74,13 +73,12 @@ class Arbiter:
         profile: RobotProfile,
         camera: str = "robot",
         mobile_cameras: Iterable[str] = (),
-        exit_borders: bool = True,
         stops: Optional[HeldStops] = None,
     ) -> None:
         self.gate = Gate(profile)
         self._lock = threading.Lock()
         self._camera = camera
-        self.follower, self.exit = SpotFollower(), BorderExit(profile.radius, exit_borders)
+        self.follower, self.exit = SpotFollower(), BorderExit(profile.radius, profile.driving.exit_borders)
         self._rotation_shim = RotationShim()
         self._goal_at = -math.inf  # [s] when navigation said last that it has a goal
         self._silent_after = math.inf  # [s] when it stops to publish zeros after the start
