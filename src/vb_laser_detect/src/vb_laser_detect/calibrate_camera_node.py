@@ -24,8 +24,8 @@ from geometry_msgs.msg import PointStamped
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_laser_detect import camera_setup_node
-from vb_laser_detect.camera_setup_node import CameraImages
+from vb_laser_detect import camera_setup
+from vb_laser_detect.camera_setup import CameraImages
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.pose import PoseEstimationParams
 from vb_laser_detect.calibration.board import BoardParams, write_board
@@ -187,7 +187,7 @@ def _parser() -> argparse.ArgumentParser:
     commands.required = True
     printed = commands.add_parser("print_board", help="write the board for lenses as PDF or PNG, at true size")
     printed.add_argument("file")
-    printed.add_argument("--paper", **camera_setup_node.PAPER)
+    printed.add_argument("--paper", **camera_setup.PAPER)
 
     spots = commands.add_parser("spots", help="its pose, from laser spots on known places")
     spots.add_argument("camera", help="its name; image topic and frame are those of its running detector")
@@ -198,7 +198,7 @@ def _parser() -> argparse.ArgumentParser:
         default=PoseEstimationParams.point_sigma,
         help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz",
     )
-    camera_setup_node.add_commands(commands)
+    camera_setup.add_commands(commands)
     return parser
 
 
@@ -212,8 +212,8 @@ def main() -> int:
                 print_line(line)
             return 0
         rospy.init_node("calibrate_camera", anonymous=True)
-        if arguments.command in camera_setup_node.COMMANDS:
-            return camera_setup_node.COMMANDS[arguments.command](arguments)
+        if arguments.command in camera_setup.COMMANDS:
+            return camera_setup.COMMANDS[arguments.command](arguments)
         arguments.folder = arguments.folder or str(rospy.get_param("/camera_poses/calibration_dir", FOLDER))
         return SpotCalibration(arguments).run()
     except CodedError as error:
