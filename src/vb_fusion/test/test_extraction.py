@@ -16,6 +16,8 @@ from vb_core import geometry
 from vb_core.errors import ParameterError
 from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border
 from vb_fusion.line import closure
+from vb_fusion.stroke import track
+from vb_fusion.stroke.observations import TIME_BIN, TREMOR
 
 BASE = Setting()
 
@@ -177,6 +179,19 @@ def test_figures_with_a_gap_of_up_to_a_third_of_their_diagonal_are_meant_closed(
     wide = np.linalg.norm(np.ptp(ring, axis=0)) * gap
     last = int(np.flatnonzero((away >= wide) & (np.arange(len(dense)) > len(dense) / 2))[-1])
     assert closure.classify_closure(dense[: last + 1]).closed
+
+
+def test_a_rest_behind_a_flick_belongs_to_the_stroke_and_a_stray_does_not():
+    step = np.arange(40)
+
+    def path(away):
+        points = np.column_stack([0.02 * step + away, np.zeros(40)])
+        still = track.Places(points, TIME_BIN * step, step, np.ones(40), np.zeros(40, dtype=bool))
+        _, previous = track.find_best_steps(still, np.full(40, 0.02), TREMOR)
+        return track.trace_path(39, previous, np.ones(40, dtype=bool)).tolist()
+
+    assert {*range(15), *range(25, 40)} <= {*path(1.0 * (step >= 20))}
+    assert {20} == {*step} - {*path(1.0 * (step == 20))}
 
 
 def test_a_line_there_and_back_that_encloses_less_than_a_hand_trembles_is_open():

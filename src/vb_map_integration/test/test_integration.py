@@ -414,7 +414,7 @@ def test_a_closet_of_one_cell_outside_the_polygon_can_be_restricted():
     assert np.argwhere(result.region).tolist() == [[50, 50]]
 
 
-@pytest.mark.parametrize("beyond, moved", [(0.7, True), (1.3, False)])
+@pytest.mark.parametrize("beyond, moved", [(0.7, True), (1.15, False), (1.3, False)])
 def test_a_seed_on_an_obstacle_moves_to_the_nearest_floor_within_its_radius(beyond, moved):
     """Of a square obstacle; the radius is max_seed_shift, and the floor is on the side that is nearest."""
     params = IntegrationParams()
