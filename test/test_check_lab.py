@@ -30,7 +30,8 @@ from vb_bringup.lab_checks import (
     worst_state,
 )
 from vb_bringup.lab_monitor import CameraComparison, DetectorWatch
-from vb_core import sentences
+from nav_msgs.msg import OccupancyGrid
+from vb_core import names, sentences
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map, write_map
 from vb_core.notices import Notice, Severity
@@ -196,6 +197,18 @@ def test_a_map_file_whose_unknown_is_read_as_free_is_told(tmp_path, free_thresh,
     assert not lab_observation.is_all_known(
         read_map(path).data[5:15, 5:15]
     )  # a room that is known whole, with walls all round
+
+
+@pytest.mark.parametrize("height, width", [(0, 0), (3, 4), (2, 2)])
+def test_a_map_that_says_other_than_it_carries_does_not_end_the_check(height, width):
+    message = OccupancyGrid()
+    message.info.height, message.info.width, message.data = height, width, [0] * 5
+    streams = {
+        names.PHYSICAL_MAP: SimpleNamespace(message=lambda: message),
+        names.MAP_WITH_BORDERS: SimpleNamespace(message=lambda: None),
+    }
+    seen = lab_observation._map(SimpleNamespace(publishers={}), streams)
+    assert (seen.shape, seen.all_known) == ((height, width), False)
 
 
 @pytest.mark.parametrize("reason", ["disabled", "off_schedule", "other_robot"])

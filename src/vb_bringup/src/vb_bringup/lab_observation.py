@@ -38,7 +38,7 @@ from vb_core.errors import CodedError
 from vb_core.offer import offer
 from vb_core.ros.graph import read_graph
 from vb_core.ros.images import array_from_compressed_image, array_from_image
-from vb_core.ros.messages import OccupancyGridArray
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message
 from vb_core.ros.node import wait_for_publishers
 from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robots import connections_from_message
@@ -355,11 +355,15 @@ def _map(graph: NodeGraph, streams: Mapping[str, ObservedTopic]) -> MapObservati
     publishers = graph.publishers.get(names.PHYSICAL_MAP, [])
     if physical is None:
         return MapObservation(file=str(rospy.get_param("/map_server/map_yaml", "")), publishers=publishers)
+    try:
+        all_known = is_all_known(grid_from_message(physical).data)
+    except CodedError:  # a map that says other than it carries: the map integrator tells it
+        all_known = False
     return MapObservation(
         shape=(physical.info.height, physical.info.width),
         resolution=physical.info.resolution,
         publishers=publishers,
         with_borders=virtual is not None
         and (virtual.info.width, virtual.info.height) == (physical.info.width, physical.info.height),
-        all_known=is_all_known(np.asarray(physical.data, np.int8).reshape(physical.info.height, physical.info.width)),
+        all_known=all_known,
     )
