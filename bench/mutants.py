@@ -47,7 +47,7 @@ MODULES = {
     "vb_robot.driving.safety": "safety",
     "vb_robot.driving.arbiter": "arbiter",
     "vb_robot.driving.spot_follower": "drawing",
-    "vb_robot.driving.border_exit": "border_exit",
+    "vb_robot.driving.escape": "escape",
     "vb_evaluation.statistics": "statistics",
     "vb_evaluation.report.data": "report study_kit",
     "vb_evaluation.report.sensitivity": "report",

@@ -253,7 +253,7 @@ def test_what_the_nodes_tell_people_is_part_of_the_result():
     apart = Notice(
         "cameras_disagree", Severity.ERROR, camera="south", values={"first": "north", "second": "south", "cm": "9"}
     )
-    everyday = Notice("robot_exits_border", Severity.INFO)
+    everyday = Notice("goal_cancelled", Severity.INFO)
     doubt = Notice("strokes_left_out", Severity.WARNING, values={"spots": "7"})
     fine = check_cameras([GOOD])
     found = lines_from_notices([apart, everyday, doubt], fine)

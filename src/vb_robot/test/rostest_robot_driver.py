@@ -24,7 +24,7 @@ from vb_core.ros.messages import OccupancyGridArray
 from vb_msgs.msg import DriverState, NoticeArray, Stop, VirtualBorder, VirtualBorderArray
 from vb_robot import robot_driver_node
 
-DEFAULT, BORDER, SEED, GUIDE = range(4)
+DEFAULT, GUIDE = 0, 3
 
 
 def process_of(node):
@@ -269,7 +269,6 @@ class DriverTest(unittest.TestCase):
         base.unregister()
 
     def test_notices_are_cleared_by_code_and_robot(self):
-        self.stimulus.set_state(SEED)  # nobody leaves while somebody draws
         self.publish_border()
         self.put(self.stimulus, (4.5, 2.5, 0.0))
         self.put(self.ada, (4.4, 2.4, 0.0))
@@ -278,26 +277,6 @@ class DriverTest(unittest.TestCase):
         self.put(self.ada, (1.0, 4.0, 0.0))
         self.wait_notice("robot_inside_border", "ada", there=False)
         self.assertTrue(self.has_notice("robot_inside_border", ""), "that the other has left clears nothing")
-
-    def test_leaves_by_itself_after_the_drawing(self):
-        self.stimulus.set_state(SEED)
-        self.put(self.ada, (4.15, 2.5, 3.1))
-        self.publish_border()
-        self.wait_notice("robot_inside_border", "ada")
-        self.assertEqual(self.ada.velocity, (0.0, 0.0))
-        # only a border that comes while the robot is there is left: until now the driver may have seen the map
-        # before it saw where the robot had been put, which is a robot that somebody took into a border
-        self.publish_border(False)
-        self.wait_notice("robot_inside_border", "ada", there=False)
-        self.publish_border()
-        self.wait_notice("robot_inside_border", "ada")
-        self.stimulus.set_state(DEFAULT)
-        self.wait_notice("robot_exits_border", "ada")
-        wait_until(
-            lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0),
-            "ada to leave the border and stand",
-        )
-        self.wait_notice("robot_inside_border", "ada", there=False)
 
     def test_a_localisation_that_does_not_know_looks_around_if_it_ever_knew_or_was_shown(self):
         known, unknown = PoseWithCovarianceStamped(), PoseWithCovarianceStamped()

@@ -1,19 +1,18 @@
 """What a robot does not know is a stop: where it is, which maps belong together, who else drives it, what it touches."""
 
 import math
-import threading
 
 import numpy as np
 import pytest
 
-from test_arbiter import DT, PROFILE, Rig, empty, with_border
+from test_arbiter import DT, PROFILE, Rig, empty
 
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import KINDS, Contact, RobotProfile
 from vb_core.node_graph import NodeGraph
 from vb_core.vocabulary import state_of
 from vb_robot.driving.safety import Fix, Scan, pose_jump, safe_speed
-from vb_robot.driving.workspace import PoseUncertainty, Workspace
+from vb_robot.driving.workspace import PoseUncertainty
 from vb_robot.spots import Sighting, Sightings
 
 
@@ -78,7 +77,7 @@ def test_a_driver_that_starts_sends_zeros_to_a_base_that_may_still_drive():
 def test_a_joystick_needs_the_scanner_and_nothing_else():
     rig = Rig()
     rig.silent |= {"state", "pose", "localisation"}
-    rig.arbiter.set_maps(None)
+    rig.arbiter.gate.workspace = None
     rig.teleop = (0.2, 0.3)
     assert rig.step(3.0).code == "driving" and rig.commands[-1].v == 0.2
     rig.silent.add("scan")
@@ -165,68 +164,10 @@ def test_odometry_tells_a_slow_slide_from_driving():
 def test_maps_that_do_not_belong_together_stop_it(maps):
     """The driver node gives no maps then; a workspace cannot even be made without the physical map."""
     rig = driving()
-    rig.arbiter.set_maps(None)
+    rig.arbiter.gate.workspace = None
     assert rig.step().code == "no_map" and rig.commands[-1].v == 0.0
     rig.set_grid(empty())
     assert rig.step(0.5).v == 0.3
-
-
-# ------------------------------------------------------------ navigation that is gone, borders that are old
-def test_a_robot_beside_a_wall_is_left_alone_once_navigation_is_dead():
-    rig = Rig(grid=with_border(empty(), 4.0, 0.0, 8.0, 5.0), pose=(4.0 - PROFILE.radius - 0.06, 2.5, 0.0))
-    rig.goal, rig.navigation = True, (0.1, 0.0)
-    rig.step(0.5)
-    rig.navigation = None
-    rig.silent.add("goal")  # it died; its goal is never ended
-    begin = rig.pose
-    rig.step(10.0)
-    assert rig.pose[:2] == pytest.approx(begin[:2], abs=0.01)
-    assert rig.commands[-1].source == "none"
-
-
-@pytest.mark.parametrize("news", ["a restart", "a border elsewhere", "another uncertainty", "maps missing for a while"])
-def test_a_robot_that_stands_in_an_old_border_is_not_driven_out_by_other_news(news):
-    old = with_border(empty(), 2.0, 1.0, 4.0, 4.0)
-    rig = Rig(grid=old, pose=(3.0, 2.5, 0.0), exit_borders=True)
-    rig.step(2.0)
-    if news == "a border elsewhere":
-        rig.set_grid(with_border(old, 6.0, 0.0, 7.0, 1.0))
-    elif news == "another uncertainty":
-        rig.arbiter.set_maps(Workspace(old, empty(), PROFILE.radius, uncertainty=0.1))
-    elif news == "maps missing for a while":
-        rig.arbiter.set_maps(None)
-        rig.step(0.5)
-        rig.set_grid(old)
-    rig.step(3.0)
-    assert rig.pose[:2] == (3.0, 2.5) and {command.source for command in rig.commands} == {"none"}
-
-
-def test_a_border_that_comes_where_the_robot_is_is_left_also_if_another_comes_meanwhile():
-    rig = Rig(pose=(2.2, 2.5, 3.1), exit_borders=True)
-    rig.step(0.5)
-    border = with_border(empty(), 2.0, 1.0, 4.0, 4.0)
-    rig.set_grid(border)
-    rig.step(1.0)
-    rig.set_grid(with_border(border, 6.0, 0.0, 7.0, 1.0))
-    rig.step(15.0)
-    assert rig.pose[0] < 2.0 - PROFILE.radius
-
-
-def test_a_stop_does_not_wait_for_a_path_that_is_being_planned():
-    rig = Rig(pose=(2.2, 2.5, 3.1), exit_borders=True)
-    rig.step(0.5)
-    rig.set_grid(with_border(empty(), 2.0, 1.0, 4.0, 4.0))
-    planning, go_on = threading.Event(), threading.Event()
-    rig.arbiter.exit.find_route = lambda _wanted: planning.set() or go_on.wait(60)
-    rig.arbiter.gate.set_pose(rig.pose, rig.now, rig.correction)
-    rig.arbiter.step(rig.now)
-    planner = threading.Thread(target=rig.arbiter.plan_exit, args=(rig.now,))
-    planner.start()
-    assert planning.wait(60)
-    rig.arbiter.stops.hear("a")
-    assert rig.arbiter.step(rig.now + DT).source == "stop", "while the planner is at work"
-    go_on.set()
-    planner.join()
 
 
 def test_a_state_that_is_not_known_moves_no_robot():

@@ -38,14 +38,14 @@ from vb_core.stop_latch import HeldStops, new_id
 from vb_core.vocabulary import state_of
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop, VirtualBorder, VirtualBorderArray
 from vb_robot.driving.arbiter import Arbiter, Command
-from vb_robot.driving.gate import EXIT_BORDER, NAVIGATION, RATE, STOP, TELEOP
+from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace
 from vb_robot.inputs import FloorViewListener, SpotListener, message_class
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
-WIRING_PERIOD, PLANNING_PERIOD, LOOK_PERIOD = 1.0, 0.1, 0.3  # [s] wall time
+WIRING_PERIOD, LOOK_PERIOD = 1.0, 0.3  # [s] wall time
 LOOKS = 40  # [updates] after which AMCL has found its pose, or will not
 PLAN_LIFETIME = rospy.Duration(5.0)  # a robot on its way plans once a second
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
@@ -142,10 +142,9 @@ class RobotDriverNode:
         self._subscribe(profile, contacts)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
-        self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, PLANNING_PERIOD, LOOK_PERIOD))
+        self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, LOOK_PERIOD))
         node.Worker(self._beats[0], lambda _woken: self._look_for_commanders())
-        node.Worker(self._beats[1], lambda _woken: self._arbiter.plan_exit(rospy.get_time()))
-        node.Worker(self._beats[2], lambda _woken: self._look_around())
+        node.Worker(self._beats[1], lambda _woken: self._look_around())
 
     def close(self) -> None:
         """Stops the robot."""
@@ -309,10 +308,10 @@ class RobotDriverNode:
     def _use_maps(self) -> None:
         borders, physical = self._maps.get("borders"), self._maps.get("physical")
         if borders is None or physical is None or not physical.same_geometry(borders):
-            self._arbiter.set_maps(None)  # what is a border, and where, is not known
+            self._arbiter.gate.workspace = None  # what is a border, and where, is not known
             return
         workspace = Workspace(borders, physical, self._profile.radius, self._borders, self._uncertainty.meters)
-        self._arbiter.set_maps(workspace)
+        self._arbiter.gate.workspace = workspace
         self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
@@ -406,11 +405,6 @@ class RobotDriverNode:
             code = "robot_inside_border" if inside else "robot_touches_border"
             severity = Severity.ERROR if inside and lethal else Severity.WARNING
             found.append(self._notice(code, severity, border=_quoted(name)))
-            if command.source == EXIT_BORDER:
-                found.append(self._notice("robot_exits_border", Severity.INFO, border=_quoted(name)))
-            elif self._arbiter.exit.failed:
-                reason = f"$robot_{self._arbiter.exit.failed}"
-                found.append(self._notice("robot_cannot_exit", Severity.WARNING, border=_quoted(name), reason=reason))
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._stopped_since = {command.code: self._stopped_since.get(command.code, now)}
