@@ -51,7 +51,7 @@ class DriverTest(unittest.TestCase):
         cls.borders = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
         cls.wish = None
         cls.timer = rospy.Timer(rospy.Duration(0.1), cls.on_timer)
-        border = VirtualBorder(id="1", name="carpet", kind=VirtualBorder.POLYGON, occupancy=1.0, enabled=True)
+        border = VirtualBorder(id="1", name="carpet", kind=VirtualBorder.POLYGON, occupancy=1.0, in_force=True)
         border.points = [Point(*p, 0.0) for p in ((4, 2), (5, 2), (5, 3), (4, 3))]
         border.seed = Point(4.5, 2.5, 0.0)
         cls.borders.publish(VirtualBorderArray(borders=[border]))

@@ -30,18 +30,18 @@ from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.graph import find_commanders
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_grid
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
 from vb_core.vocabulary import state_of
-from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop, VirtualBorderArray
 from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace
-from vb_robot.inputs import FloorViewListener, SpotListener, message_class
+from vb_robot.inputs import FloorViewListener, SpotListener, borders_for, message_class, subscribe_map
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
@@ -173,9 +173,9 @@ class RobotDriverNode:
                 lambda message: self._arbiter.add_contributors(message.interaction_id, message.cameras),
                 queue_size=1,
             ),
-            listen(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map, "borders", queue_size=1),
-            listen(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, "physical", queue_size=1),
-            listen(names.SPEED_LIMITS, OccupancyGridArray, self._on_map, "speed", queue_size=1),
+            subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, "borders")),
+            subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical")),
+            subscribe_map(names.SPEED_LIMITS, self._on_speed_limits),
             listen(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1),
             listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1),
             listen("initialpose", PoseWithCovarianceStamped, self._on_shown, queue_size=1),
@@ -266,18 +266,13 @@ class RobotDriverNode:
         marker.points = [entry.pose.position for entry in message.poses]
         self._plans.publish(MarkerArray(markers=[marker]))
 
-    def _on_map(self, message: OccupancyGridArray, which: str) -> None:
-        try:
-            grid = grid_from_message(message)
-        except CodedError as error:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
-            return
-        if which == "speed":
-            self._arbiter.gate.speed_limits = SpeedLimits(grid)
-            return
+    def _on_map(self, which: str, grid: GridMap) -> None:
         with self._lock:
             self._maps[which] = grid
             self._use_maps()
+
+    def _on_speed_limits(self, grid: GridMap) -> None:
+        self._arbiter.gate.speed_limits = SpeedLimits(grid)
 
     def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
         with self._lock:
@@ -315,16 +310,7 @@ class RobotDriverNode:
         self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._borders = [
-            KnownBorder(
-                border.name or border.id,
-                array_from_points(border.points),
-                np.array([border.seed.x, border.seed.y]),
-                border.kind == VirtualBorder.POLYGON,
-            )
-            for border in message.borders
-            if border.enabled and len(border.points) and (not border.robots or self._params.robot in border.robots)
-        ]
+        self._borders = borders_for(self._params.robot, message)
         if self._arbiter.gate.workspace is not None:
             self._arbiter.gate.workspace.known = self._borders
 

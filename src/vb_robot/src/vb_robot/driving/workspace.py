@@ -90,7 +90,7 @@ class Workspace:
         borders: the map with borders.
         physical: the one without, of the same geometry.
         radius: [m] of the robot.
-        known: the borders that are enabled and meant for this robot.
+        known: the borders that are in force for this robot.
         uncertainty: [m] of its localisation.
 
     Attributes:
