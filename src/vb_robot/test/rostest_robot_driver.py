@@ -55,7 +55,10 @@ class DriverTest(unittest.TestCase):
         border.points = [Point(*p, 0.0) for p in ((4, 2), (5, 2), (5, 3), (4, 3))]
         border.seed = Point(4.5, 2.5, 0.0)
         cls.borders.publish(VirtualBorderArray(borders=[border]))
-        cls.stimulus.scan_range = 7.0
+        cls.stimulus.scan_range, cls.stimulus.scan_frame = (
+            7.0,
+            "/base_laser_link",
+        )  # as drivers of tf's first version do
         cls.stimulus.set_state(DEFAULT)
         wait_until(lambda: cls.drivers.get("") and cls.drivers.get("ada"), "both drivers")
 
@@ -170,7 +173,7 @@ class DriverTest(unittest.TestCase):
         self.wait_driven()
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
 
-    def test_without_a_scan_it_stops(self):
+    def test_a_scanner_whose_frame_begins_with_a_slash_is_heard_and_without_a_scan_it_stops(self):
         type(self).wish = (0.05, 0.2)
         self.wait_driven()
         self.stimulus.scan_range = None

@@ -72,6 +72,7 @@ class Stimulus(Body):
         self.others = others  # Bodies
         self.spot = None  # (x, y, camera, mobile): published at 20 Hz while set
         self.spot_frame = "map"
+        self.scan_frame = "base_laser_link"
         self.scan_range = None  # [m] what a scanner in the robot's middle sees straight ahead; None: no scans
         self._broadcaster = tf2_ros.TransformBroadcaster()
         self._map = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, queue_size=1, latch=True)
@@ -130,7 +131,7 @@ class Stimulus(Body):
             spot, frame = self.spot, self.spot_frame
         if self.scan_range is not None:
             scan = LaserScan(angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0)
-            scan.header.stamp, scan.header.frame_id = now, "base_laser_link"
+            scan.header.stamp, scan.header.frame_id = now, self.scan_frame
             scan.range_min, scan.range_max = 0.1, 8.0
             # a flat obstacle 0.4 m wide ahead
             angles = scan.angle_min + scan.angle_increment * np.arange(361)

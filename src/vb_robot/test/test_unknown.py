@@ -1,9 +1,13 @@
 """What a robot does not know is a stop: where it is, which maps belong together, who else drives it, what it touches."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+import roslaunch
+import roslib.packages
 
 from test_arbiter import DT, PROFILE, Rig, empty
 
@@ -65,8 +69,13 @@ def test_a_robot_of_a_kind_that_is_not_supported_is_refused_in_one_sentence(kind
         RobotProfile.from_mapping({"base": {"kind": kind}})
 
 
-def test_a_driver_that_starts_sends_zeros_to_a_base_that_may_still_drive():
+@pytest.mark.parametrize("connects_after", [0.0, 4.0])
+def test_a_driver_that_starts_sends_zeros_to_a_base_that_may_still_drive(connects_after):
     rig = Rig()
+    rig.listeners = 0
+    rig.step(connects_after)
+    rig.listeners = 1
+    rig.commands.clear()
     rig.step(3.0 - 2 * DT)
     assert all(command.publish and command.v == command.w == 0.0 for command in rig.commands)
     rig.step(0.5)
@@ -119,6 +128,25 @@ def test_it_is_never_faster_than_it_may_be():
 
 
 # ------------------------------------------------------------ where it is
+@pytest.mark.parametrize("known", [True, False])
+def test_amcl_starts_where_a_robot_was_said_to_be_or_the_robot_does_not_know(known, tmp_path):
+    """Without a pose AMCL itself takes (0, 0, 0), with variances of 0.25 m^2: that is no knowledge."""
+    launch = (Path(roslib.packages.get_pkg_dir("vb_bringup")) / "launch" / "navigation.launch").read_text()
+    file = tmp_path / "navigation.launch"
+    file.write_text(re.sub(r"<param [^>]*command=[^>]*/>", "", launch))  # they ask whether AMCL is installed
+    config, pose = roslaunch.config.ROSLaunchConfig(), {"x": 2.0, "y": 3.0, "yaw": 1.5}
+    roslaunch.xmlloader.XmlLoader(resolve_anon=False).load(
+        str(file), config, argv=[f"{name}:={value}" for name, value in pose.items() if known], verbose=False
+    )
+    told = {name: entry.value for name, entry in config.params.items() if name.startswith("/amcl/initial_pose")}
+    names = ("/amcl/initial_pose_x", "/amcl/initial_pose_y", "/amcl/initial_pose_a")
+    assert told == (dict(zip(names, pose.values())) if known else {})
+    variances = [config.params[f"/amcl/initial_cov_{axis}"].value if known else 0.25 for axis in ("xx", "yy")]
+    uncertainty = PoseUncertainty()
+    uncertainty.add(np.diag([*variances, (math.pi / 12) ** 2]))
+    assert uncertainty.lost is not known
+
+
 def test_a_localisation_that_may_be_anywhere_stops_it_until_it_knows():
     rig = driving()
     rig.arbiter.gate.pose_uncertain = True

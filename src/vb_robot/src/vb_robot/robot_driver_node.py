@@ -91,7 +91,7 @@ class RobotDriverNode:
         /tf, /tf_static (tf2_msgs/TFMessage): map -> odom -> base_link, and where the sensors are on the robot
     Published topics:
         cmd_vel (geometry_msgs/Twist): or the profile's base/topic; while the robot is driven, then one zero command; zeros
-            while it is stopped, and for some seconds after the start
+            while it is stopped, and for some seconds to whoever begins to listen
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
         /virtual_borders/drivers (vb_msgs/DriverState): which source drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
@@ -325,7 +325,7 @@ class RobotDriverNode:
                     last, moved = now, time.monotonic()
                 self._arbiter.gate.clock_age = time.monotonic() - moved
                 self._update_pose()
-                self._execute(self._arbiter.step(now.to_sec()), now)
+                self._execute(self._arbiter.step(now.to_sec(), self._cmd_vel.get_num_connections()), now)
             except rospy.ROSException:
                 if not rospy.is_shutdown():
                     raise

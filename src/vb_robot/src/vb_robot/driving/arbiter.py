@@ -25,7 +25,9 @@ from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.spots import Sighting, Sightings
 
-START_ZEROS = 3.0  # [s] of zeros after the start: a base may still hold the last command of a driver that died
+START_ZEROS = (
+    3.0  # [s] of zeros for whoever begins to listen: a base may still hold the last command of a driver that died
+)
 GOAL_TIMEOUT = 1.0  # [s] after navigation's last status, which comes five times a second, it has no goal any more
 CANCEL_PERIOD = 1.0  # [s] how often navigation's goals are cancelled while another one drives
 STILL = 0.1  # [rad/s] a robot that turns more slowly stands: navigation's slowest turn is twice as fast
@@ -80,7 +82,8 @@ class Arbiter:
         self.follower, self._escape = SpotFollower(), Escape(profile.radius)
         self._rotation_shim = RotationShim()
         self._goal_at = -math.inf  # [s] when navigation said last that it has a goal
-        self._silent_after = math.inf  # [s] when it stops to publish zeros after the start
+        self._silent_after = -math.inf  # [s] when it stops to publish zeros to who has begun to listen
+        self._listeners = 0
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self.stops = stops or HeldStops()
         self._cancelled_at = -math.inf
@@ -135,13 +138,13 @@ class Arbiter:
             self._last = Command(0.0, 0.0, self._last.source, code, True)
             return self._last
 
-    def step(self, now: float) -> Command:
-        """Decides the command for a time [s]; called once in 1 / RATE."""
+    def step(self, now: float, listeners: int = 1) -> Command:
+        """Decides the command for a time [s]; called once in 1 / RATE. `listeners`: how many hear the commands now."""
         with self._lock:
             dt = 0.0 if self._stepped_at is None else min(max(now - self._stepped_at, 0.0), 0.2)
-            if self._stepped_at is None:
+            if listeners > self._listeners:
                 self._silent_after = now + START_ZEROS
-            self._stepped_at = now
+            self._stepped_at, self._listeners = now, listeners
             goal = 0.0 <= now - self._goal_at <= GOAL_TIMEOUT
             source, request = self._choose(now, dt, goal)
             if source != FOLLOW:
