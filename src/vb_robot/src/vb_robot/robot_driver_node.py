@@ -40,7 +40,7 @@ from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop, Vir
 from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
-from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace
+from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace, quoted
 from vb_robot.inputs import FloorViewListener, SpotListener, borders_for, message_class, subscribe_map
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
@@ -390,7 +390,7 @@ class RobotDriverNode:
             inside = contact is BorderContact.INSIDE
             code = "robot_inside_border" if inside else "robot_touches_border"
             severity = Severity.ERROR if inside and lethal else Severity.WARNING
-            found.append(self._notice(code, severity, border=_quoted(name)))
+            found.append(self._notice(code, severity, border=quoted(name)))
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._stopped_since = {command.code: self._stopped_since.get(command.code, now)}
@@ -413,10 +413,6 @@ class RobotDriverNode:
             robot=self._params.robot,
             values={"who": sentences.robot_value(self._params.robot), **values},
         )
-
-
-def _quoted(name: str) -> str:
-    return f"'{name}'" if name else "$border_without_name"
 
 
 def build() -> RobotDriverNode:

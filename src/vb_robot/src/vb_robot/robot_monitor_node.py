@@ -155,7 +155,7 @@ class RobotMonitorNode:
 
     def _on_driver(self, message: DriverState) -> None:
         if message.robot in self._robots:
-            self._robots[message.robot].hear_driver(message._connection_header["callerid"], rospy.get_time())
+            self._robots[message.robot].hear_driver(message, rospy.get_time())
 
     def _on_detector(self, message: DetectorStatus) -> None:
         self._cameras[message.camera] = None

@@ -58,6 +58,7 @@ POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation it is not known whe
 OTHER_PUBLISHER_HOLD = 1.0  # [s] after another node's command nothing is let through: two nodes at one wheel
 BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
 
+OTHER_PUBLISHER = "other_cmd_vel_publisher"  # the code while another node could command the base
 NONE, STOP, TELEOP, FOLLOW, ESCAPE, NAVIGATION = "none", "stop", "teleop", "follow", "escape", "navigation"
 CLEARANCES = {
     TELEOP: Clearance(0.05, 0.02, 0.0),
@@ -182,7 +183,7 @@ class Gate:
             self._limited_at = now
             # two nodes at one wheel: in every state, also if nobody means to drive
             if self.other_publishers(now):
-                return 0.0, 0.0, "other_cmd_vel_publisher"
+                return 0.0, 0.0, OTHER_PUBLISHER
             if source in (NONE, STOP):
                 return 0.0, 0.0, request.code
             if not (math.isfinite(request.v) and math.isfinite(request.w)):

@@ -49,6 +49,11 @@ class KnownBorder:
         return not self.polygon or inside[0] == inside[1]
 
 
+def quoted(name: str) -> str:
+    """Returns a border's name as it stands in sentences."""
+    return f"'{name}'" if name else "$border_without_name"
+
+
 class BorderContact(enum.Enum):
     """Position of a footprint with respect to the borders, from best to worst."""
 
