@@ -91,7 +91,7 @@ class RobotDriverNode:
         /tf, /tf_static (tf2_msgs/TFMessage): map -> odom -> base_link, and where the sensors are on the robot
     Published topics:
         cmd_vel (geometry_msgs/Twist): or the profile's base/topic; while the robot is driven, then one zero command; zeros
-            while it is stopped, and for some seconds to whoever begins to listen
+            while it is stopped, and for some seconds to each one that begins to listen
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
         /virtual_borders/drivers (vb_msgs/DriverState): which source drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)

@@ -26,7 +26,7 @@ from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.spots import Sighting, Sightings
 
 START_ZEROS = (
-    3.0  # [s] of zeros for whoever begins to listen: a base may still hold the last command of a driver that died
+    3.0  # [s] of zeros for each one that begins to listen: a base may still hold the last command of a driver that died
 )
 GOAL_TIMEOUT = 1.0  # [s] after navigation's last status, which comes five times a second, it has no goal any more
 CANCEL_PERIOD = 1.0  # [s] how often navigation's goals are cancelled while another one drives
