@@ -30,15 +30,12 @@ def room(width=6.0, height=5.0, resolution=0.05):
 
 
 class Body:
-    """A robot: its pose (x, y, yaw) in the map frame, moved by `velocity` (v, w), and published to tf.
-
-    `offset` (x, y) is by how much the localisation is wrong.
-    """
+    """A robot: its pose (x, y, yaw) in the map frame, moved by `velocity` (v, w), and published to tf."""
 
     def __init__(self, pose, name=""):
         self.lock = threading.Lock()
         self.name, self.prefix = name, f"{name}/" if name else ""
-        self.pose, self.velocity, self.offset = pose, (0.0, 0.0), (0.0, 0.0)
+        self.pose, self.velocity = pose, (0.0, 0.0)
         self.view = FloorView.usual()
         self.info = rospy.Publisher(f"{self.prefix}camera/rgb/camera_info", CameraInfo, queue_size=1)
         self._time = None
@@ -54,9 +51,8 @@ class Body:
                 x, y, yaw = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), yaw + w * dt
                 self.pose = (x, y, yaw)
             self._time = now
-        error = geometry.transform_from_pose2d(*self.offset, 0.0)
         return [
-            message_from_transform(error, "map", self.prefix + "odom", now),
+            message_from_transform(np.eye(4), "map", self.prefix + "odom", now),
             message_from_transform(
                 geometry.transform_from_pose2d(x, y, yaw), self.prefix + "odom", self.prefix + "base_link", now
             ),
