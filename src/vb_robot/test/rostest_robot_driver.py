@@ -13,6 +13,7 @@ import rospy
 import rostest
 from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Path
+from std_msgs.msg import UInt8
 from std_srvs.srv import Empty, EmptyResponse
 from visualization_msgs.msg import MarkerArray
 
@@ -181,19 +182,6 @@ class DriverTest(unittest.TestCase):
         self.stimulus.scan_range = 7.0
         self.wait_driven()
 
-    def test_commands_past_the_driver_stop_it(self):
-        other = rospy.Publisher("cmd_vel", Twist, queue_size=1)
-        type(self).wish = (0.05, 0.2)
-        self.wait_driven()
-
-        def disturbed():
-            other.publish(Twist())
-            return self.drivers[""][1] == "other_cmd_vel_publisher"
-
-        wait_until(disturbed, "the other publisher to be found")
-        other.unregister()
-        self.wait_driven()
-
     def test_another_node_that_drives_the_base_is_named_and_answered_with_zeros_also_while_idle_and_stopped(self):
         for situation in ("idle", "stopped"):
             if situation == "stopped":
@@ -341,23 +329,33 @@ class DriverTest(unittest.TestCase):
 
         wait_until(is_shown, "the path on the topic of all")
 
-    def test_a_contact_that_cannot_be_heard_is_refused(self):
-        contact = {"topic": "bumper", "type": "no_such_msgs/Bumper"}
-        rospy.set_param("robot_profile", {"contacts": [contact]})
-        try:
-            with self.assertRaisesRegex(Exception, "no_such_msgs/Bumper"):
-                robot_driver_node.build()
-        finally:
-            rospy.delete_param("robot_profile")
-
-    def test_a_contact_with_a_field_that_its_message_lacks_is_refused(self):
-        for wrong in ({"field": "pressed"}, {"field": "data", "sensor": "which"}):
-            rospy.set_param("robot_profile", {"contacts": [{"topic": "bumper", "type": "std_msgs/UInt8", **wrong}]})
+    def test_a_contact_that_cannot_be_heard_or_read_is_refused(self):
+        integer = {"topic": "bumper", "type": "std_msgs/UInt8"}
+        for wrong, complaint in (
+            ({"topic": "bumper", "type": "no_such_msgs/Bumper"}, "no_such_msgs/Bumper"),
+            ({**integer, "field": "pressed"}, "has no field"),
+            ({**integer, "field": "data", "sensor": "which"}, "has no field"),
+        ):
+            rospy.set_param("robot_profile", {"contacts": [wrong]})
             try:
-                with self.assertRaisesRegex(Exception, "has no field"):
+                with self.assertRaisesRegex(Exception, complaint):
                     robot_driver_node.build()
             finally:
                 rospy.delete_param("robot_profile")
+
+    def test_every_value_of_a_contact_but_the_clear_one_counts(self):
+        bumper = rospy.Publisher("ada/bumper", UInt8, queue_size=1)
+        teleop = rospy.Publisher("ada/cmd_vel/teleop", Twist, queue_size=1)
+        turn = Twist()
+        turn.angular.z = 0.2
+
+        def says(value, code):
+            bumper.publish(value)
+            teleop.publish(turn)
+            return self.drivers["ada"] == ("teleop", code)
+
+        for value, code in ((0, "driving"), (2, "contact"), (0, "driving"), (4, "contact"), (0, "driving")):
+            wait_until(lambda value=value, code=code: says(value, code), lambda: f"{code}; {self.drivers}")
 
     def test_bad_parameter_is_named(self):
         assert_bad_parameter_is_named(self, robot_driver_node.build, "mobile_cameras", 5)

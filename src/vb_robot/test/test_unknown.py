@@ -12,10 +12,10 @@ import roslib.packages
 from test_arbiter import DT, PROFILE, Rig, empty
 
 from vb_core.errors import ParameterError
-from vb_core.robot_profile import KINDS, Contact, RobotProfile
+from vb_core.robot_profile import KINDS, RobotProfile
 from vb_core.node_graph import NodeGraph
 from vb_core.vocabulary import state_of
-from vb_robot.driving.safety import Fix, Scan, pose_jump, safe_speed
+from vb_robot.driving.safety import Scan, safe_speed
 from vb_robot.driving.workspace import PoseUncertainty
 from vb_robot.spots import Sighting, Sightings
 
@@ -176,18 +176,6 @@ def test_a_jump_over_a_moment_without_a_pose_is_a_jump_too():
     assert rig.step().code == "pose_jumped"
 
 
-def test_odometry_tells_a_slow_slide_from_driving():
-    """Within a second the localisation goes 0.6 m, which a robot can, and the wheels have not moved."""
-    still, fast = Fix(0.0, (1.0, 1.0, 0.3), (5.0, 5.0, 1.0)), 0.6
-    slid = Fix(1.0, (1.0 + fast, 1.0, 0.3), (5.0, 5.0, 1.0))
-    assert pose_jump(still, slid) == pytest.approx(fast)
-    assert pose_jump(Fix(0.0, still.pose), Fix(1.0, slid.pose)) == 0.0
-    c, s = math.cos(0.3), math.sin(0.3)
-    ahead = (5.0 + fast * math.cos(1.0), 5.0 + fast * math.sin(1.0), 1.2)
-    driven = Fix(1.0, (1.0 + fast * c, 1.0 + fast * s, 0.5), ahead)
-    assert pose_jump(still, driven) == pytest.approx(0.0, abs=1e-9)
-
-
 @pytest.mark.parametrize("maps", ["missing", "of another geometry"])
 def test_maps_that_do_not_belong_together_stop_it(maps):
     """The driver node gives no maps then; a workspace cannot even be made without the physical map."""
@@ -227,11 +215,6 @@ def test_with_a_dropped_wheel_it_does_not_move_at_all():
         assert (command.v, command.w, command.code) == (0.0, 0.0, "contact")
 
 
-def test_every_value_but_the_clear_one_is_contact():
-    contact = Contact.from_mapping({"topic": "bumper", "type": "std_msgs/UInt8", "field": "data"})
-    assert [value for value in range(8) if value != contact.clear] == [1, 2, 3, 4, 5, 6, 7]
-
-
 # ------------------------------------------------------------ scanners
 class SlowScanner(Rig):
     """A scanner of 5 Hz: each scan ends 0.2 s after it began, and is stamped with its end."""
@@ -258,16 +241,6 @@ def test_a_scanner_of_5_hz_does_not_slow_the_robot_and_its_loss_stops_it():
     assert rig.commands[-1].code == "scan_lost" and rig.commands[-1].v == 0.0
 
 
-def scan_of(value, **how):
-    ranges = np.full(360, value)
-    return Scan(ranges, -math.pi, math.radians(1.0), 0.05, 8.0, np.eye(4), 0.18, **how)
-
-
-def test_a_scanner_that_says_nan_for_no_return_is_told_by_its_profile():
-    assert not scan_of(math.nan).sees_path(0.2, 0.0, 0.18, 0.1)
-    assert scan_of(math.nan, no_return="nan").sees_path(0.2, 0.0, 0.18, 0.1)
-
-
 def test_a_pole_of_the_robot_within_its_rim_is_no_obstacle():
     ranges = np.full(360, math.inf)
     ranges[178:182] = 0.13
@@ -282,7 +255,3 @@ def test_what_an_old_scan_saw_counts_as_nearer():
         speed = safe_speed(1.0, PROFILE.limits, late)
         assert speed < safe_speed(1.0, PROFILE.limits)
         assert speed * late + speed**2 / (2.0 * PROFILE.limits.deceleration) == pytest.approx(1.0)
-
-
-def test_without_a_covariance_the_position_counts_as_known():
-    assert not PoseUncertainty().lost
