@@ -26,9 +26,9 @@ def surprise(lab, rng, act, slowly):
             if wait_until(lambda: math.dist(lab.pose()[:2], start[:2]) > driven_before, 120.0, 0.02):
                 act()
         finally:
-            lab.pace.hold(False)
+            lab.hold_time(False)
 
-    lab.pace.hold(slowly)
+    lab.hold_time(slowly)
     thread = threading.Thread(target=watch, daemon=True)
     thread.start()
     result = lab.drive(goal)
@@ -86,8 +86,7 @@ def drive_box(lab, number, seed) -> dict:
         lab.put_box(None)
 
     try:
-        driven, row = surprise(lab, np.random.default_rng([seed, 2000 + number]), act, slowly=False)
-        return {**row, "entered_m": round(lab.entered(driven.path), 3)}
+        return surprise(lab, np.random.default_rng([seed, 2000 + number]), act, slowly=False)[1]
     finally:
         lab.put_box(None)
         lab.remove(border)

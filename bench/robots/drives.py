@@ -11,9 +11,9 @@ places chosen so that, where possible, the straight line from one to the next cr
 forth and back, so that both directions come up.
 
 The idea: simulated time waits for those who drive and for AMCL (the simulator's ~lockstep), so that it runs as fast as
-this computer allows, and a busy one makes drives last longer without changing them. What would change them is a cycle
-that move_base misses: each drive's row says how many it reported. A border is put before the nose while time runs
-slowly, because the services that put it there take real time; the row says how much simulated time that was.
+this computer allows, and a busy one makes drives last longer without changing them. A border is put before the nose
+while time runs slowly, because the services that put it there take real time; the row says how much simulated time
+that was.
 
 Each drive is a row, kept in --csv; a call with the same file goes on where it was ended.
 """
@@ -33,8 +33,8 @@ from bench.robots.drives_lab import Lab
 
 FASTEST = 4.0  # simulated seconds per real second: more than two slow cores can do
 COLUMNS = (
-    "kind scenario number goal outcome false_reports length_m seconds wall_s localized_m spread_m missed late uncertain "
-    "recoveries still_s entered_m gap_m after_s border"
+    "kind scenario number goal outcome false_reports length_m seconds wall_s localized_m late uncertain recoveries "
+    "still_s entered_m gap_m after_s border"
 ).split()
 WANTED = {
     "round": ("reached",),
@@ -54,16 +54,7 @@ def drive_scenario(lab, scenario, todo, keep) -> None:
     border = lab.add(what.border, what.seed, what.closed)
     try:
         for kind, _, number, _, goal in todo:
-            driven, row = lab.drive(goal)
-            keep(
-                {
-                    "kind": kind,
-                    "scenario": scenario,
-                    "number": number,
-                    **row,
-                    "entered_m": round(lab.entered(driven.path), 3),
-                }
-            )
+            keep({"kind": kind, "scenario": scenario, "number": number, **lab.drive(goal)[1]})
     finally:
         lab.remove(border)
 
@@ -72,7 +63,6 @@ def main() -> int:
     parser = arguments(__doc__, seed=2)
     parser.add_argument("--robot", default="turtlebot2", choices=("turtlebot2", "turtlebot3_burger"))
     parser.add_argument("--pace", type=float, default=FASTEST, help="simulated seconds per real second, at most")
-    parser.add_argument("--real-time", action="store_true", help="time does not wait for anybody")
     parser.add_argument("--kinds", nargs="+", default=list(WANTED), choices=list(WANTED), help="of drives")
     parser.add_argument("--drives", type=int, default=1000, help="how many at most")
     given = parser.parse_args()
@@ -87,15 +77,13 @@ def main() -> int:
         print("all drives of this seed are done")
         return 0
     folder = Path(tempfile.mkdtemp(prefix="drives_"))
-    lab = Lab(given.robot, todo[0][3], folder, 1.0 if given.real_time else given.pace, given.seed, not given.real_time)
+    lab = Lab(given.robot, todo[0][3], folder, given.pace, given.seed)
 
     def keep(run) -> None:
         entered, added = (run["entered_m"] or -1.0) > 0.0, run.get("border", "added") == "added"
         good = run["outcome"] in WANTED[run["kind"]] and not entered and run["still_s"] <= STUCK
         counts[run["kind"], "done"] += added
         counts[run["kind"], "as wanted"] += added and good
-        errors, spreads = zip(*run["errors"] or [(math.nan, math.nan)])  # [m]; of these twice the standard deviation
-        run.update(localized_m=max(errors), spread_m=0.5 * max(spreads))
         table.add(robot=given.robot, seed=given.seed, **{key: run.get(key, "") for key in COLUMNS}, as_wanted=good)
 
     try:

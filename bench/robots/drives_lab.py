@@ -14,7 +14,6 @@ import yaml
 from geometry_msgs.msg import Point, Pose2D, PoseWithCovarianceStamped
 from move_base_msgs.msg import RecoveryStatus
 from nav_msgs.msg import Path as PathMessage
-from rosgraph_msgs.msg import Log
 from std_msgs.msg import Float64
 
 from bench.frame import TOP
@@ -34,39 +33,16 @@ WORLDS = TOP / "src" / "vb_sim" / "worlds"
 LIMIT_S = 120.0  # [s] of simulated time for one goal: 10 m at the slower robot's 0.2 m/s, twice
 SLOW = 0.5  # simulated seconds per real second while a border is put before the nose
 STILL = 0.1  # [m] a robot that moves less stands
-MISSED = "missed its desired rate"  # move_base's words, of its control loop and of its costmaps
 
 
-class Pace:
-    """How fast simulated time runs, and what move_base missed.
+class Lab:
+    """The running lab: borders, goals, and what truly happened.
 
     Args:
         fastest: simulated seconds per real second, at most.
     """
 
-    def __init__(self, fastest: float) -> None:
-        self._fastest, self._missed = fastest, 0
-        self._publisher = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
-        self._subscriber = rospy.Subscriber("/rosout", Log, self._on_log, queue_size=100)
-        self.hold(False)
-
-    def _on_log(self, message: Log) -> None:
-        self._missed += MISSED in message.msg
-
-    def missed(self) -> int:
-        """Returns how many cycles move_base has missed since this was asked last."""
-        missed, self._missed = self._missed, 0
-        return missed
-
-    def hold(self, held: bool) -> None:
-        """Lets simulated time run slowly, or as fast as it may."""
-        self._publisher.publish(min(self._fastest, SLOW if held else self._fastest))
-
-
-class Lab:
-    """The running lab: borders, goals, and what truly happened."""
-
-    def __init__(self, robot: str, start, folder: Path, fastest: float, seed: int, lockstep: bool) -> None:
+    def __init__(self, robot: str, start, folder: Path, fastest: float, seed: int) -> None:
         state = tempfile.mkdtemp(prefix="robot_drives")
         world = (
             yaml.safe_load((WORLDS / "burger.yaml").read_text())
@@ -92,7 +68,6 @@ class Lab:
             robot_type=robot,
             amcl=True,
             seed=seed,
-            lockstep=lockstep,
             x=x,
             y=y,
             yaw=yaw,
@@ -103,12 +78,13 @@ class Lab:
         if not wait_until(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), 60.0):
             raise CodedError("not_ready", "roslaunch sets no parameters")
         rospy.init_node("robot_drives", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-        self.observer, self.pace = Observer(), Pace(fastest)
+        self.observer, self._fastest = Observer(), fastest
+        self._pace = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
+        self.hold_time(False)
         self.runner = GoalRunner()
         if not wait_until(lambda: self.observer.posterior is not None and self.observer.lab is not None, 60.0):
             raise CodedError("not_ready", f"no maps, see {folder}")
-        # errors: with twice their standard deviation [m]
-        self._truth, self._errors, self._codes, self._recoveries = (deque(maxlen=500), [], Counter(), 0)
+        self._truth, self._off, self._codes, self._recoveries = deque(maxlen=500), 0.0, Counter(), 0
         self._stood, self._still = (0.0, 0.0, 0.0), 0.0  # since when [s] and where, and the longest of a drive [s]
         self.plan = np.zeros((0, 2))
         self._participant = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1, latch=True)
@@ -138,39 +114,34 @@ class Lab:
         stamp, place = message.header.stamp.to_sec(), message.pose.pose.position
         truth = min(list(self._truth), key=lambda entry: abs(entry[0] - stamp), default=None)
         if truth is not None and abs(truth[0] - stamp) < 0.05:
-            spread = np.linalg.eigvalsh(np.reshape(message.pose.covariance, (6, 6))[:2, :2])[-1]
-            self._errors.append((math.dist((place.x, place.y), truth[1:]), 2.0 * math.sqrt(max(spread, 0.0))))
+            self._off = max(self._off, math.dist((place.x, place.y), truth[1:]))
 
     def _on_driver(self, message) -> None:
         self._codes[message.code] += 1
 
+    def hold_time(self, held: bool) -> None:
+        """Lets simulated time run slowly, or as fast as it may."""
+        self._pace.publish(min(self._fastest, SLOW if held else self._fastest))
+
     def drive(self, goal):
         """Sends the robot to a goal; returns what was driven, and the row of results that all drives have."""
-        self.pace.missed(), self._errors.clear()
         self._codes.clear()
-        self._recoveries, self._still, self._stood, began = (
-            0,
-            0.0,
-            (rospy.get_time(), *self.pose()[:2]),
-            time.monotonic(),
-        )
+        self._recoveries, self._still, self._off, began = 0, 0.0, 0.0, time.monotonic()
+        self._stood = (rospy.get_time(), *self.pose()[:2])
         driven = self.runner.drive((goal[0], goal[1], math.radians(goal[2])), LIMIT_S)
         return driven, {
             "goal": goal,
             "outcome": driven.outcome,
             "false_reports": driven.false_reports,
-            "text": driven.text,
             "length_m": round(driven.length, 2),
             "seconds": round(driven.seconds, 1),
             "wall_s": round(time.monotonic() - began, 1),
-            "localized_m": round(max((error for error, _ in self._errors), default=math.nan), 3),
-            "errors": np.round(self._errors, 3).tolist(),
-            "missed": self.pace.missed(),
+            "localized_m": round(self._off, 3),
             "late": sum(n for code, n in self._codes.items() if code.endswith("_lost") or code == "clock_stopped"),
             "uncertain": self._codes["pose_uncertain"],
             "recoveries": self._recoveries,
             "still_s": round(self._still, 1),
-            "path": np.round(driven.path[::5], 3).tolist(),
+            "entered_m": round(self.entered(driven.path), 3),
         }
 
     def pose(self):
