@@ -35,6 +35,7 @@ PERIOD = 0.2  # [s] between two looks at poses and speed limits
 GRAPH_PERIOD = 2.0  # [s] between two looks at the ROS graph, in wall time
 REPEAT = 1.0  # [s]
 SETTLING_TIME = 10.0  # [s] for which a fault has to hold before people are told: a lab starts and ends node by node
+SLOW_DOWN_DISTANCE = 0.5  # [m] before a slow zone its limit is set: a planner brakes from 1 m/s within that
 CANCEL_PERIOD = 0.5  # [s] between two cancellations of a goal that is sent again and again
 
 
@@ -48,7 +49,6 @@ class RobotMonitorParams(Parameters):
     obey: bool = param(
         False, doc="whether to obey stop and slow zones through the navigation of robots that have no driver"
     )
-    slow_down_distance: float = param(0.5, "m", low=0.0, doc="how far before a slow zone its limit is set")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -238,7 +238,7 @@ class RobotMonitorNode:
             robot.locate()
             limit = math.inf
             if robot.pose is not None:
-                reach = self._params.slow_down_distance + (robot.wiring.radius or 0.0)
+                reach = SLOW_DOWN_DISTANCE + (robot.wiring.radius or 0.0)
                 limit = limit_around(self._speed_limits, robot.pose[:2], reach)
             self._limit(robot, limit)
         self._obey_stop()

@@ -2,7 +2,7 @@
 
 The idea: a scanner shows how far a wall is from the robot, but only the localisation tells how far a border is. So the
 robot keeps off borders, and only off them, by its localisation uncertainty. Borders are inflated by that much once, in
-one map, `Workspace.keep_out`, which the gate, the path out of a border and navigation share, so that they agree.
+one map, `Workspace.keep_out`, which the gate, the escape and navigation share, so that they agree.
 """
 
 from __future__ import annotations
