@@ -182,6 +182,14 @@ class DriverTest(unittest.TestCase):
         self.stimulus.scan_range = 7.0
         self.wait_driven()
 
+    def test_maps_of_different_geometry_stop_it(self):
+        type(self).wish = (0.05, 0.2)
+        self.wait_driven()
+        self.stimulus.publish_map(room(), physical=room(width=6.5))
+        self.wait_hold("no_map")
+        self.publish_border(False)
+        self.wait_driven()
+
     def test_another_node_that_drives_the_base_is_named_and_answered_with_zeros_also_while_idle_and_stopped(self):
         for situation in ("idle", "stopped"):
             if situation == "stopped":
@@ -191,6 +199,7 @@ class DriverTest(unittest.TestCase):
                 "cmd_vel", Twist, lambda message: heard.append((time.monotonic(), message.linear.x))
             )
             other = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+            self.addCleanup(other.unregister)
             wait_until(
                 lambda: self.drivers[""][1] == "other_cmd_vel_publisher", f"the other one to be found while {situation}"
             )
@@ -206,8 +215,11 @@ class DriverTest(unittest.TestCase):
             driven = sum(end - at for (at, speed), end in zip(heard, ends) if speed > 0.0)
             print(f"{situation}: the other one's commands were the newest for {driven:.2f} s of 2 s")
             self.assertTrue(any(speed > 0.0 for _, speed in heard))
-            following = [speed for (_, before), (_, speed) in zip(heard, heard[1:]) if before > 0.0]
-            self.assertEqual(set(following), {0.0}, "each of its commands is answered by a zero")
+            # on a busy computer two of its commands may come before the answer to the first
+            wait_until(
+                lambda heard=heard: heard[-1][1] == 0.0 and 2 * sum(speed == 0.0 for _, speed in heard) >= len(heard),
+                "each of its commands to be answered by a zero",
+            )
             other.unregister()
             base.unregister()
             wait_until(lambda: self.drivers[""][1] in ("idle", "stopped"), f"{situation} without the other one")
@@ -316,12 +328,12 @@ class DriverTest(unittest.TestCase):
         wait_until(lambda: becomes(0.0001, lambda count: count == usual), "the usual margin")
         listener.unregister()
 
-    def test_the_path_of_a_robot_with_a_name_is_on_the_topic_of_all(self):
+    def test_the_path_by_the_planner_that_navigation_has_is_on_the_topic_of_all(self):
         shown = {}
         rospy.Subscriber(names.PLANS, MarkerArray, lambda m: shown.update({k.ns: len(k.points) for k in m.markers}))
         path = Path(poses=[PoseStamped(), PoseStamped()])
         path.header.frame_id = "map"
-        planner = rospy.Publisher("ada/move_base/NavfnROS/plan", Path, queue_size=1, latch=True)
+        planner = rospy.Publisher("ada/move_base/GlobalPlanner/plan", Path, queue_size=1, latch=True)
 
         def is_shown():
             planner.publish(path)

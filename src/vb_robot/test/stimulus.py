@@ -127,7 +127,9 @@ class Stimulus(Body):
             spot, frame = self.spot, self.spot_frame
         if self.scan_range is not None:
             scan = LaserScan(angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0)
-            scan.header.stamp, scan.header.frame_id = now, self.scan_frame
+            # the stamp is the first beam's, and the scanner turns slowly: what it sees is new all the same
+            scan.header.stamp, scan.time_increment = now - rospy.Duration(0.4), 0.4 / 360
+            scan.header.frame_id = self.scan_frame
             scan.range_min, scan.range_max = 0.1, 8.0
             # a flat obstacle 0.4 m wide ahead
             angles = scan.angle_min + scan.angle_increment * np.arange(361)

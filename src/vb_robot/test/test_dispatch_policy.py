@@ -135,20 +135,9 @@ def test_sends_the_best_once_and_keeps_it_while_it_is_fit():
     assert bench.asked == 1, "nothing is worked out while the goal is fit"
 
 
-def test_sends_nothing_when_the_robot_sees_the_spot_already():
-    assert not sent(Bench([place(1)], seen=lambda pose: True).run(10))
-
-
 @pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(knows=False), dict(localized=False)])
 def test_sends_nothing_without(missing):
     assert not sent(Bench([place(1)]).run(10, **missing))
-
-
-def test_cancels_at_once_when_no_longer_wanted():
-    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
-    bench.step()
-    assert bench.step(wanted=False, key=("", 0)).kind == "cancel"
-    assert bench.step().kind == "keep"
 
 
 def test_next_candidate_after_failure_and_longer_pauses_after_many():
@@ -210,17 +199,6 @@ def test_flicker_at_the_edge_does_not_change_the_goal():
     assert not sent(bench.run(60))
 
 
-def test_stuck_or_unacknowledged_goal_is_given_up():
-    bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
-    bench.step()
-    decisions = bench.run(70)
-    assert [d.kind for d in decisions].count("cancel") == 1 and sent(decisions)[0] == place(2)
-    bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
-    bench.step()
-    bench.robot.goal = SentGoalState.SENT
-    assert any(d.kind == "cancel" for d in bench.run(20))
-
-
 def test_progress_keeps_the_goal():
     bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
     bench.step()
@@ -234,14 +212,6 @@ def test_leaves_the_robot_to_the_node_that_preempted_the_goal():
     bench.robot.goal = SentGoalState.PREEMPTED
     assert not sent(bench.run(int(4 * 14)))
     assert sent(bench.run(20))
-
-
-def test_server_that_dies_and_comes_back():
-    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
-    bench.step()
-    bench.run(5, server=False)
-    bench.robot.goal = SentGoalState.FAILED
-    assert sent(bench.run(10, server=True)) == [place(1)]
 
 
 def test_time_that_jumps_back_does_not_silence_it():
