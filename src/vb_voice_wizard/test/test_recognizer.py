@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError, ParameterError
-from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams
+from vb_voice_wizard.recognizer import THRESHOLD, CommandRecognizer, RecognizerParams
 from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
 
 from speech import RATE, command_in, examine, room_noise, say, tone
@@ -37,12 +37,12 @@ def test_commands_are_recognised_most_of_the_time(recognizer):
     heard = [issue for command, issue in issues.items() if issue.command == command]
     assert len(heard) >= 6, issues
     assert all(issue.best == issue.command and issue.reason == "ok" for issue in heard)
-    assert all(issue.confidence >= recognizer.params.threshold for issue in heard)
+    assert all(issue.confidence >= THRESHOLD for issue in heard)
 
 
 def test_what_was_made_of_it_can_be_seen(recognizer):
     (issue,) = examine(recognizer, say("has anyone seen my glasses"))
-    assert issue.command is None and issue.best and issue.confidence < recognizer.params.threshold
+    assert issue.command is None and issue.best and issue.confidence < THRESHOLD
     assert issue.reason == "unlike_a_command"
     long = say("this sentence goes on and on and on for much longer than any command could ever take")
     assert [issue.reason for issue in examine(recognizer, long)] == ["too_long"]

@@ -40,6 +40,7 @@ EVEN_LOG_ODDS = -3.7
 # Odds from which a command is beyond doubt: eight times those of the most deceptive of the development speakers' other
 # words, a "seven" for *save* (docs/results/voice/README.md).
 CERTAIN_ODDS = 20.0
+THRESHOLD = 0.5  # confidence from which a command is taken: even odds
 _MIN_LENGTH = 0.2  # [s] with its padding: less is no word
 # Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another
 # shows.
@@ -50,7 +51,6 @@ _SPEEDS = (1.0, 0.94, 1.07)
 class RecognizerParams(Parameters):
     """Parameters of the recogniser; config/voice_commands.yaml says why."""
 
-    threshold: float = param(0.5, "", low=0.0, high=1.0)
     phrases: dict = param({})
 
     def __post_init__(self) -> None:
@@ -101,8 +101,7 @@ class CommandRecognizer:
     """
 
     def __init__(self, params: Optional[RecognizerParams] = None) -> None:
-        self.params = params if params is not None else RecognizerParams()
-        phrases = {**PHRASES, **self.params.phrases}
+        phrases = {**PHRASES, **(params or RecognizerParams()).phrases}
         said = [(command, text) for command, texts in phrases.items() for text in texts]
         self._meanings = np.array([command for command, _ in said])
         self._model = SpeechModel([text.lower() for _, text in said])
@@ -117,7 +116,7 @@ class CommandRecognizer:
         odds = np.mean(np.exp(evidence - EVEN_LOG_ODDS), axis=0)
         number = int(odds.argmax())
         best, confidence = str(self._meanings[number]), float(odds[number] / (1.0 + odds[number]))
-        if confidence < self.params.threshold:
+        if confidence < THRESHOLD:
             return RecognitionResult(best=best, confidence=confidence, reason="unlike_a_command")
         return RecognitionResult(best, best, confidence, bool(odds[number] >= CERTAIN_ODDS))
 
