@@ -11,7 +11,6 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 import rospy
-from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float32
 from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import RobotStatusArray, StudyEvent, VirtualBorder, VirtualBorderArray
@@ -41,7 +40,6 @@ _POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
 _HEALTH_PERIOD = 0.5  # [s]
 _LEVEL_PERIOD = 0.25  # [s] the microphone's level is shown no more often
 _SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's driver more often
-_MAX_DIAGNOSTICS = 30
 _INVITATION = "page_invitation"
 _SESSIONS = "page_sessions.json"  # beside the codes
 _WRONG_CODES = 20  # then it is told, and again after twice as many: nobody mistypes that often
@@ -72,7 +70,7 @@ class PageNode:
         /virtual_borders/progress (vb_msgs/BorderProgress), /virtual_borders/preview (vb_msgs/BorderPreview)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/notices (vb_msgs/NoticeArray)
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/drivers (vb_msgs/DriverState)
-        /virtual_borders/voice/level (std_msgs/Float32), /diagnostics (diagnostic_msgs/DiagnosticArray)
+        /virtual_borders/voice/level (std_msgs/Float32)
         /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, and so what is offered and claimed
         /tf, /tf_static (tf2_msgs/TFMessage): the robots' and the cameras' poses
         <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): while a browser shows them
@@ -118,7 +116,6 @@ class PageNode:
         self._told = NoticeListener(self._notices_due.set)
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
         self._drivers: Dict[str, Any] = {}  # robot: (heard [s], entry)
-        self._diagnostics: Dict[str, Any] = {}  # name: (heard [s], entry)
         self._transforms = TransformLookup()
         self._camera_images = CameraImages(
             self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
@@ -210,7 +207,6 @@ class PageNode:
                 (names.DRIVERS, DriverState, self._on_driver, {"queue_size": 20}),
                 (names.ROBOTS, RobotStatusArray, self._on_robots, {"queue_size": 1, **small}),
                 (names.VOICE_LEVEL, Float32, self._on_level, {"queue_size": 1}),
-                ("/diagnostics", DiagnosticArray, self._on_diagnostics, {"queue_size": 20}),
             )
         }
 
@@ -328,11 +324,6 @@ class PageNode:
         with self._lock:
             return {camera: publisher for camera, (_, publisher, _) in self._detectors.items()}
 
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        with self._lock:
-            for status in message.status:
-                self._diagnostics[status.name] = (time.monotonic(), ros_view.diagnostics_entry(status))
-
     # ------------------------------------------------------------- periodic checks
     def _look_at_robots(self) -> None:
         if not self._server.browsers:
@@ -361,14 +352,8 @@ class PageNode:
             drivers = {
                 robot: {**entry, "there": now - at < _SILENCE_TIMEOUT} for robot, (at, entry) in self._drivers.items()
             }
-            fresh = [entry for heard, entry in self._diagnostics.values() if now - heard < _SILENCE_TIMEOUT]
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
         self._view.put("drivers", drivers)
-        # no words for what is well
-        worst = sorted(
-            (entry for entry in fresh if entry["level"] > 0), key=lambda entry: (-entry["level"], entry["name"])
-        )
-        self._view.put("diagnostics", worst[:_MAX_DIAGNOSTICS])
         self._view.put(
             "health",
             {
