@@ -16,6 +16,7 @@ from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverSta
 from vb_msgs.msg import RobotStatusArray, StudyEvent, VirtualBorder, VirtualBorderArray
 
 from vb_core import names
+from vb_core.border_changes import border_changes
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import pose2d_from_transform
 from vb_core.grid_map import GridMap
@@ -34,7 +35,7 @@ from vb_web.camera_images import CameraImages
 from vb_web.event_history import EventHistory
 from vb_web.action_requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
-from vb_web.view import View, border_changes, coarse_age, mark_borders, rounded
+from vb_web.view import View, coarse_age, mark_borders, rounded
 
 _POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
 _HEALTH_PERIOD = 0.5  # [s]
@@ -98,12 +99,11 @@ class PageNode:
         self._view, self._images = View(), images.ImageCache()
         self._history = EventHistory(Path(params.events_file).expanduser())
         self._grid: Optional[GridMap] = None
-        self._borders: Dict[str, VirtualBorder] = {}
+        self._borders: Optional[Dict[str, VirtualBorder]] = None  # None: not known yet
         self._border_list: Optional[VirtualBorderArray] = None
         self._offer: Optional[Offer] = None  # None: nobody has said what is connected
         self._stoppable = False  # whether a robot has obeyed Stop since this node was started
         self._frames: Dict[str, str] = {}  # of the robots, by name
-        self._shown_borders: Optional[Dict[str, Dict[str, Any]]] = None
         self._marks: Dict[str, str] = {}
         self._answered: Any = None
         self._state_at = time.monotonic()
@@ -121,7 +121,7 @@ class PageNode:
             self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
         )
         self._actions = ActionHandler(
-            self._borders.get,
+            lambda border_id: (self._borders or {}).get(border_id),
             lambda: self._connected(names.STATE),
             lambda: self._stoppable or self._connected(names.DRIVERS),
             self._on_study,
@@ -252,12 +252,10 @@ class PageNode:
             self._marks = mark_borders(self._marks, list(shown))
             for key, border in shown.items():
                 border["mark"] = self._marks[key]
-            self._borders.clear()
-            self._borders.update({border.id: border for border in message.borders})
-            before, self._shown_borders = self._shown_borders, shown
+            before, self._borders = self._borders, {border.id: border for border in message.borders}
         self._view.put("borders", section)
-        for code, name in border_changes(before, shown) if before is not None else ():
-            self._tell(code, {"border": name})
+        for kind, border in border_changes(before, self._borders) if before is not None else ():
+            self._tell(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _on_state(self, message: InteractionState) -> None:
         section = ros_view.state_section(message)
