@@ -264,7 +264,6 @@ class DisplayMarkersNode:
                 (layout, progress),
                 lambda: scene.drawing(layout, display_messages.drawing_from_progress(progress)),
             )
-        shapes += scene.trails(layout, known.spots, now)
         shapes += scene.live_spots(layout, known.spots, now)
         for number, frame in enumerate(params.robots):
             shapes += scene.robot(str(frame), number, self._radii[frame])
