@@ -77,7 +77,7 @@ def test_rare_texts_are_not_at_a_disadvantage():
     """Silence makes "stop" far more probable than "define border"; that is no evidence for it."""
     model = SpeechModel(["stop", "define border"])
     silence = np.zeros(RATE, np.int16)
-    written, evidence = model._written(silence), model.log_likelihood_ratios(silence)
+    written, evidence = model._written(silence, np.ones(2, bool)), model.log_likelihood_ratios(silence)
     assert written[0] - written[1] > evidence[0] - evidence[1] > 0.0
 
 
@@ -104,3 +104,14 @@ def test_bad_files_are_named(tmp_path):
     with pytest.raises(CodedError) as caught:
         SpeechModel(["save"], tmp_path)
     assert caught.value.code == "no_speech_model" and "tokenizer.bin" in str(caught.value.values["file"])
+
+
+@pytest.mark.parametrize(
+    "before", ["no", "what are you doing", "this sentence goes on and on and on for much longer than any command"]
+)
+def test_a_stop_at_the_end_of_talk_counts(recognizer, before):
+    """One voice in one noise each: how often is bench/voice/recognition.py's matter."""
+    heard = [
+        command_in(recognizer, say(f"{before} stop", voice, snr_db=25.0)) for voice in ("en-us", "en-gb", "en-us+f2")
+    ]
+    assert set(heard) <= {"stop", None} and "stop" in heard
