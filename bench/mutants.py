@@ -48,7 +48,7 @@ MODULES = {
     "vb_robot.driving.arbiter": "arbiter",
     "vb_robot.driving.spot_follower": "drawing",
     "vb_robot.driving.border_exit": "border_exit",
-    "vb_evaluation.statistics": "statistics",
+    "vb_evaluation.statistics": "statistics report",
     "vb_evaluation.report.data": "report study_kit",
     "vb_evaluation.report.sensitivity": "report",
     "vb_evaluation.study_kit.measure": "study_kit",

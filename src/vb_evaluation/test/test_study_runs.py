@@ -47,7 +47,7 @@ def make_row(document, sources, job):
     """What a worker of these tests does instead of a run: a row that depends on job and configuration."""
     study = config.study_from_mapping(document, sources)
     varied = study.changed(job.changes) if job.changes else study
-    row = {name: 0 for name in campaign.columns(job.file)}
+    row = {name: 0 for name in campaign.columns(job.file) if name != "revision"}
     row.update(job.columns(study.design.seed), spots=int(varied.hash, 16) % 10**6)
     row.update({"map": ""} if "map" in row else {})
     return campaign.Outcome(job, row)

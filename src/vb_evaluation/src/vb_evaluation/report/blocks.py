@@ -58,6 +58,12 @@ class Grid:
             return value.text(digits)
         return format_number(value, digits) if isinstance(value, float) else str(value)
 
+    def markdown(self) -> str:
+        """Writes the table for a Markdown page."""
+        lines = [list(self.columns.values()), ["---"] * len(self.columns)]
+        lines += [[self.text(row, key) for key in self.columns] for row in self.rows]
+        return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
     @staticmethod
     def is_text(row: Dict[str, Any], key: str) -> bool:
         """Returns whether a cell is words, which begin at the left."""

@@ -16,6 +16,7 @@ ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest
 MARGINS = {"jaccard": ("Jaccard index", 0.05, 1.0, 3), "error_mean_cm": ("mean boundary error [cm]", 2.5, -1.0, 1)}
 POINTS = 10  # of completeness [percentage points]
 _WHICH = {"scenario": "Scenario", "method": "Method"}
+_WHY = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
 
 
 def summary_section(study: StudyResults) -> List[Block]:
@@ -33,7 +34,7 @@ def summary_section(study: StudyResults) -> List[Block]:
                 "time": effect_sizes.shift(here, "time_total_s", both),
                 "speedup": effect_sizes.ratio(here, both),
                 "jaccard": effect_sizes.shift(here, "jaccard", both, True),
-                "completed": effect_sizes.mean_difference(here, "completed", both).scaled(100.0),
+                "completed": effect_sizes.completed_more(here, both),
             }
         )
     names = [paper.method_title(method).lower() for method in both]
@@ -86,16 +87,9 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
             )
     for column in MARGINS if study.people else ():
         effect_sizes.add_holm([row for row in rows if row["measure"] == MARGINS[column][0]])
-    points = effect_sizes.mean_difference(study.runs, "completed", study.comparison, 0.9).scaled(100.0)
+    points = effect_sizes.completed_more(study.runs, study.comparison, 0.9)
     reading = "not worse" if points.low > -POINTS else ("worse" if points.high < -POINTS else "open")
-    rows.append(
-        {
-            "scenario": "all",
-            "measure": "completed [points], by participant",
-            "gain": points.text(0),
-            "margin": f"{POINTS}",
-        }
-    )
+    rows.append({"scenario": "all", "measure": "completed [points]", "gain": points.text(0), "margin": f"{POINTS}"})
     rows[-1].update(
         reading=reading, equivalent="yes" if reading == "not worse" and points.high < POINTS else "no", n=""
     )
@@ -297,4 +291,16 @@ def _what_became(study: StudyResults) -> List[Block]:
     columns = {**_WHICH, **{name: name.replace("_", " ").capitalize() for name in there}}
     if study.people:
         columns.update(helped="With help", problems="With a problem of the system")
-    return [Grid("outcomes", columns, rows)]
+    failed = study.runs[study.runs.completed == 0]
+    why = [name for name in _WHY if name in failed and failed[name].notna().any()]
+    listed = [
+        {
+            "participant": row["participant"],
+            "scenario": study.scenario_title(row["scenario"]),
+            "method": paper.method_title(row["method"]),
+            **{name: row[name] if isinstance(row[name], str) else f"{row[name]:g}" for name in why},
+        }
+        for row in failed.to_dict("records")
+    ]
+    names = {"participant": "Person", **_WHICH, **{name: name.replace("_", " ").capitalize() for name in why}}
+    return [Grid("outcomes", columns, rows), Grid("not_completed", names, listed)]

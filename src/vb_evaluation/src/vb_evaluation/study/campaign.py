@@ -73,7 +73,7 @@ Work = Callable[[Mapping[str, Any], Mapping[str, Any], Job], Outcome]
 def columns(file: str) -> Tuple[str, ...]:
     """Lists the columns of one of a study's CSV files; what was varied comes first, as readers look for it."""
     order = ("order", "map") if file == RUNS else ()
-    return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order)
+    return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order, "revision")
 
 
 def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
@@ -143,9 +143,11 @@ def run_jobs(
             f"interrupted: {sum(map(there.has, jobs))} of {len(jobs)} runs are done and kept in {folder}; "
             "the same command goes on from there"
         )
+        results = there
         raise
-    results.sort(jobs)
-    pack_areas(folder)
+    finally:
+        results.sort(jobs)
+        pack_areas(folder)
     return failed
 
 
@@ -153,7 +155,7 @@ class _Results:
     """The CSV files of a study's folder that jobs write to, and the maps of its main runs."""
 
     def __init__(self, study: Study, jobs: Sequence[Job], folder: Path) -> None:
-        self._seed, self._folder = study.design.seed, folder
+        self._seed, self._folder, self._revision = study.design.seed, folder, revision()
         self._files = {
             file: RowFile(folder / file, columns(file), (*CONDITIONS[file], *KEY))
             for file in dict.fromkeys(job.file for job in jobs)
@@ -170,7 +172,7 @@ class _Results:
         """Writes a run's row, and the map of a main run."""
         if outcome.grid is not None and outcome.row.get("map"):
             write_map(self._folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
-        self._files[outcome.job.file].append(outcome.row)
+        self._files[outcome.job.file].append({**outcome.row, "revision": self._revision})
 
     def sort(self, jobs: Sequence[Job]) -> None:
         """Brings each file's rows into the order of the jobs."""

@@ -237,6 +237,7 @@ class LiveRun:
             floor_plan.ground_truth(self._world, self.scenario),
             records,
             seen.border,
+            tuple(script.person.seed if script else self.scenario.seed),
             script.outcome if script else "",
             script.reason if script else "",
             script.person.tries if script else 0,
