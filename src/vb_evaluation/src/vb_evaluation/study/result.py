@@ -66,7 +66,6 @@ class Result:
         outcome, reason, tries: how it went for the person.
         spots: every spot that a camera reported; false_spots: how many of them were farther than MAX_SPOT_ERROR from the true
             one.
-        left_out: images that were not sent.
         path: (N, 2) [m] where the first robot was.
         collisions, goals: of all robots.
         too_bright: whether a ceiling camera was, by the lab's own check, before anybody came.
@@ -87,7 +86,6 @@ class Result:
     tries: int
     spots: Tuple[SeenSpot, ...]
     false_spots: int
-    left_out: int
     path: np.ndarray
     collisions: int
     goals: int
