@@ -87,13 +87,6 @@ def test_better_than_the_paper_is_no_agreement(full, ours, published, reading):
     assert row["reading"] == reading
 
 
-def test_every_section_of_a_simulation_has_its_caveat(full):
-    _, page = full
-    for name in ("summary", "error", "accuracy", "completeness", "paper", "order"):
-        part = page[page.index(f'<section id="{name}">') :].split("</section>")[0]
-        assert 'class="caveat"' in part, name
-
-
 def test_the_worlds_in_which_a_conclusion_holds(full):
     blocks = sensitivity.plausible_worlds_section(read_study(full[0]))
     assert "All 3 assumptions" in blocks[0].words and "60 draws" in blocks[0].words

@@ -14,14 +14,6 @@ class Text:
     """A paragraph."""
 
     words: str
-    caveat: bool = False
-
-
-@dataclass(frozen=True)
-class Bullets:
-    """A list of sentences."""
-
-    entries: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -41,14 +33,12 @@ class Grid:
         columns: key to heading; the keys are the file's columns.
         rows: key to a text, a number, or an Interval, which becomes "estimate [low, high]" with the digits of
             `digits` and three columns in the file.
-        folded: whether the page shows it only on demand.
     """
 
     name: str
     columns: Dict[str, str]
     rows: List[Dict[str, Any]]
     digits: Dict[str, int] = field(default_factory=dict)
-    folded: bool = False
     words: str = ""
 
     def text(self, row: Dict[str, Any], key: str) -> str:
@@ -86,4 +76,4 @@ class Grid:
         }
 
 
-Block = Union[Text, Bullets, Figure, Grid]
+Block = Union[Text, Figure, Grid]
