@@ -200,8 +200,8 @@ class RobotMonitorNode:
         goal = robot.goal
         with self._lock:
             refusal = robot.judge(goal)
-        if goal == robot.goal and robot.refuse(refusal):
-            rospy.logwarn("%s: %s [%s]", rospy.get_name(), refusal.sentence(), refusal.code)
+        if goal == robot.goal:
+            robot.refuse(refusal)
         self._tell()
 
     def _send(self, request: Any) -> SendRobotResponse:
@@ -269,16 +269,15 @@ class RobotMonitorNode:
         return [fault for fault in faults if now - self._faulty_since[(fault.code, fault.robot)] >= SETTLING_TIME]
 
     def _log(self, now: float) -> None:
-        """Prints what is connected once the lab has started, and again what of it changes."""
+        """Prints what is connected once the lab has started, and again what of it changes; faults are notices."""
         lines = self._offer.lines
         if now - self._started < SETTLING_TIME or lines == self._logged:
             return
         if self._faulty_since and min(now - since for since in self._faulty_since.values()) < SETTLING_TIME:
             return
-        logs = {Severity.INFO: rospy.loginfo, Severity.WARNING: rospy.logwarn, Severity.ERROR: rospy.logerr}
         for line in lines:
-            if line not in self._logged:
-                logs[line.severity]("%s: %s", rospy.get_name(), line.notice().sentence())
+            if line not in self._logged and line.severity is Severity.INFO:
+                rospy.loginfo("%s: %s", rospy.get_name(), line.notice().sentence())
         self._logged = lines
 
 
