@@ -352,7 +352,7 @@ class InteractionManagerTest(unittest.TestCase):
         notices = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=1)
         # notices hold for as long as they are repeated
         timer = rospy.Timer(
-            rospy.Duration(0.2), lambda _event: notices.publish(NoticeArray(source="/lab_monitor", notices=told))
+            rospy.Duration(0.2), lambda _event: notices.publish(NoticeArray(source="/camera_poses", notices=told))
         )
         try:
             self.command("define_border")

@@ -725,12 +725,12 @@ class PageTest(unittest.TestCase):
             notices.set(
                 [
                     Notice("interaction_ends_soon", Severity.WARNING),
-                    Notice("robot_exits_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
+                    Notice("robot_touches_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
                 ]
             )
             self.browser.wait_text("#notices", "discarded soon")
-            self.browser.wait_text("#notices", "The robot is leaving Rug by itself.")
-            other.wait_text("#notices", "Der Roboter verlässt Rug von selbst.")
+            self.browser.wait_text("#notices", "The edge of the robot touches Rug.")
+            other.wait_text("#notices", "Der Roboter berührt mit dem Rand Rug.")
             other.wait("document.querySelector('#notices li')", what="the notice")
             self.assertNotIn("discarded soon", other.text("#notices"))
             notices.close()
