@@ -24,8 +24,10 @@ from geometry_msgs.msg import Point
 from mosquitto import Hub, Mosquitto
 from vb_testing import Process, wait_until
 from vb_core import names
+from vb_core.notices import Notice, Severity
+from vb_core.ros.notices import NoticePublisher
 from vb_mqtt.inbox import MAX_AGE
-from vb_msgs.msg import BorderProgress, InteractionState, Stop, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, Stop, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import AddBorder, Command, CommandResponse, GetDrawnBorder, GetDrawnBorderResponse
 from vb_msgs.srv import RemoveBorder
 
@@ -46,7 +48,8 @@ class MqttTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("rostest_mqtt")
         cls.heard = {}
-        for topic, kind in ((names.STATE, InteractionState), (names.BORDERS, VirtualBorderArray), (names.STOP, Stop)):
+        kinds = {names.STATE: InteractionState, names.BORDERS: VirtualBorderArray, names.STOP: Stop}
+        for topic, kind in {**kinds, names.PREVIEW: BorderPreview}.items():
             rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
         cls.progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=1)
         cls.drawn = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, cls.on_drawn)
@@ -161,14 +164,19 @@ class MqttTest(unittest.TestCase):
         self.assertIn("cancel", state["available_commands"])
         self.give("define_seed")
         interaction = wait_until(lambda: self.heard[names.STATE].interaction_id, "an interaction")
-        drawn = BorderProgress(interaction_id=interaction, border_spots=50, seed_spots=5, has_seed=True, code="ok")
+        drawn = BorderProgress(interaction_id=interaction, chain=CARPET, seed=MIDDLE, has_seed=True, code="ok")
         drawn.header.stamp = rospy.Time.now()
+        doubt = NoticePublisher()
+        doubt.set([Notice("strokes_left_out", Severity.WARNING)])
 
-        def asked():
+        def doubtful():
             self.progress.publish(drawn)
-            return self.give("save")["code"] == "confirm_save"
+            preview = self.heard.get(names.PREVIEW, BorderPreview())
+            return [issue for issue in preview.issues if issue.code == "strokes_left_out"]
 
-        wait_until(asked, "the question")
+        wait_until(doubtful, "the issue in the preview")
+        self.assertEqual(self.give("save")["code"], "confirm_save")
+        doubt.close()
         question = self.wait("question", lambda value: value["command"] == "save", "the question")
         self.assertEqual(question["asked"], "home_assistant")
         self.wait("health", lambda health: health["confirm"] == "online", "the button that answers")

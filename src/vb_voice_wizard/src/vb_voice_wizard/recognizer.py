@@ -36,7 +36,7 @@ from vb_voice_wizard.voice.speech_model import SpeechModel
 PHRASES = {name: [spoken_form(name), *command.phrases] for name, command in COMMANDS.items()}
 PHRASES.update({answer: ["yes, " + spoken_form(command)] for answer, command in ANSWERS.items()})
 # Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are
-# missed as near misses are taken in the development group (docs/results/voice/tables.md).
+# missed as near misses are taken in the development group (docs/results/voice/README.md).
 EVEN_LOG_ODDS = -3.7
 # Odds from which a command is beyond doubt: eight times those of the most deceptive of the development speakers' other
 # words, a "seven" for *save* (docs/results/voice/README.md).
