@@ -30,13 +30,11 @@ from roslib.packages import find_node
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length
-from vb_core.ros import messages, services
+from vb_core.ros import services
 from vb_evaluation import metrics
-from vb_evaluation.demonstration import before_after_figure
 from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, roslaunch, screenshot, start_screen
-from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
@@ -304,9 +302,6 @@ class Demo:
             "drive_s": round(driven.seconds, 1),
         }
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-        title = f"{options.scenario.title}, {METHODS[options.method]}: Jaccard index {score:.3f}"
-        lines = {**ways, "border": _chain(observer, state.last_border_id)}
-        before_after_figure.draw_before_after(options.out / "before_after.png", title, prior, region, truth, lines)
         table = Table(title="result", show_header=False)
         for key, value in summary.items():
             for part, entry in value.items() if isinstance(value, dict) else [("", value)]:
@@ -329,15 +324,6 @@ def _fault(summary: Dict[str, Any]) -> str:
     if summary["path_after_m"] is not None and summary["drive_outcome"] != "reached":
         return f"the robot did not get to the goal: {summary['drive_outcome']}"
     return ""
-
-
-def _chain(observer: Observer, border_id: str) -> np.ndarray:
-    """Returns the stored border's chain (N, 2) [m], a polygon's first point repeated; empty if there is none."""
-    for border in observer.borders:
-        if border.id == border_id:
-            chain = messages.array_from_points(border.points)
-            return np.vstack([chain, chain[:1]]) if border.kind == VirtualBorder.POLYGON else chain
-    return np.zeros((0, 2))
 
 
 if __name__ == "__main__":
