@@ -64,7 +64,6 @@ def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
     parser.add_argument("--out", default=str(top / "out" / "demo"))
     parser.add_argument("--no-rviz", dest="rviz", action="store_false", help="leave the smart display out")
     parser.add_argument("--navigation", default="standin", help="standin, or move_base: the real one (make navigation)")
-    parser.add_argument("--models", default="", help="a file of models; empty: config/models.yaml of vb_sim")
     given = parser.parse_args(arguments)
     path = Path(given.world).expanduser().resolve() if given.world else top / "src/vb_sim/worlds/lab.yaml"
     world = load_world(str(path))
@@ -85,10 +84,7 @@ def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
         world.scenarios[given.scenario],
         int(given.seed),
     )
-    given.out, given.models = (
-        Path(given.out).resolve(),
-        Path(given.models).expanduser().resolve() if given.models else None,
-    )
+    given.out = Path(given.out).resolve()
     return given
 
 
@@ -165,10 +161,8 @@ class Demo:
             self._stack.callback(screen.stop)
             os.environ.update(DISPLAY=self._screen, LIBGL_ALWAYS_SOFTWARE="1")
         os.environ.setdefault("QT_X11_NO_MITSHM", "1")
-        models = {"models": options.models} if options.models else {}
         self._launched = self._roslaunch(
-            ["simulation.launch", *(["parts/models.launch"] if models else [])],
-            **models,
+            ["simulation.launch"],
             navigation=options.navigation,
             cameras=" ".join(self._cameras) or "none",
             state=state,

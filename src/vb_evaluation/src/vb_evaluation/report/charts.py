@@ -57,14 +57,6 @@ def color_of(method: str, index: int) -> str:
     return METHOD_COLORS.get(method, SERIES[index % len(SERIES)])
 
 
-def _rows(axis: Any, titles: Sequence[str], label: str, **font: float) -> None:
-    """Names rows from top to bottom."""
-    axis.set_yticks(range(len(titles)))
-    axis.set_yticklabels(titles, **font)
-    axis.set_ylim(len(titles) - 0.5, -0.5)
-    axis.set_xlabel(label)
-
-
 def _columns(axis: Any, titles: Sequence[str], label: str) -> None:
     axis.set_xticks(range(len(titles)))
     axis.set_xticklabels(titles)
@@ -88,7 +80,10 @@ def time_bars(cells: Sequence[Cell], limit_s: float) -> str:
         axis.plot(
             cell.runs.time_total_s, np.full(len(cell.runs), place + 0.34), "|", ms=6, color=color, alpha=0.8, mew=1.2
         )
-    _rows(axis, [cell.title for cell in cells], "interaction time [s]; a stroke is one run")
+    axis.set_yticks(range(len(cells)))
+    axis.set_yticklabels([cell.title for cell in cells])
+    axis.set_ylim(len(cells) - 0.5, -0.5)
+    axis.set_xlabel("interaction time [s]; a stroke is one run")
     axis.set_xlim(0.0, limit_s)
     axis.grid(axis="y", visible=False)
     return _svg(figure)
