@@ -15,7 +15,7 @@ EXAMPLES ?= 3000
 PROCESSES ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup navigation try demo test unit rostest screenshots docs study soak clean
+.PHONY: help setup navigation try demo test unit rostest docs study soak clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 13
@@ -41,9 +41,6 @@ unit: setup ## only the unit tests, without a ROS master
 
 rostest: setup ## only the tests of nodes
 	@. scripts/env.sh && python3 scripts/test --only rostest
-
-screenshots: setup ## pictures of the smart display in every state, into docs/images/display
-	@. scripts/env.sh && python3 scripts/screenshots
 
 docs: ## the documentation as a site, into out/site
 	@test -x out/mkdocs/bin/mkdocs || { python3 -m venv out/mkdocs && out/mkdocs/bin/pip install -q mkdocs-material==9.6.14; }

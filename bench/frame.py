@@ -13,15 +13,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from datetime import date
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
 import numpy as np
+import pandas
 
 from vb_evaluation.provenance import revision
-from vb_evaluation.result_table import append_rows
 from vb_evaluation.statistics import proportion
 
 TOP = Path(__file__).resolve().parents[1]
@@ -30,7 +29,7 @@ TOP = Path(__file__).resolve().parents[1]
 def arguments(doc: Optional[str], seed: Optional[int] = None, other: bool = False) -> argparse.ArgumentParser:
     """Makes a bench's parser: its docstring is its help, --csv for all, --seed and --other where they mean something."""
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="append the rows to a table; .md: write it as a page")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="append the rows to a table")
     if seed is not None:
         parser.add_argument("--seed", type=int, default=seed, help="default: %(default)s")
     if other:
@@ -39,42 +38,24 @@ def arguments(doc: Optional[str], seed: Optional[int] = None, other: bool = Fals
 
 
 class Table:
-    """Rows of results: printed as they come, and appended to a file if there is one.
-
-    Args:
-        path: a CSV file, which gets the revision as its last column; or a Markdown file (.md), which is rewritten with
-            the command, date and revision above the table; None: only print.
-    """
+    """Rows of results: printed as they come, and appended to a CSV file with the revision if there is one."""
 
     def __init__(self, path: Optional[Path] = None) -> None:
-        self._path = path
+        self._path, self._revision = path, revision() if path is not None else ""
         self.rows: List[Dict[str, Any]] = []
 
     def add(self, **row: Any) -> None:
         """Adds a row; floats are rounded to four digits, lists (places to look at) stay out of the file."""
         row = {key: float(f"{value:.4g}") if isinstance(value, float) else value for key, value in row.items()}
         self.rows.append(row)
-        print(
-            "  ".join(f"{key} {value}" if isinstance(value, (int, float)) else str(value) for key, value in row.items())
-        )
-        sys.stdout.flush()
-        if self._path is not None and self._path.suffix == ".md":
-            self._write_page()
-        elif self._path is not None:
-            append_rows(self._path, [{key: value for key, value in row.items() if not isinstance(value, list)}])
-
-    def _write_page(self) -> None:
-        keys = list(
-            dict.fromkeys(key for row in self.rows for key, value in row.items() if not isinstance(value, list))
-        )
-        cells = [keys, ["---"] * len(keys)] + [[str(row.get(key, "")) for key in keys] for row in self.rows]
-        command = " ".join(["python3", str(Path(sys.argv[0]).resolve().relative_to(TOP)), *sys.argv[1:]])
-        lines = [
-            f"`{command}`, {date.today()}, revision {revision()}.",
-            "",
-            *(f"| {' | '.join(row)} |" for row in cells),
-        ]
-        self._path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        words = (f"{key} {value}" if isinstance(value, (int, float)) else str(value) for key, value in row.items())
+        print("  ".join(words), flush=True)
+        if self._path is not None:
+            new = {key: value for key, value in row.items() if not isinstance(value, list)}
+            kept = [pandas.read_csv(self._path, dtype=str, keep_default_na=False)] if self._path.exists() else []
+            table = pandas.concat([*kept, pandas.DataFrame([{**new, "revision": self._revision}], dtype=str)])
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            table.fillna("").to_csv(self._path, index=False)
 
 
 def share(hits: int, n: int) -> str:

@@ -34,7 +34,7 @@ from bench.frame import TOP, Table, arguments, share
 TIME_LIMIT_S = 60
 # a module, and the test files of its package that are about it
 MODULES = {
-    "vb_core.geometry": "geometry",
+    "vb_core.geometry": "geometry transforms",
     "vb_core.grid_map": "grid_map",
     "vb_core.camera_model": "camera_model",
     "vb_fusion.line.closure": "extraction",

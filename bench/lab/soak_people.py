@@ -1,24 +1,26 @@
-"""People in a soak test: they draw, give up, edit; for soak.py."""
+"""People and faults in a soak test: they draw, give up, edit; nodes die, cameras fail, clocks step; for soak.py."""
 
 from __future__ import annotations
 
+import os
+import signal
 import time
-from typing import Any, Callable, Optional
+import xmlrpc.client
+from typing import Any, Optional
 
 import numpy as np
+import rosgraph
 import rospy
 from std_srvs.srv import Trigger
 
+from bench.lab.soak_stack import CAMERAS, NODES, NOTICED_S, RATE, SPEED, Broken, Stack
 from vb_core import geometry, names
 from vb_msgs.msg import LaserSpot, VirtualBorder
-from vb_msgs.srv import RemoveBorder
-
-from bench.lab.soak_life import Trouble, points_of
-from bench.lab.soak_stack import CAMERAS, NODES, RATE, SPEED, Broken
+from vb_msgs.srv import ConfirmMap, ConfirmMapRequest, RemoveBorder
 
 
-class People(Trouble):
-    """Those who draw and edit."""
+class People(Stack):
+    """Those who draw and edit, and what happens to them."""
 
     def draw(self, points: np.ndarray) -> None:
         """Points the laser along (N, 2) [m]."""
@@ -43,33 +45,23 @@ class People(Trouble):
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         return center + (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ turn.T
 
-    def interaction(self, meanwhile: Optional[Callable[[], None]] = None) -> None:
-        """Draws an area as a person; now and then somebody kills a node meanwhile, or the person gives up.
-
-        Args:
-            meanwhile: what happens in the middle of the border; left out: mostly nothing.
-        """
+    def interaction(self) -> None:
+        """Draws an area as a person; now and then a node dies meanwhile, or the person gives up."""
         corners = self.shape()
         begun = self.command("define_border")
         if not begun.success:
             raise Broken(f"define_border was refused: {begun.message} [{begun.code}]")
-        identity = self.wait(
-            lambda: self.heard("state", lambda state: state.interaction_id), "the interaction", ticking=True
-        )
+        identity = self.wait(lambda: self.heard("state", lambda state: state.interaction_id), "the interaction")
         self.wait(
             lambda: self.heard("progress", lambda progress: progress.interaction_id == identity),
             "the point set in Border",
-            ticking=True,
         )
         path = geometry.resample_chain(np.vstack([corners, corners[:1]]), SPEED / RATE)
-        trouble = meanwhile is None and self.rng.random() < 0.25
         half = len(path) // 2
         self.draw(path[:half])
-        killed = str(self.rng.choice(NODES)) if trouble else ""
+        killed = str(self.rng.choice(NODES)) if self.rng.random() < 0.25 else ""
         if killed:
             self.kill(killed)
-        if meanwhile is not None:
-            meanwhile()
         self.draw(path[half:])
         if self.rng.random() < 0.1:
             self.command("cancel")
@@ -80,7 +72,6 @@ class People(Trouble):
         self.wait(
             lambda: self.heard("progress", lambda progress: progress.has_seed or progress.code not in ("", "ok")),
             "the seed",
-            ticking=True,
         )
         answer = self.command("save")
         for _ in range(3):
@@ -96,17 +87,15 @@ class People(Trouble):
         identity = self.wait(
             lambda: self.heard("state", lambda state: state.name == "default" and state.last_border_id),
             "the border's id",
-            ticking=True,
         )
         border = self.wait(
             lambda: self.heard("borders", lambda array: next((b for b in array.borders if b.id == identity), None)),
             f"border {identity} among the borders",
-            ticking=True,
         )
         if border.kind != VirtualBorder.POLYGON:
-            if killed != "border_fusion" and meanwhile is None:
+            if killed != "border_fusion":
                 raise Broken(f"border {identity} was drawn closed and is open, though no spot was lost")
-            # spots were lost with their node or cable: the person sees on the display that the line was not closed
+            # spots were lost with their node: the person sees on the display that the line was not closed
             if not self.call(names.UNDO, Trigger).success:
                 raise Broken("the newest border cannot be taken back")
             self.counts["not closed, taken back"] += 1
@@ -128,21 +117,74 @@ class People(Trouble):
                     known[self.removed[0]] = self.removed[1]
                     self.counts["undone"] += 1
 
-    def lights(self) -> None:
-        """Switches the lights while a person draws: for a second and a half both cameras see spots everywhere."""
+    # ------------------------------------------------------------ faults
+    def kill(self, name: str) -> None:
+        """Kills a node as a crash does."""
+        pid = self._pid(name)
+        if pid is None:
+            return  # it is just being restarted
+        os.kill(pid, signal.SIGKILL)
+        self.counts[f"killed {name}"] += 1
+        self.wait(lambda: self._pid(name) not in (None, pid), f"{name} back from the dead")
+        self.settle()
 
-        def flicker() -> None:
-            for _ in range(6):
-                self.draw(self.rng.uniform([0.3, 0.3], [7.7, 4.7], (3, 2)))
+    @staticmethod
+    def _pid(name: str) -> Optional[int]:
+        try:
+            uri = rosgraph.Master("/soak").lookupNode(f"/{name}")
+            return xmlrpc.client.ServerProxy(uri).getPid("/soak")[2]
+        except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
+            return None
 
-        before = self.counts["saved"]
-        self.interaction(flicker)
-        self.counts["lights: saved" if self.counts["saved"] > before else "lights: not saved"] += 1
+    def unplug(self) -> None:
+        """Unplugs the computer of a camera for a while: people must be told, and told again when it is back."""
+        camera = str(self.rng.choice(CAMERAS))
+        self.plugged[camera] = False
+        self.notice_delays.append(self._until_told("detector_missing", camera))
+        self.plugged[camera] = True
+        self._until_told("detector_missing", camera, told=False)
+        self.counts["unplugged"] += 1
 
-    def lose_poses(self) -> None:
-        """The robot's transforms stop. The next interaction must not wait for them."""
-        self.localized = False
-        self.kill("map_integrator")  # which now knows no place of the robot
-        self.interaction()
-        self.localized = True
-        self.counts["transforms lost"] += 1
+    def _until_told(self, code: str, camera: str, told: bool = True) -> float:
+        """Waits until people are told of a fault, or that it is over; returns after how long [s] of simulated time."""
+        began = self.now
+        while ((code, camera) in self.notices.get("/camera_poses", ())) != told:
+            self.tick(0.1)
+            time.sleep(0.01)
+            if self.now - began > 3 * NOTICED_S:
+                raise Broken(f"notice {code} about camera {camera} was not {'given' if told else 'withdrawn'}")
+        return self.now - began
+
+    def step_clock(self) -> None:
+        """Sets the clock, forwards or a little back."""
+        jump = float(self.rng.choice([-5.0, -1.0, 30.0, 3600.0]))
+        self.tick(jump)
+        self.counts[f"clock {jump:+g} s"] += 1
+        self.idle(3.0)
+
+    def change_floor(self) -> None:
+        """Moves the robot to the other floor; the borders of this one must be there when it comes back."""
+        self.floor = next(name for name in self.maps if name != self.floor)
+        self.newest.pop("posterior", None)
+        self.tell_map()
+        self.wait(self.posterior_is_of_this_floor, f"the map of the {self.floor}")
+        self.counts["floor changed"] += 1
+        if self.heard("borders", lambda array: array.needs_confirmation):
+            # both floors have the same outer walls: until somebody says which one it is, the other's borders stay in
+            # force
+            self.call(
+                names.CONFIRM_MAP, ConfirmMap, answer=ConfirmMapRequest.OTHER_PLACE, name=self.floor, source="soak"
+            )
+            self.counts["floor told"] += 1
+
+    def night(self) -> None:
+        """Switches everything off and on again."""
+        self.down()
+        self.newest.clear()
+        self.up()
+        self.settle()
+        self.counts["restarted"] += 1
+
+
+def points_of(border: Any) -> Any:
+    return np.array([(point.x, point.y) for point in border.points])

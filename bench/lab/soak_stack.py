@@ -17,9 +17,11 @@ from tf2_msgs.msg import TFMessage
 
 from bench.frame import TOP
 from vb_core import names
-from vb_core.ros.messages import OccupancyGridArray, message_from_transform
+from vb_core.grid_map import GridMap
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
 from vb_evaluation.processes import Child, free_port, roslaunch
 from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LaserSpot, NoticeArray, VirtualBorderArray
+from vb_msgs.srv import Command
 
 SPEED = 0.4  # [m/s] of the pointer, within what people do (0.2 to 0.7)
 RATE = 12.5  # [1/s] spots of each camera
@@ -62,12 +64,9 @@ class Stack:
         self.maps, self.floor = rooms(seed), "ground floor"
         self.ledger: Dict[str, Dict[str, Any]] = {name: {} for name in self.maps}
         self.counts: collections.Counter = collections.Counter()
-        self.codes: collections.Counter = collections.Counter()
-        self.faults: List[str] = []
         self.notice_delays: List[float] = []
-        self.localized = True  # the robot is
         self.received, self.plugged = dict.fromkeys(CAMERAS, 0), dict.fromkeys(CAMERAS, True)
-        self.now, self.lived = 1_000_000.0, 0.0
+        self.now, self.lived, self.clock = 1_000_000.0, 0.0, None
         self.newest: Dict[str, Any] = {}
         self.notices: Dict[str, Any] = {}
         self.children: List[Child] = []
@@ -140,8 +139,7 @@ class Stack:
             status.header.stamp = stamp
             if self.plugged[camera]:
                 self.statuses.publish(status)
-        if self.localized:
-            self.tf.publish(TFMessage([message_from_transform(np.eye(4), "map", "base_link", stamp)]))
+        self.tf.publish(TFMessage([message_from_transform(np.eye(4), "map", "base_link", stamp)]))
 
     def idle(self, seconds: float) -> None:
         """Lets some time pass without any action."""
@@ -150,17 +148,43 @@ class Stack:
             self.tick(1.0)
             time.sleep(0.004)
 
-    def wait(self, condition: Callable[[], Any], what: str, ticking: bool = False, limit: float = TIMEOUT) -> Any:
-        """Waits, in wall time, for something that a node is to do."""
+    def wait(self, condition: Callable[[], Any], what: str, limit: float = TIMEOUT) -> Any:
+        """Waits, in wall time, for something that a node is to do; simulated time goes on."""
         deadline = time.monotonic() + limit
         while time.monotonic() < deadline:
             value = condition()
             if value:
                 return value
-            if ticking:
+            if self.clock is not None:
                 self.tick(0.1)
             time.sleep(0.01)
-        raise Broken(f"waited {limit:g} s in vain for: {what}")
+        raise Broken(f"hour {self.lived / 3600:.2f}: waited {limit:g} s in vain for: {what}")
+
+    # ------------------------------------------------------------ what it is asked
+    def call(self, service: str, kind: Any, **fields: Any) -> Any:
+        """Calls a service; while its node comes back from the dead, again."""
+        deadline = time.monotonic() + TIMEOUT
+        while True:
+            try:
+                return rospy.ServiceProxy(service, kind)(**fields)
+            except (rospy.ServiceException, rospy.ROSException, OSError) as error:
+                if time.monotonic() > deadline:
+                    raise Broken(f"{service} does not answer: {error}") from None
+                self.tick(0.1)
+                time.sleep(0.1)
+
+    def command(self, word: str) -> Any:
+        """Gives one command of a person and returns its answer."""
+        answer = self.call(names.COMMAND, Command, command=word, source="soak")
+        self.counts[f"{word}: {answer.code}"] += 1
+        if not answer.success and not answer.code:
+            raise Broken(f"{word} was refused without a code: {answer.message!r}")
+        return answer
+
+    def tell_map(self) -> None:
+        """Publishes the floor's map, as map_server does."""
+        grid = GridMap(self.maps[self.floor], RESOLUTION, (0.0, 0.0, 0.0))
+        self.map.publish(message_from_grid(grid, rospy.Time.from_sec(self.now)))
 
     # ------------------------------------------------------------ what the stack says
     def heard(self, key: str, test: Callable[[Any], Any]) -> Any:
@@ -171,13 +195,9 @@ class Stack:
     def settle(self) -> None:
         """Waits until every node is there and knows the time and the map."""
         for name in (names.COMMAND, names.GET_DRAWN_BORDER, names.ADD_BORDER, names.LIST_BORDERS):
-            self.wait(lambda: self._answers(name), f"service {name}", ticking=True, limit=90.0)
-        self.wait(
-            lambda: self.spots.get_num_connections() > 0 and self.statuses.get_num_connections() > 0,
-            "listeners",
-            ticking=True,
-        )
-        self.wait(self._posterior_is_of_this_floor, "the map with borders", ticking=True)
+            self.wait(lambda: self._answers(name), f"service {name}", limit=90.0)
+        self.wait(lambda: self.spots.get_num_connections() and self.statuses.get_num_connections(), "listeners")
+        self.wait(self.posterior_is_of_this_floor, "the map with borders")
 
     @staticmethod
     def _answers(service: str) -> bool:
@@ -186,7 +206,7 @@ class Stack:
         except rosservice.ROSServiceIOException:
             return False
 
-    def _posterior_is_of_this_floor(self) -> bool:
+    def posterior_is_of_this_floor(self) -> bool:
         message = self.newest.get("posterior")
         if message is None:
             return False

@@ -233,3 +233,13 @@ def test_moses_interval_of_a_worked_example():
     p, shift = statistics.compare_unpaired(at_term, earlier)
     assert p == pytest.approx(0.2544, abs=1e-4)
     assert (shift.estimate, shift.low, shift.high) == pytest.approx((0.305, -0.15, 0.76), abs=1e-9)
+
+
+def test_few_people_in_two_groups_have_the_widest_interval_or_none():
+    three = statistics.compare_unpaired([1.0, 2.0, 3.0], [0.0, 5.0, 9.0])[1]
+    assert (three.low, three.high) == (-8.0, 3.0)  # every difference lies within
+    two = statistics.compare_unpaired([1.0, 2.0], [0.0, 5.0])[1]
+    assert two.estimate == -1.0 and math.isnan(two.low) and math.isnan(two.high)
+    for nobody in (([], [1.0]), ([1.0], [])):
+        p, shift = statistics.compare_unpaired(*nobody)
+        assert math.isnan(p) and math.isnan(shift.estimate)

@@ -20,7 +20,6 @@ from vb_robot.driving.spot_follower import (
     FAR_DISTANCE,
     GOOD_DISTANCE,
     INNER_ZONE,
-    MAX_SPEED,
     MAX_TURN,
     NEAR_DISTANCE,
     SETTLED_ZONE,
@@ -441,7 +440,7 @@ RECTANGLE = np.array([[2, 2.0], [4, 2.0], [4, 3.25], [2, 3.25], [2, 2.0]])
 def test_spot_stays_in_view(path, speed):
     start = np.asarray(path, dtype=float)[0]
     run = drag(path, speed, (start[0] - 1.0, start[1] + 0.1, 0.0), noise=0.003)
-    assert np.abs(run[:, 2]).max() <= MAX_SPEED + 1e-9 and np.abs(run[:, 3]).max() <= MAX_TURN + 1e-9
+    assert np.abs(run[:, 2]).max() <= 0.2 + 1e-9 and np.abs(run[:, 3]).max() <= MAX_TURN + 1e-9
     assert run[:, 4].all()
     assert run[:, 5].min() > 0.4
     assert abs(run[-1, 2]) < 0.01 and abs(run[-1, 3]) < 0.05, "it comes to rest with the spot"

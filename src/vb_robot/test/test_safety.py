@@ -117,3 +117,12 @@ def test_a_clock_that_jumps_back_ends_the_wait_after_a_jump_of_the_pose():
     # a simulation or a bag begins again: the hold would last until its old time
     gate.set_pose((1.0, 1.0, 0.0), 5.0, odometry=(0.0, 0.0, 0.0))
     assert gate.pose(5.0) == (1.0, 1.0, 0.0)
+
+
+def test_only_what_comes_seldom_may_be_older():
+    gate = Gate(RobotProfile())
+    for what, period in (("often", 0.05), ("seldom", 0.2)):
+        for number in range(6):
+            gate.record_input(what, 10.0 - period * (5 - number))
+    assert gate._age(10.3, "often") == pytest.approx(0.3)
+    assert gate._age(10.3, "seldom") == pytest.approx(0.3 - (0.2 - 0.1))

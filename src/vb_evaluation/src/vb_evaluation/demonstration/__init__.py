@@ -1,1 +1,1 @@
-"""The demonstration in the simulated lab, its figure, and the display's screenshots."""
+"""The demonstration in the simulated lab."""

@@ -30,13 +30,11 @@ from roslib.packages import find_node
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length
-from vb_core.ros import messages, services
+from vb_core.ros import services
 from vb_evaluation import metrics
-from vb_evaluation.demonstration import before_after_figure
 from vb_evaluation.goal_runs import GoalOutcome, GoalRunner
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, roslaunch, screenshot, start_screen
-from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
 from vb_sim.room.world import load_world
@@ -66,7 +64,6 @@ def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
     parser.add_argument("--out", default=str(top / "out" / "demo"))
     parser.add_argument("--no-rviz", dest="rviz", action="store_false", help="leave the smart display out")
     parser.add_argument("--navigation", default="standin", help="standin, or move_base: the real one (make navigation)")
-    parser.add_argument("--models", default="", help="a file of models; empty: config/models.yaml of vb_sim")
     given = parser.parse_args(arguments)
     path = Path(given.world).expanduser().resolve() if given.world else top / "src/vb_sim/worlds/lab.yaml"
     world = load_world(str(path))
@@ -87,10 +84,7 @@ def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
         world.scenarios[given.scenario],
         int(given.seed),
     )
-    given.out, given.models = (
-        Path(given.out).resolve(),
-        Path(given.models).expanduser().resolve() if given.models else None,
-    )
+    given.out = Path(given.out).resolve()
     return given
 
 
@@ -167,10 +161,8 @@ class Demo:
             self._stack.callback(screen.stop)
             os.environ.update(DISPLAY=self._screen, LIBGL_ALWAYS_SOFTWARE="1")
         os.environ.setdefault("QT_X11_NO_MITSHM", "1")
-        models = {"models": options.models} if options.models else {}
         self._launched = self._roslaunch(
-            ["simulation.launch", *(["parts/models.launch"] if models else [])],
-            **models,
+            ["simulation.launch"],
             navigation=options.navigation,
             cameras=" ".join(self._cameras) or "none",
             state=state,
@@ -304,9 +296,6 @@ class Demo:
             "drive_s": round(driven.seconds, 1),
         }
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-        title = f"{options.scenario.title}, {METHODS[options.method]}: Jaccard index {score:.3f}"
-        lines = {**ways, "border": _chain(observer, state.last_border_id)}
-        before_after_figure.draw_before_after(options.out / "before_after.png", title, prior, region, truth, lines)
         table = Table(title="result", show_header=False)
         for key, value in summary.items():
             for part, entry in value.items() if isinstance(value, dict) else [("", value)]:
@@ -329,15 +318,6 @@ def _fault(summary: Dict[str, Any]) -> str:
     if summary["path_after_m"] is not None and summary["drive_outcome"] != "reached":
         return f"the robot did not get to the goal: {summary['drive_outcome']}"
     return ""
-
-
-def _chain(observer: Observer, border_id: str) -> np.ndarray:
-    """Returns the stored border's chain (N, 2) [m], a polygon's first point repeated; empty if there is none."""
-    for border in observer.borders:
-        if border.id == border_id:
-            chain = messages.array_from_points(border.points)
-            return np.vstack([chain, chain[:1]]) if border.kind == VirtualBorder.POLYGON else chain
-    return np.zeros((0, 2))
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from vb_evaluation.report import effect_sizes, paper
 from vb_evaluation.report.blocks import Grid
 from vb_evaluation.report.data import StudyResults, read_study, select
 from vb_evaluation.report.page import SECTIONS
+from vb_evaluation.report.paper import METHODS
 
 BEGIN, END = "<!-- what follows is written by study_kit report --page -->", "<!-- end of what is written -->"
 # of the report's tables, in this order
@@ -31,7 +32,6 @@ TABLES = {
 }
 # scenario: the paper's difference of the median Jaccard indices, which it calls significant
 EFFECTS = {"carpet": 0.077, "corner": -0.028}
-METHODS = ("nrs", "robot_only")
 
 
 def answers(study: StudyResults) -> List[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from typing import Any, Dict, Sequence, Tuple
+from typing import Any, Sequence
 
 import matplotlib
 import numpy as np
@@ -12,14 +12,15 @@ import numpy as np
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402  (the backend must be chosen before)
 
-from vb_evaluation.report.colors import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILION  # noqa: E402
 from vb_evaluation.report.data import Cell, known  # noqa: E402
-from vb_evaluation.statistics import Interval  # noqa: E402
 
+# Okabe and Ito's, which colour-blind people can distinguish
+BLUE, ORANGE, GREEN, VERMILION, GRAY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
+SKY, PURPLE = "#56B4E9", "#CC79A7"
 STATE_COLORS = {"guide": ORANGE, "border": SKY, "seed": GREEN}
 # as in the paper: blue and red contours distinguish the methods
 METHOD_COLORS = {"nrs": BLUE, "robot_only": VERMILION}
-SERIES, MARKERS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, GRAY), ("o", "s", "^", "D", "v", "P")
+SERIES = (GREEN, PURPLE, ORANGE, GRAY)
 WIDTH_IN, PANEL_IN = 7.2, 4.6
 PUBLISHED = {"marker": "D", "ms": 7, "color": "white", "mec": "black", "mew": 1.3, "ls": "none"}
 _STYLE = {
@@ -53,15 +54,7 @@ def data_uri(content: bytes, kind: str) -> str:
 
 def color_of(method: str, index: int) -> str:
     """Returns a method's colour, the same everywhere in the report."""
-    return METHOD_COLORS.get(method, SERIES[2 + index % (len(SERIES) - 2)])
-
-
-def _rows(axis: Any, titles: Sequence[str], label: str, **font: float) -> None:
-    """Names rows from top to bottom."""
-    axis.set_yticks(range(len(titles)))
-    axis.set_yticklabels(titles, **font)
-    axis.set_ylim(len(titles) - 0.5, -0.5)
-    axis.set_xlabel(label)
+    return METHOD_COLORS.get(method, SERIES[index % len(SERIES)])
 
 
 def _columns(axis: Any, titles: Sequence[str], label: str) -> None:
@@ -87,7 +80,10 @@ def time_bars(cells: Sequence[Cell], limit_s: float) -> str:
         axis.plot(
             cell.runs.time_total_s, np.full(len(cell.runs), place + 0.34), "|", ms=6, color=color, alpha=0.8, mew=1.2
         )
-    _rows(axis, [cell.title for cell in cells], "interaction time [s]; a stroke is one run")
+    axis.set_yticks(range(len(cells)))
+    axis.set_yticklabels([cell.title for cell in cells])
+    axis.set_ylim(len(cells) - 0.5, -0.5)
+    axis.set_xlabel("interaction time [s]; a stroke is one run")
     axis.set_xlim(0.0, limit_s)
     axis.grid(axis="y", visible=False)
     return _svg(figure)
@@ -119,26 +115,4 @@ def boxes(cells: Sequence[Cell], column: str, label: str, published: bool = Fals
     _columns(axis, [cell.title for cell in cells], label)
     axis.set_xlim(-0.6, len(cells) - 0.4)
     axis.margins(y=0.08)
-    return _svg(figure)
-
-
-@plt.rc_context(_STYLE)
-def rates(groups: Sequence[Tuple[str, Sequence[Tuple[Cell, Interval]]]]) -> str:
-    """Draws success rates [%] as bars with intervals: of each scenario by its title, the cells with their rates."""
-    figure, axis = plt.subplots(figsize=(WIDTH_IN, 3.0))
-    handles: Dict[str, Any] = {}
-    width = 0.8 / max(1, max((len(bars) for _, bars in groups), default=1))
-    for place, (_, bars) in enumerate(groups):
-        for index, (cell, share) in enumerate(bars):
-            x = place + (index - (len(bars) - 1) / 2) * width
-            handles[cell.title] = axis.bar(
-                x, share.estimate, width * 0.86, color=color_of(cell.method, index), alpha=0.75
-            )
-            axis.plot([x, x], [share.low, share.high], color="#222222", lw=1.2)
-            if cell.published:
-                (handles["the paper"],) = axis.plot(x, 100 * cell.published.completeness, **PUBLISHED)
-    _columns(axis, [title for title, _ in groups], "completed [%]")
-    axis.set_ylim(0, 104)
-    words = sorted(handles, key=lambda title: title == "the paper")
-    figure.legend([handles[title] for title in words], words, loc="outside upper center", ncol=3, fontsize=9)
     return _svg(figure)

@@ -66,7 +66,7 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
     try:
         prior = read_map(study.folder / "maps" / "physical.yaml")
     except CodedError as error:
-        return [], [f"There are no maps: {error.message}."]
+        return [], [f"There are no maps: {error.message}"]
     for scenario in study.scenarios:
         title = study.scenario_title(scenario)
         try:

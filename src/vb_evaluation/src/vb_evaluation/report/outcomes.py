@@ -220,28 +220,21 @@ def accuracy_section(study: StudyResults) -> List[Block]:
 def completeness_section(study: StudyResults) -> List[Block]:
     """Reports success rates."""
     rows: List[Dict[str, Any]] = []
-    groups = []
     for title, cells in study.cells():
-        bars = []
         for cell in cells:
             done = known(cell.runs, "completed")
-            share = statistics.proportion(int(done.sum()), len(done)).scaled(100.0)
-            published = cell.published.completeness if cell.published else math.nan
             rows.append(
                 {
                     "scenario": title,
                     "method": cell.title,
                     "completed": f"{int(done.sum())} of {len(done)}",
-                    "share": share,
-                    "paper": 100 * published,
+                    "share": statistics.proportion(int(done.sum()), len(done)).scaled(100.0),
+                    "paper": 100 * cell.published.completeness if cell.published else math.nan,
                 }
             )
-            bars.append((cell, share))
-        groups.append((title, bars))
     columns = {**_WHICH, "completed": "Completed", "share": "Share [%]", "paper": "Paper [%]"}
     return [
         Text("Runs that ended with a saved border and a seed on the side that was asked for; Wilson's 95 % intervals."),
-        Figure([(charts.rates(groups), "Completed runs")], wide=True),
         Grid("completeness", columns, rows, {"share": 0, "paper": 1}),
         *_who_completed(study),
         *_what_became(study),

@@ -33,6 +33,7 @@ PAPER: Dict[str, PaperFigures] = {
     "corner": PaperFigures("Spot cleaning", 2.2, {"nrs": 0.878, "robot_only": 0.906}, 13 / 15, None),
 }
 METHOD_TITLES = {"nrs": "Network robot system", "robot_only": "Robot only"}
+METHODS = ("nrs", "robot_only")
 
 
 def scenario_title(key: str) -> str:

@@ -9,10 +9,8 @@ from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, paper
 from vb_evaluation.report.blocks import Block, Grid, Text
 from vb_evaluation.report.data import StudyResults, known, select
-from vb_evaluation.report.paper import PAPER
+from vb_evaluation.report.paper import METHODS, PAPER
 from vb_evaluation.statistics import Interval
-
-METHODS = ("nrs", "robot_only")
 
 
 def paper_comparison_section(study: StudyResults) -> List[Block]:

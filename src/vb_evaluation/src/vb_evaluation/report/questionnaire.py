@@ -20,6 +20,7 @@ import pandas
 from vb_core.errors import CodedError
 from vb_evaluation import statistics
 from vb_evaluation.report.data import read_sheet, yes_or_no
+from vb_evaluation.report.paper import METHODS
 
 STATEMENTS = (
     ("I had problems to define the virtual borders", "1 = big problems, 5 = no problems"),
@@ -45,7 +46,6 @@ UEQ_SCALES = (
     ("UEQ-S, overall", range(1, 9)),
 )
 QUESTION = "Did the smart environment support the interaction process?"
-METHODS = ("nrs", "robot_only")
 
 
 @dataclass(frozen=True)
