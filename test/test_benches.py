@@ -24,6 +24,7 @@ SAMPLES = {
     "extraction/model_hand.py": "--times 0.01",
     "extraction/quickdraw_strokes.py": "{drawings} --out {folder}/strokes.json",
     "extraction/stages.py": "{folder}",
+    "lab/camera_faults.py": "--times 1 --only stalled",
     "lab/cameras.py": "--cameras 1 --seconds 1",
     "lab/image_cost.py": "--scenes 'held still' --share 0.02",
     "lab/page.py": "--browsers 1 --seconds 1",

@@ -73,6 +73,7 @@ class DetectorDiagnostics:
         self._camera, self._mobile = camera, mobile
         self._frame_id = ""
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
+        self._twice = float("-inf")  # when another detector said that it is this camera's
         self.color = True
         self._mailbox = mailbox
         self._counts = DetectorCounts()
@@ -116,8 +117,8 @@ class DetectorDiagnostics:
         """Records another detector's status."""
         sender = (getattr(message, "_connection_header", None) or {}).get("callerid", "")
         if message.camera == self._camera and sender and sender != rospy.get_name():
-            nodes = ", ".join(sorted((sender, rospy.get_name())))
-            self.fault(CodedError("camera_name_twice", camera=self._camera, nodes=nodes))
+            self._twice = time.monotonic()
+            self.fault(CodedError("camera_name_twice", camera=self._camera))
         if message.camera != self._camera and not message.mobile and message.frame_id:
             with self._lock:
                 self._others[message.camera] = (message.frame_id, time.monotonic())
@@ -145,6 +146,8 @@ class DetectorDiagnostics:
         now = rospy.Time.now()
         with self._lock:
             fault = self._watch.fault(now.to_sec())
+        if time.monotonic() - self._twice < _DETECTOR_TIMEOUT:
+            fault = "camera_name_twice"
         self._status = DetectorStatus(
             header=rospy.Header(stamp=now),
             camera=self._camera,
