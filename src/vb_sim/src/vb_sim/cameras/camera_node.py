@@ -50,16 +50,16 @@ class CameraNode:
 
     def _run(self) -> None:
         node.wait_for_clock()
+        skipped = 0
         while self._running and not rospy.is_shutdown():
             now = self._clock.now()
             try:
                 for index, stamp in self._schedule.due(now):
                     self._publish(index, stamp)
-                if self._schedule.skipped:
-                    rospy.logwarn_throttle(
-                        _REPORT_PERIOD,
-                        f"{rospy.get_name()}: {self._schedule.skipped} images left out: this computer is too slow",
-                    )
+                if self._schedule.skipped > skipped:
+                    skipped = self._schedule.skipped
+                    text = f"{rospy.get_name()}: {skipped} images left out so far: this computer is too slow"
+                    rospy.logwarn_throttle(_REPORT_PERIOD, text)
             except rospy.ROSException:
                 # the topics close during shutdown
                 return
