@@ -32,6 +32,7 @@ from mjpeg_server import MjpegServer  # noqa: E402
 
 RATE, FRAMES, DRAWN = 25.0, 500, range(125, 250)
 QUALITY, DENOISED_PX = 60, 0.8
+LAPS = 15  # of the clip as H.264, which is played once
 
 
 @lru_cache(maxsize=1)
@@ -76,6 +77,50 @@ def serve(path: str, port: str) -> None:
     """Serves a clip to any number of cameras, until it is ended."""
     MjpegServer(read(Path(path)), RATE, int(port))
     signal.pause()
+
+
+def write_h264(jpegs: List[bytes], path: Path) -> None:
+    """Writes H.264 whose images stand by themselves once a second: the clip as often as it takes to measure."""
+    with av.open(str(path.with_suffix(".h264")), "w", format="h264") as container:
+        options = {"preset": "ultrafast", "tune": "zerolatency", "g": str(int(RATE))}
+        stream = container.add_stream("libx264", rate=int(RATE), options=options)
+        stream.width, stream.height, stream.pix_fmt = scene().model.width, scene().model.height, "yuv420p"
+        for jpeg in jpegs:
+            picture = simplejpeg.decode_jpeg(jpeg, "BGR")
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        container.mux(stream.encode())
+    with av.open(str(path.with_suffix(".h264"))) as encoded, av.open(str(path), "w") as container:
+        found = [(bytes(packet), packet.is_keyframe) for packet in encoded.demux(video=0) if packet.size]
+        stream = container.add_stream_from_template(encoded.streams.video[0])
+        for number in range(LAPS * len(found)):
+            content, whole = found[number % len(found)]
+            packet = av.Packet(content)
+            packet.stream, packet.time_base, packet.is_keyframe = stream, Fraction(1, int(RATE)), whole
+            packet.pts = packet.dts = number
+            container.mux(packet)
+
+
+# run by Debian's Python, with gir1.2-gst-rtsp-server-1.0 and gstreamer1.0-plugins-good
+RTSP = """
+import sys, gi
+gi.require_version("Gst", "1.0"); gi.require_version("GstRtspServer", "1.0")
+from gi.repository import GLib, Gst, GstRtspServer
+Gst.init(None)
+server, factory = GstRtspServer.RTSPServer(service=sys.argv[2]), GstRtspServer.RTSPMediaFactory(shared=True)
+factory.set_launch(f"( filesrc location={sys.argv[1]} ! qtdemux ! h264parse ! rtph264pay name=pay0 pt=96 config-interval=1 )")
+server.get_mount_points().add_factory("/video", factory)
+server.attach(None)
+GLib.MainLoop().run()
+"""
+
+
+def serving_rtsp(stack: ExitStack, path: Path) -> Tuple[str, psutil.Process]:
+    """Starts GStreamer's RTSP server; returns its address, and its process."""
+    port = free_port()
+    child = subprocess.Popen(["/usr/bin/python3", "-c", RTSP, str(path), str(port)], env={"PATH": "/usr/bin:/bin"})
+    stack.callback(child.wait)
+    stack.callback(child.terminate)
+    return f"rtsp://127.0.0.1:{port}/video", psutil.Process(child.pid)
 
 
 def serving(stack: ExitStack, path: Path) -> Tuple[str, psutil.Process]:

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How many cameras of 1080p motion JPEG, which their detectors read themselves, this computer carries.
 
-    python3 bench/lab/cameras.py --cameras 1 6 12 24            from a local HTTP server; --files: from files
+    python3 bench/lab/cameras.py --cameras 1 6 12 24            from a local HTTP server; --from files, rtsp (H.264)
 
 Fusion and page run too. camera_clip.py says what is played. Stamps are the arrival of an image: exposure, readout and
 network of a real camera come on top.
@@ -27,7 +27,7 @@ import tf2_ros
 import yaml
 
 from bench.frame import TOP, Table, arguments, quantiles
-from bench.lab.camera_clip import RATE, clip, scene, serving, write
+from bench.lab.camera_clip import RATE, clip, scene, serving, serving_rtsp, write, write_h264
 from bench.lab.page_lab import node_process, start, wait
 from vb_core import names
 from vb_core.ros.messages import message_from_transform
@@ -43,9 +43,10 @@ class Running:
 
     Args:
         sources: name of each camera to what its detector reads; "": a topic.
+        half_size: whether they search images at half their size.
     """
 
-    def __init__(self, stack: ExitStack, sources: Dict[str, str]) -> None:
+    def __init__(self, stack: ExitStack, sources: Dict[str, str], half_size: bool = False) -> None:
         _, folder = start(stack)
         self.folder, self.cameras, self.status = folder, list(sources), {}
         self.delays: Dict[str, List[float]] = {name: [] for name in sources}
@@ -61,7 +62,9 @@ class Running:
         for name, source in sources.items():
             lens_file.save(folder / "lenses" / f"{name}.yaml", name, scene().model)
             (folder / "detectors").mkdir(exist_ok=True)
-            (folder / "detectors" / f"{name}.yaml").write_text(yaml.safe_dump({"source": source}))
+            (folder / "detectors" / f"{name}.yaml").write_text(
+                yaml.safe_dump({"source": source, "capture": {"half_size": half_size}})
+            )
         configs = " ".join(f"{name}={folder}/detectors/{name}.yaml" for name in sources)
         for number, command in enumerate(
             (
@@ -107,20 +110,23 @@ class Running:
         return {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
 
 
-def many(count: int, seconds: float, path: Path, files: bool) -> List[Dict[str, Any]]:
+def many(count: int, seconds: float, path: Path, origin: str, half_size: bool) -> List[Dict[str, Any]]:
     """Measures one row for each camera, and one of all."""
     with ExitStack() as stack:
-        address, server = (str(path), None) if files else serving(stack, path)
-        running = Running(stack, {f"c{number}": address for number in range(count)})
+        if origin == "files":
+            address, server = str(path), None
+        else:
+            address, server = (serving if origin == "http" else serving_rtsp)(stack, path)
+        running = Running(stack, {f"c{number}": address for number in range(count)}, half_size)
         others = {
             "fusion": node_process("/border_fusion"),
             "page": node_process(),
-            **({} if files else {"server": server}),
+            **({} if server is None else {"server": server}),
         }
         found, shares = running.watch(seconds, others)
     rows = [{"camera": name, **figures, **quantiles(running.delays[name])} for name, figures in found.items()]
     of_all = {
-        "camera": f"all {count}, {'files' if files else 'http'}",
+        "camera": f"all {count}, {origin}{', half size' if half_size else ''}",
         **{key: float(np.mean([row[key] for row in rows])) for key in ("searched_share", "ms_per_image")},
         **quantiles([delay for delays in running.delays.values() for delay in delays]),
     }
@@ -153,13 +159,16 @@ def in_processes(pieces: Iterable[Any], measure: Callable[[Any], Iterable[Dict[s
 def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--cameras", type=int, nargs="+", default=[1, 6, 12, 24])
-    parser.add_argument("--files", action="store_true", help="from files instead of a server")
+    parser.add_argument("--from", dest="origin", choices=("http", "files", "rtsp"), default="http")
+    parser.add_argument("--half-size", action="store_true", help="search images at half their size")
     parser.add_argument("--seconds", type=float, default=20.0, help="that are measured; 20 is the whole clip")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="bench_cameras_") as folder:
-        path = Path(folder) / "clip.avi"
-        write(clip(), path)
-        return in_processes(given.cameras, lambda count: many(count, given.seconds, path, given.files), given.csv)
+        path = Path(folder) / ("clip.mp4" if given.origin == "rtsp" else "clip.avi")
+        (write_h264 if given.origin == "rtsp" else write)(clip(), path)
+        return in_processes(
+            given.cameras, lambda count: many(count, given.seconds, path, given.origin, given.half_size), given.csv
+        )
 
 
 if __name__ == "__main__":

@@ -89,9 +89,9 @@ def gray(jpeg: bytes) -> Picture:
     return Picture(simplejpeg.decode_jpeg(jpeg, "GRAY")[..., 0], "mono")
 
 
-def cost(seconds: float, path: Path) -> Iterator[Dict[str, Any]]:
+def cost(seconds: float, path: Path, half_size: bool) -> Iterator[Dict[str, Any]]:
     """Measures an image's cost in one thread, then as nodes, each beside decoding to grey and searching."""
-    jpegs, ours, alone = read(path), Search(lambda jpeg: Shot(0.0, jpeg).searched()[0]), Search(gray)
+    jpegs, ours, alone = read(path), Search(lambda jpeg: Shot(0.0, jpeg).searched(half_size)[0]), Search(gray)
     for number in range(2 * FRAMES):
         for one in (ours, alone) if number % 2 else (alone, ours):
             one.look(jpegs[number % FRAMES], number / RATE)
@@ -105,7 +105,7 @@ def cost(seconds: float, path: Path) -> Iterator[Dict[str, Any]]:
     }  # fmt: skip
     with ExitStack() as stack:
         address, _ = serving(stack, path)
-        running = Running(stack, {"own": address, "topic": ""})
+        running = Running(stack, {"own": address, "topic": ""}, half_size)
         driver = Child(
             [sys.executable, "-c", f"from bench.lab import image_cost; image_cost.drive({address!r}, 'topic')"],
             running.folder / "driver.txt",
@@ -138,7 +138,7 @@ def play(search: Search, jpegs: List[bytes], ended: threading.Event) -> None:
 DECODED: Dict[str, Callable[[Shot], Picture]] = {
     "grey": lambda shot: gray(shot.jpeg),
     "whole": lambda shot: shot.picture(),
-    "half": lambda shot: shot.searched()[0],
+    "half": lambda shot: shot.searched(True)[0],
 }
 
 
@@ -180,6 +180,7 @@ def places(scenes: List[Any], share: float, seed: int) -> Iterator[Dict[str, Any
 def main() -> int:
     parser = arguments(__doc__, seed=1)
     parser.add_argument("--seconds", type=float, default=20.0, help="of each of five spans; 20 is the whole clip")
+    parser.add_argument("--half-size", action="store_true", help="search images at half their size")
     parser.add_argument("--scenes", nargs="+", metavar="WORD", help="play those with a WORD in their name instead")
     parser.add_argument("--share", type=float, default=1.0, help="of the scenes' time")
     given = parser.parse_args()
@@ -189,7 +190,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="bench_cameras_") as folder:
         path = Path(folder) / "clip.avi"
         write(clip(), path)
-        return in_processes([path], lambda one: cost(given.seconds, one), given.csv)
+        return in_processes([path], lambda one: cost(given.seconds, one, given.half_size), given.csv)
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from vb_msgs.msg import DetectorStatus, LaserSpot
 
 COMMAND = ("rosrun", "vb_laser_detect", "calibrate_camera")
 LATE_S = 0.4  # [s] by which the camera is late
-WIDTH, HEIGHT = 1440, 1080  # large enough that the half of it is searched
+WIDTH, HEIGHT = 1440, 1080
 PLACE = (675.0, 450.0)
 T = geometry.transform(geometry.rotation_from_rpy(np.pi, 0, 0), (1.0, 2.0, 2.5))
 CAMERA = CameraModel(
@@ -68,6 +68,7 @@ class TestCameraSource(unittest.TestCase):
         lens_file.save(lab / "lenses" / "hall.yaml", "hall", CAMERA)
         config = Path(rospkg.RosPack().get_path("vb_laser_detect")) / "config" / "stationary.yaml"
         rospy.set_param("/spot_detector_hall", yaml.safe_load(config.read_text()))
+        rospy.set_param("/spot_detector_hall/capture/half_size", True)
         for name, value in (("camera", "hall"), ("source", cls.server.address()), ("settings", str(cls.settings))):
             rospy.set_param(f"/spot_detector_hall/{name}", value)
         cls.node = Process("vb_laser_detect", "spot_detector", "__name:=spot_detector_hall")

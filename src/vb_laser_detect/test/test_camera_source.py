@@ -63,15 +63,17 @@ def test_images_that_come_too_late_are_left_out_until_one_stands_by_itself(video
     assert len(after) and np.abs((seen[after] + KEY_EVERY / 2) % KEY_EVERY - KEY_EVERY / 2).max() < 4.0
 
 
-@pytest.mark.parametrize("size, binning", [((1920, 1080), 2), ((1440, 1081), 1), ((1280, 720), 1), ((640, 480), 1)])
+@pytest.mark.parametrize(
+    "size, half_size, binning", [((1920, 1080), True, 2), ((1441, 1080), True, 1), ((1280, 720), False, 1)]
+)
 @pytest.mark.parametrize("jpeg", [True, False])
-def test_large_images_are_searched_at_half_their_size_in_the_same_place(size, binning, jpeg):
+def test_images_are_searched_at_half_their_size_in_the_same_place(size, half_size, binning, jpeg):
     image = Scene(*size, noise=0.0).render([(201.0, 152.0)], sigma=4.0)
     if jpeg:
         shot = Shot(0.0, jpeg=cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes())
     else:
         shot = Shot(0.0, frame=av.VideoFrame.from_ndarray(image, format="bgr24"))
-    picture, found = shot.searched()
+    picture, found = shot.searched(half_size)
     assert found == binning and picture.pixels.shape == (size[1] // binning, size[0] // binning, 3)
     assert shot.picture().pixels.shape == image.shape
     seen = binning * (middle_of_spot(picture.pixels) + 0.5) - 0.5
@@ -89,5 +91,5 @@ def test_half_a_jpeg_is_no_image():
     jpeg = cv2.imencode(".jpg", np.zeros((1080, 1920, 3), np.uint8))[1].tobytes()
     for broken in (jpeg[:100], b"none"):
         with pytest.raises(CodedError) as error:
-            Shot(0.0, jpeg=broken).searched()
+            Shot(0.0, jpeg=broken).searched(False)
         assert error.value.code == "bad_image"

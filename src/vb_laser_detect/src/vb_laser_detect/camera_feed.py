@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, NamedTuple, Optional, Sequence, Tuple
 
@@ -158,7 +159,8 @@ class CameraFeed:
             self._report.count("late_image")
         self._late = self._source.late
         stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.taken)
-        self._put(ReceivedImage(stamp, self._frame, shot.searched, shot))
+        read = partial(shot.searched, self._source.params.half_size)
+        self._put(ReceivedImage(stamp, self._frame, read, shot))
 
     def _tell(self, error: Optional[CodedError]) -> None:
         severity = Severity.ERROR

@@ -33,9 +33,6 @@ _NONBLOCK = "4"  # AVFMT_FLAG_NONBLOCK has no name among FFmpeg's options
 _CLOCK_LIMIT = 5.0  # [s] a device whose stamps are farther from now has no clock
 _OFFSET_WINDOW = 500  # [packets] over which the quickest one counts
 _QUEUED = 0.5  # [s] what is read later than that is not caught up with, image by image
-# [px] images from this height on are searched at half their size: it takes half the time, and their spots are still
-# larger than those of a whole image of 640 x 480
-_LARGE = 1080
 # a sentence's code, to FFmpeg's errors that it tells of; others are told in FFmpeg's own words
 _REASONS = {
     "camera_password": (av.error.HTTPUnauthorizedError, av.error.HTTPForbiddenError),
@@ -60,6 +57,9 @@ class CaptureParams(Parameters):
     exposure: int = param(0, "0.1 ms", low=0, high=100000, doc="a device's exposure time; 0: automatic")
     gain: int = param(-1, "", low=-1, high=100000, doc="a device's gain, as it counts; -1: as it is")
     white_balance: int = param(0, "K", low=0, high=20000, doc="a device's white balance; 0: automatic")
+    half_size: bool = param(
+        False, doc="images are searched at half their size, in half the time, with more false spots"
+    )
 
 
 class Shot(NamedTuple):
@@ -99,10 +99,9 @@ class Shot(NamedTuple):
         with _readable():
             return Picture(simplejpeg.decode_jpeg(self.jpeg, "BGR", fastupsample=True, fastdct=False, **how), "bgr")
 
-    def searched(self) -> Tuple[Picture, int]:
+    def searched(self, half_size: bool) -> Tuple[Picture, int]:
         """Returns the image as it is searched, and by how much it is smaller; raises as `picture`."""
-        width, height = self.size
-        binning = 2 if height >= _LARGE and width % 2 == height % 2 == 0 else 1
+        binning = 2 if half_size and not any(length % 2 for length in self.size) else 1
         return self.picture(binning), binning
 
 
