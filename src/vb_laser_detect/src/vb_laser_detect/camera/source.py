@@ -57,9 +57,7 @@ class CaptureParams(Parameters):
     exposure: int = param(0, "0.1 ms", low=0, high=100000, doc="a device's exposure time; 0: automatic")
     gain: int = param(-1, "", low=-1, high=100000, doc="a device's gain, as it counts; -1: as it is")
     white_balance: int = param(0, "K", low=0, high=20000, doc="a device's white balance; 0: automatic")
-    half_size: bool = param(
-        False, doc="images are searched at half their size, in half the time, with more false spots"
-    )
+    half_size: bool = param(False, doc="whether images are searched at half their size")
 
 
 class Shot(NamedTuple):
