@@ -148,7 +148,7 @@ def play(report, began, ends, rate=10.0, age=0.02, search=0.01, gray=100, conten
         ({}, {"content": "mono"}, []),
         ({"mobile": True}, {"content": "mono"}, [("no_color", Severity.WARNING)]),
         ({}, {"rate": 2.0}, [("camera_slow", Severity.WARNING)]),
-        ({}, {"grey": 255}, [("camera_too_bright", Severity.WARNING)]),
+        ({}, {"gray": 255}, [("camera_too_bright", Severity.WARNING)]),
         ({}, {"age": 60.0}, [("camera_clock", Severity.ERROR)]),
         ({}, {"age": -4.0}, [("camera_clock", Severity.ERROR)]),
         ({}, {"search": 2.0}, []),  # a busy computer is no wrong clock
