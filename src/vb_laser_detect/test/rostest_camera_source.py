@@ -31,20 +31,22 @@ from vb_msgs.msg import DetectorStatus, LaserSpot
 
 COMMAND = ("rosrun", "vb_laser_detect", "calibrate_camera")
 LATE_S = 0.4  # [s] by which the camera is late
-PLACE = (300.0, 200.0)
+WIDTH, HEIGHT = 1440, 1080
+PLACE = (675.0, 450.0)
 T = geometry.transform(geometry.rotation_from_rpy(np.pi, 0, 0), (1.0, 2.0, 2.5))
 CAMERA = CameraModel(
-    640, 480, np.array([[500.0, 0, 319.5], [0, 500.0, 239.5], [0, 0, 1]]), np.array([-0.1, 0.01, 0, 0, 0])
+    WIDTH, HEIGHT, np.array([[1125.0, 0, 719.5], [0, 1125.0, 539.5], [0, 0, 1]]), np.array([-0.1, 0.01, 0, 0, 0])
 )
 
 
-def images(width=640, height=480):
+def images(width=WIDTH, height=HEIGHT):
     """An empty floor, and one with a spot that trembles."""
     scene = Scene(width, height, seed=2)
     flags = [cv2.IMWRITE_JPEG_QUALITY, 92]
     jpeg = lambda image: cv2.imencode(".jpg", image, flags)[1].tobytes()  # noqa: E731
     empty = [jpeg(scene.render([])) for _ in range(8)]
-    spot = [jpeg(scene.render([(PLACE[0] + 2 * (i % 3), PLACE[1])], sigma=1.6, color=GREEN)) for i in range(9)]
+    u, v = PLACE[0] * width / WIDTH, PLACE[1] * height / HEIGHT
+    spot = [jpeg(scene.render([(u + 4 * (i % 3), v)], sigma=3.0, color=GREEN)) for i in range(9)]
     return empty, spot
 
 
@@ -66,6 +68,7 @@ class TestCameraSource(unittest.TestCase):
         lens_file.save(lab / "lenses" / "hall.yaml", "hall", CAMERA)
         config = Path(rospkg.RosPack().get_path("vb_laser_detect")) / "config" / "stationary.yaml"
         rospy.set_param("/spot_detector_hall", yaml.safe_load(config.read_text()))
+        rospy.set_param("/spot_detector_hall/capture/half_size", True)
         for name, value in (("camera", "hall"), ("source", cls.server.address()), ("settings", str(cls.settings))):
             rospy.set_param(f"/spot_detector_hall/{name}", value)
         cls.node = Process("vb_laser_detect", "spot_detector", "__name:=spot_detector_hall")
@@ -86,6 +89,7 @@ class TestCameraSource(unittest.TestCase):
         rays = CAMERA.rays(np.array([PLACE])) @ T[:3, :3].T
         truth = geometry.intersect_floor(T[:3, 3], rays)[0]
         self.assertLess(np.hypot(message.position.x - truth[0], message.position.y - truth[1]), 0.025)
+        self.assertTrue(PLACE[0] - 1.0 < message.u < PLACE[0] + 9.0 and abs(message.v - PLACE[1]) < 1.0, message)
         age = [came - spot.header.stamp.to_sec() for came, spot in self.spots[5:]]
         self.assertGreaterEqual(min(age), 0.0)
         sent = np.array(self.server.sent)
@@ -102,7 +106,7 @@ class TestCameraSource(unittest.TestCase):
         for topic, kind in kinds.items():
             found[topic] = rospy.wait_for_message(topic, kind, TIMEOUT)
         picture = array_from_image(found["/hall/image_raw"])
-        self.assertEqual(picture.shape, (480, 640, 3))
+        self.assertEqual(picture.shape, (HEIGHT, WIDTH, 3))
         self.assertEqual(found["/hall/image_raw"].header.frame_id, "hall_optical_frame")
         self.assertIn(found["/hall/image_raw/compressed"].data, self.spot)  # as the camera sent it
         np.testing.assert_allclose(found["/hall/camera_info"].K, CAMERA.matrix.ravel())
@@ -124,6 +128,7 @@ class TestCameraSource(unittest.TestCase):
     def test_5_spots_are_dropped_while_the_lens_is_of_another_image_size(self):
         self.server.jpegs = images(320, 240)[1]
         wait_until(lambda: self.refused("no_camera_info") > 0, "the refusal")
+        wait_until(lambda: "camera_no_lens" in self.codes(), "the sentence")
         self.server.jpegs = self.spot
         self.comes_back()
 
@@ -132,9 +137,10 @@ class TestCameraSource(unittest.TestCase):
 
         def speak():
             other.publish(DetectorStatus(camera="hall", frame_id="hall_optical_frame"))
-            return self.refused("camera_name_twice") > 0
+            return self.refused("camera_name_twice") > 0 and "camera_name_twice" in self.codes()
 
         wait_until(speak, "the refusal")
+        wait_until(lambda: "camera_name_twice" not in self.codes(), "its end")
 
     def test_7_the_exposure_of_a_camera_in_the_network_cannot_be_set(self):
         done = subprocess.run(
@@ -145,7 +151,7 @@ class TestCameraSource(unittest.TestCase):
 
     def test_8_the_delay_is_measured_with_the_terminal_s_light(self):
         dark, light = (
-            [cv2.imencode(".jpg", np.full((480, 640, 3), level, np.uint8))[1].tobytes()] for level in (40, 160)
+            [cv2.imencode(".jpg", np.full((HEIGHT, WIDTH, 3), level, np.uint8))[1].tobytes()] for level in (40, 160)
         )
         self.server.jpegs = dark
         command = subprocess.Popen([*COMMAND, "delay", "hall"], stdout=subprocess.PIPE)

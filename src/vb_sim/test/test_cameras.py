@@ -341,13 +341,13 @@ def test_frames_are_spread_evenly_and_on_time():
         np.testing.assert_allclose(np.diff(stamps[index]), 0.04, atol=1e-9)
     gaps = np.diff(sorted(stamp for _, stamp in taken))
     np.testing.assert_allclose(gaps, 0.04 / 3, atol=1e-9)
-    assert schedule.skipped == [0, 0, 0]
+    assert schedule.skipped == 0
 
 
 def test_schedule_survives_a_stall_and_time_that_is_set_back():
     schedule = FrameSchedule([25.0], 0.0)
     schedule.due(10.0)
-    assert len(schedule.due(12.0)) == 1 and schedule.skipped[0] == 49
+    assert len(schedule.due(12.0)) == 1 and schedule.skipped == 49
     assert schedule.due(12.0) == []
     again = schedule.due(3.0)
     assert [stamp for _, stamp in again] == [pytest.approx(3.0)]

@@ -14,7 +14,7 @@ from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
 from vb_sim.robot.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap, CostmapParams
-from vb_sim.robot.follower import Follower, FollowerParams
+from vb_sim.robot.follower import GOAL_ANGLE, GOAL_DISTANCE, MAX_TURN_RATE, Follower
 from vb_sim.robot.planner import COST_FACTOR, NEUTRAL_COST, Planner
 from vb_sim.robot.robot_body import advance
 
@@ -46,29 +46,17 @@ def test_inflation_follows_costmap_2d():
     distance = distance_transform_edt(~obstacles) * grid.resolution
     expected = np.zeros(grid.shape)
     near = distance <= PARAMS.inflation_radius + 1e-6
-    expected[near] = np.floor(252 * np.exp(-PARAMS.cost_scaling_factor * (distance[near] - PARAMS.robot_radius)))
+    expected[near] = np.floor(252 * np.exp(-8.0 * (distance[near] - PARAMS.robot_radius)))
     expected[distance <= PARAMS.robot_radius] = INSCRIBED
     expected[obstacles] = LETHAL
     assert np.abs(costmap.costs.astype(int) - expected).max() <= 1
     assert ((costmap.costs == INSCRIBED) == (expected == INSCRIBED)).all()
 
 
-@pytest.mark.parametrize(
-    "value, trinary, threshold, cost",
-    [
-        (0, False, 100, 0),
-        (100, False, 100, LETHAL),
-        (UNKNOWN, False, 100, NO_INFORMATION),
-        (75, True, 100, 0),
-        (75, False, 100, 190),
-        (75, False, 65, LETHAL),
-        (75, True, 65, LETHAL),
-    ],
-)
-def test_static_values_as_static_layer(value, trinary, threshold, cost):
+@pytest.mark.parametrize("value, cost", [(0, 0), (75, 190), (100, LETHAL), (UNKNOWN, NO_INFORMATION)])
+def test_static_values_as_static_layer(value, cost):
     grid = GridMap(np.full((3, 3), value, np.int8), 0.05)
-    params = CostmapParams(trinary_costmap=trinary, lethal_cost_threshold=threshold)
-    assert (Costmap(grid, params).costs == cost).all()
+    assert (Costmap(grid, PARAMS).costs == cost).all()
 
 
 def test_occupancy_is_that_of_the_costmap_publisher():
@@ -223,14 +211,13 @@ def follow(path, goal, pose, obstacles=lambda pose: np.zeros((0, 2)), limit=60.0
 
 @pytest.mark.parametrize("yaw", [0.0, 2.0, math.pi, -1.5])
 def test_goal_is_reached_from_any_heading(yaw):
-    params = FollowerParams()
     path = Planner(Costmap(with_wall(room()), PARAMS)).plan(np.array([0.0, 0.0]), np.array([4.5, 0.0]))
     poses, motions = follow(path, (4.5, 0.0, 1.0), (0.0, 0.0, yaw))
     assert motions[-1].arrived
-    assert np.linalg.norm(poses[-1, :2] - (4.5, 0.0)) < 3 * params.goal_distance
-    assert abs(geometry.wrap_angle(poses[-1, 2] - 1.0)) < params.goal_angle
-    assert max(abs(motion.speed) for motion in motions) <= params.max_speed
-    assert max(abs(motion.turn_rate) for motion in motions) <= params.max_turn_rate + 1e-9
+    assert np.linalg.norm(poses[-1, :2] - (4.5, 0.0)) < 3 * GOAL_DISTANCE
+    assert abs(geometry.wrap_angle(poses[-1, 2] - 1.0)) < GOAL_ANGLE
+    assert max(abs(motion.speed) for motion in motions) <= 0.5
+    assert max(abs(motion.turn_rate) for motion in motions) <= MAX_TURN_RATE + 1e-9
     distances = np.linalg.norm(poses[:, None, :2] - path[None], axis=2).min(axis=1)
     assert distances.max() < 0.15
 
@@ -245,7 +232,7 @@ def test_it_stops_before_an_obstacle_and_says_so():
 
     poses, motions = follow(path, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0), person, limit=20.0)
     assert not motions[-1].arrived and motions[-1].blocked and motions[-1].speed == 0.0
-    assert 1.6 < poses[-1, 0] < 2.0 - FollowerParams().robot_radius
+    assert 1.6 < poses[-1, 0] < 2.0 - 0.18
 
 
 def test_what_stands_beside_the_path_does_not_matter():

@@ -6,7 +6,7 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, NamedTuple, Optional, Tuple
+from typing import Any, Callable, NamedTuple, Optional, Sequence, Tuple
 
 import rospy
 import simplejpeg
@@ -30,14 +30,15 @@ class ReceivedImage(NamedTuple):
 
     Attributes:
         stamp: when it was taken.
-        read: decodes it; CodedError "bad_image", "unknown_encoding".
-        jpeg: as the camera sent it, if it did.
+        read: decodes it as far as it is searched; returns the picture, and how many of the camera's pixels are one of its in
+            each direction. CodedError "bad_image", "unknown_encoding".
+        shot: as the camera sent it, if no driver did.
     """
 
     stamp: rospy.Time
     frame_id: str
-    read: Callable[[], Picture]
-    jpeg: Optional[bytes] = None
+    read: Callable[[], Tuple[Picture, int]]
+    shot: Optional[Shot] = None
 
 
 def lens_path(settings: str, camera: str) -> Path:
@@ -54,7 +55,7 @@ class LensFile:
         self._camera: Optional[CameraModel] = None
         self._error: Optional[CodedError] = None
 
-    def model_for(self, shape: Tuple[int, ...]) -> CameraModel:
+    def model_for(self, shape: Sequence[int]) -> CameraModel:
         """Returns the model for images of this shape.
 
         Raises:
@@ -129,16 +130,20 @@ class CameraFeed:
 
     def publish(self, image: ReceivedImage, picture: Picture) -> None:
         """Publishes an image as far as somebody listens."""
-        if self._raw.get_num_connections():
+        shot, raw = image.shot, self._raw.get_num_connections() > 0
+        width, height = shot.size
+        if raw or (shot.jpeg is None and self._compressed.get_num_connections()):
+            picture = picture if picture.pixels.shape[0] == height else shot.picture()
+        if raw:
             self._raw.publish(message_from_image(picture.pixels, "bgr8", image.stamp, image.frame_id))
         if self._compressed.get_num_connections():
             message = CompressedImage(format="bgr8; jpeg compressed bgr8")
             message.header.stamp, message.header.frame_id = image.stamp, image.frame_id
-            message.data = image.jpeg or simplejpeg.encode_jpeg(picture.pixels, quality=90, colorspace="BGR")
+            message.data = shot.jpeg or simplejpeg.encode_jpeg(picture.pixels, quality=90, colorspace="BGR")
             self._compressed.publish(message)
         if self._info.get_num_connections():
             try:
-                model = self.lens.model_for(picture.pixels.shape)
+                model = self.lens.model_for((height, width))
             except CodedError:
                 return  # the search tells why
             self._info.publish(info_from_camera(model, image.stamp, image.frame_id))
@@ -149,7 +154,8 @@ class CameraFeed:
             self._report.count("late_image")
         self._late = self._source.late
         stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.taken)
-        self._put(ReceivedImage(stamp, self._frame, shot.picture, shot.jpeg))
+        read = partial(shot.searched, self._source.params.half_size)
+        self._put(ReceivedImage(stamp, self._frame, read, shot))
 
     def _tell(self, error: Optional[CodedError]) -> None:
         if error is None:
@@ -203,4 +209,4 @@ class TopicFeed:
 
     def _take(self, message: Any) -> None:
         header = message.header
-        self._put(ReceivedImage(header.stamp, self._frame or header.frame_id, partial(self._read, message)))
+        self._put(ReceivedImage(header.stamp, self._frame or header.frame_id, lambda: (self._read(message), 1)))

@@ -53,7 +53,7 @@ def is_rectified(topic: str) -> bool:
     return "rect" in topic.rsplit("/", 1)[-1].split("_")
 
 
-def require_size(camera: CameraModel, shape: Tuple[int, ...]) -> CameraModel:
+def require_size(camera: CameraModel, shape: Sequence[int]) -> CameraModel:
     """Returns the model if it is for images of this shape; raises CodedError "no_camera_info" else."""
     if (camera.height, camera.width) != tuple(shape[:2]):
         size = f"{camera.width} x {camera.height}"
@@ -80,7 +80,7 @@ class InfoTopic:
         self._latest: Tuple[Optional[CameraModel], str] = (None, f"no camera_info on {topic}")
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
 
-    def model_for(self, shape: Tuple[int, ...]) -> CameraModel:
+    def model_for(self, shape: Sequence[int]) -> CameraModel:
         """Returns the model for images of this shape.
 
         Raises:
@@ -232,17 +232,26 @@ class CameraGeometry:
         self._transforms = TransformLookup()
         self._robots = Robots(robots, self._transforms, report)
         self._pose: Optional[np.ndarray] = None
+        self._binned: Optional[Tuple[CameraModel, CameraModel]] = None  # a lens, and the same for smaller images
         self._frame = ""
         self._looked_up: Optional[rospy.Time] = None
 
-    def geometry_of(self, frame_id: str, stamp: rospy.Time, shape: Tuple[int, ...]) -> ImageGeometry:
+    def geometry_of(self, frame_id: str, stamp: rospy.Time, shape: Tuple[int, ...], binning: int = 1) -> ImageGeometry:
         """Returns an image's geometry. A moving camera's pose at its time is looked up only when it is asked for.
+
+        Args:
+            shape: of the image, (H, W).
+            binning: how many of the camera's pixels are one of the image's, in each direction.
 
         Raises:
             CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
         """
-        camera, now = self._info.model_for(shape), rospy.Time.now()
+        camera, now = self._info.model_for([binning * length for length in shape[:2]]), rospy.Time.now()
         self._report.focal = float(camera.matrix[0, 0])
+        if binning > 1:
+            if self._binned is None or self._binned[0] is not camera:
+                self._binned = camera, camera.scaled_to(shape[1], shape[0])
+            camera = self._binned[1]
         if (
             self._looked_up is None
             or frame_id != self._frame

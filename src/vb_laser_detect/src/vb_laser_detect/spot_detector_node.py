@@ -164,10 +164,10 @@ class SpotDetectorNode:
         stamp, frame_id = received.stamp, received.frame_id
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
-        picture = received.read()
+        picture, binning = received.read()
         self._report.see_picture(picture)
         self._stamps.append(stamp)
-        geometry, unplaced = self._place(frame_id, stamp, picture)
+        geometry, unplaced = self._place(frame_id, stamp, picture, binning)
         late, lamps = self._detector.late, self._detector.lamps
         began = time.perf_counter()
         spots = self._detector.detect(picture, stamp.to_sec(), geometry)
@@ -185,7 +185,7 @@ class SpotDetectorNode:
         self._report.set_missing_input(unplaced)
         located = [spot for spot in spots if spot.place is not None]
         for spot in located:
-            self._spots.publish(self._message(spot))
+            self._spots.publish(self._message(spot, binning))
         earlier = sum(spot.stamp != stamp.to_sec() for spot in located)
         self._report.count_image(stamp, took, len(located), earlier, frame_id)
         if self._debug.get_num_connections() > 0:
@@ -193,23 +193,25 @@ class SpotDetectorNode:
         self._feed.publish(received, picture)
 
     def _place(
-        self, frame_id: str, stamp: rospy.Time, picture: Picture
+        self, frame_id: str, stamp: rospy.Time, picture: Picture, binning: int
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
         """Returns the image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
         try:
             self._report.require_own_frame(frame_id)
-            return self._camera_geometry.geometry_of(frame_id, stamp, picture.pixels.shape), None
+            return self._camera_geometry.geometry_of(frame_id, stamp, picture.pixels.shape, binning), None
         except CodedError as error:
             return None, error.without_traceback()
 
-    def _message(self, spot: Spot) -> LaserSpot:
+    def _message(self, spot: Spot, binning: int) -> LaserSpot:
         result, point = LaserSpot(), spot.place
         result.header.stamp = next(stamp for stamp in self._stamps if stamp.to_sec() == spot.stamp)
         result.header.frame_id = names.MAP_FRAME
         result.camera = self._params.camera
         result.mobile = self._mobile
         result.position = Point(*(float(value) for value in point.position))
-        result.u, result.v, result.diameter = spot.u, spot.v, spot.diameter
+        # in the camera's pixels, whose centres are whole numbers in both sizes
+        result.u, result.v = (binning * (value + 0.5) - 0.5 for value in (spot.u, spot.v))
+        result.diameter = binning * spot.diameter
         result.diameter_m = spot.diameter * point.meters_per_pixel
         result.confidence = spot.confidence
         result.track = spot.track

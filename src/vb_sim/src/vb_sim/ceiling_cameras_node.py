@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence
+from typing import List, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -36,9 +35,6 @@ class CeilingCamerasNode(CameraNode):
     Published topics, for each camera, at its own rate, the cameras' frames spread evenly:
         /<camera>/image_raw (sensor_msgs/Image), /<camera>/camera_info (sensor_msgs/CameraInfo): stamp
             is the middle of the exposure; delivered `optics/latency_ms` later.
-        /sim/cameras (diagnostic_msgs/DiagnosticArray, latched, 1 Hz): one status per camera, name = the
-            camera's; values "published" (frames sent while there were subscribers), "skipped" (frames
-            dropped because this machine was too slow), "render_ms" (mean per frame).
         /tf_static (tf2_msgs/TFMessage): map -> <camera>_optical_frame, the pose with its calibration error. Images are
             rendered from the true pose.
 
@@ -59,10 +55,8 @@ class CeilingCamerasNode(CameraNode):
         views: Optional[Sequence[CeilingView]] = None,
     ) -> None:
         optics = models.optics
-        super().__init__("ceiling_cameras", [camera.rate for camera in cameras], optics.latency_ms)
+        super().__init__([camera.rate for camera in cameras], optics.latency_ms)
         self._cameras = cameras
-        self._published = [0] * len(cameras)
-        self._render_s = [0.0] * len(cameras)
         if views is None:
             floor, mesh = render_floor(world, seed), world_mesh(world)
             views = [CeilingView(camera, world.robot_radii(), floor, mesh, models, seed) for camera in cameras]
@@ -90,27 +84,13 @@ class CeilingCamerasNode(CameraNode):
             self._infos[index].publish(info)
         if self._images[index].get_num_connections() == 0:
             return
-        started = time.perf_counter()
         image = self._image(index, self._history.at(stamp_s))
-        self._render_s[index] += time.perf_counter() - started
         if image is not None:
             self._images[index].publish(array_image(image, self._views[index].encoding, stamp, self._frames[index]))
-            self._published[index] += 1
 
     def _image(self, index: int, snapshot: Snapshot) -> Optional[np.ndarray]:
         """Renders what a camera sees; None: nothing is sent."""
         return self._views[index].frame(snapshot)
-
-    def _figures(self) -> List[Dict[str, object]]:
-        return [
-            {
-                "camera": camera.name,
-                "published": self._published[index],
-                "skipped": self._schedule.skipped[index],
-                "render_ms": round(1e3 * self._render_s[index] / max(1, self._published[index]), 3),
-            }
-            for index, camera in enumerate(self._cameras)
-        ]
 
 
 @dataclass(frozen=True)

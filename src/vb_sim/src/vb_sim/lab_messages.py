@@ -6,12 +6,11 @@ import math
 import os
 import struct
 import sys
-from typing import Dict, Iterable, List
+from typing import List
 
 import numpy as np
 import rospkg
 import rospy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import Image
 
 from vb_msgs.msg import LabState
@@ -76,13 +75,3 @@ def models_file(path: str) -> str:
 
 def _finite(*values: float) -> bool:
     return all(math.isfinite(value) for value in values)
-
-
-def camera_diagnostics(node: str, figures: Iterable[Dict[str, object]], stamp: rospy.Time) -> DiagnosticArray:
-    """Makes a message with one status per camera: `name` is the camera's, `values` its figures by name."""
-    message = DiagnosticArray()
-    message.header.stamp = stamp
-    for figure in figures:
-        values = [KeyValue(key, str(value)) for key, value in figure.items() if key != "camera"]
-        message.status.append(DiagnosticStatus(DiagnosticStatus.OK, str(figure["camera"]), "", node, values))
-    return message

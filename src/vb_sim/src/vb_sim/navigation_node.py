@@ -21,28 +21,27 @@ from std_srvs.srv import Empty, EmptyResponse
 from vb_core import geometry, names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.parameters import param
+from vb_core.parameters import Parameters, param
+from vb_core.robot_profile import RobotProfile
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.transforms import TransformLookup
-from vb_sim.robot.costmap import CostmapParams
-from vb_sim.robot.follower import FollowerParams
-from vb_sim.robot.navigator import Navigator, NavigatorParams, params_for_robot
-from vb_sim.robot.planner import PlannerParams
+from vb_sim.robot.navigator import Navigator
 
 OccupancyGridUpdateArray = numpy_msg(OccupancyGridUpdate)
 Pose = Tuple[float, float, float]
 MAPS = (names.MAP_WITH_BORDERS, names.MAP_WITH_MARGIN)
 
 
+_PERIOD = 0.1  # [s] of commands; more often costs processor time and drives no better at 0.5 m/s
+# [s], [m] of the local costmap: low, as only people look at it
+_LOCAL_PERIOD, _LOCAL_SIZE = 1.0, 3.0
+
+
 @dataclass(frozen=True)
-class NavigationParams(NavigatorParams):
-    """The node's own parameters; names as in move_base where it has them."""
+class NavigationParams(Parameters):
+    """The node's own parameters."""
 
     prefix: str = param("")
-    controller_frequency: float = param(10.0, "1/s", low=1.0, high=50.0)
-    local_costmap_rate: float = param(1.0, "1/s", above=0.0, high=10.0)
-    local_costmap_size: float = param(3.0, "m", above=0.1)
-    make_plan_while_driving: bool = param(False)
 
 
 class NavigationNode:
@@ -68,20 +67,13 @@ class NavigationNode:
         move_base/goal (move_base_msgs/MoveBaseActionGoal): goals received on move_base_simple/goal
         move_base/local_costmap/costmap (nav_msgs/OccupancyGrid): only while it has subscribers
     Parameters:
-        config/navigation.yaml
+        ~prefix: of the names of the robot's frames
         robot_profile: in the robot's namespace
     """
 
-    def __init__(
-        self,
-        params: NavigationParams,
-        costmap: CostmapParams,
-        planner: PlannerParams,
-        follower: FollowerParams,
-        base_frame: str,
-    ) -> None:
-        self._params, self._base_frame = params, base_frame
-        self._navigator = Navigator(params, costmap, planner, follower)
+    def __init__(self, profile: RobotProfile, prefix: str) -> None:
+        self._base_frame = prefix + profile.frames.base
+        self._navigator = Navigator(profile)
         self._lock = threading.Lock()
         self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
         self._mount: Optional[np.ndarray] = None  # T_base_laser
@@ -104,7 +96,7 @@ class NavigationNode:
         self._server = actionlib.SimpleActionServer("move_base", MoveBaseAction, self._execute, auto_start=False)
         self._server.start()
         rospy.Subscriber("move_base_simple/goal", PoseStamped, self._on_simple_goal, queue_size=1)
-        self._timer = rospy.Timer(rospy.Duration(1.0 / params.local_costmap_rate), self._publish_local, reset=True)
+        self._timer = rospy.Timer(rospy.Duration(_LOCAL_PERIOD), self._publish_local, reset=True)
 
     def close(self) -> None:
         """Stops the robot."""
@@ -179,7 +171,7 @@ class NavigationNode:
 
     # ------------------------------------------------------------ services and the simple topic
     def _on_make_plan(self, request: GetPlan) -> GetPlanResponse:
-        if self._driving and not self._params.make_plan_while_driving:
+        if self._driving:
             raise rospy.ServiceException("move_base must be in an inactive state to make a plan for an external user")
         response = GetPlanResponse()
         try:
@@ -215,7 +207,7 @@ class NavigationNode:
             rospy.logdebug("no local costmap: %s", error)
             return
         grid = costmap.grid
-        half = int(self._params.local_costmap_size / 2.0 / grid.resolution)
+        half = int(_LOCAL_SIZE / 2.0 / grid.resolution)
         row, column = grid.world_to_cell(np.array(pose[:2]))[0]
         low_row, low_column = max(row - half, 0), max(column - half, 0)
         window = costmap.occupancy()[low_row : row + half, low_column : column + half]
@@ -253,7 +245,6 @@ class NavigationNode:
             CodedError: why it cannot be reached.
         """
         self._navigator.begin(goal)
-        period = 1.0 / self._params.controller_frequency
         count = 0
         while not rospy.is_shutdown():
             if self._server.is_preempt_requested():
@@ -262,7 +253,7 @@ class NavigationNode:
             pose = self._pose()
             with self._lock:
                 obstacles = self._obstacles
-            drive = self._navigator.step(rospy.Time.now().to_sec(), pose, obstacles, period)
+            drive = self._navigator.step(rospy.Time.now().to_sec(), pose, obstacles, _PERIOD)
             if drive.path is not None:
                 self._plan.publish(path_message(drive.path, goal[2]))
             if drive.arrived:
@@ -272,7 +263,7 @@ class NavigationNode:
             count += 1
             if count % 2 == 0:
                 self._feedback(pose)
-            self._sleep(period)
+            self._sleep()
 
     def _send(self, speed: float, turn_rate: float) -> None:
         message = Twist()
@@ -287,9 +278,9 @@ class NavigationNode:
         self._server.publish_feedback(feedback)
 
     @staticmethod
-    def _sleep(period: float) -> None:
+    def _sleep() -> None:
         try:
-            rospy.sleep(period)
+            rospy.sleep(_PERIOD)
         except rospy.ROSTimeMovedBackwardsException:
             pass  # the clock was started again: go on with the next cycle
 
@@ -309,10 +300,4 @@ def path_message(path: np.ndarray, goal_yaw: float) -> Path:
 
 def build() -> NavigationNode:
     """Reads the parameters and makes the node."""
-    params = parameters.read(NavigationParams, ignore=("costmap", "planner", "follower"))
-    profile = robot_profile.read()
-    costmap, follower = params_for_robot(
-        profile, parameters.read(CostmapParams, "~costmap"), parameters.read(FollowerParams, "~follower")
-    )
-    base_frame = params.prefix + profile.frames.base
-    return NavigationNode(params, costmap, parameters.read(PlannerParams, "~planner"), follower, base_frame)
+    return NavigationNode(robot_profile.read(), parameters.read(NavigationParams).prefix)

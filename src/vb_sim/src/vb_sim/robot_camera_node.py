@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
-from typing import Dict, List, Optional
+from typing import Optional
 
 import cv2
 import rospy
@@ -36,8 +35,6 @@ class RobotCameraNode(CameraNode):
         camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 = none): with every
             `robot_camera/depth_every`-th colour image, same stamp.
         camera/depth_registered/camera_info (sensor_msgs/CameraInfo): likewise.
-        /sim/cameras (diagnostic_msgs/DiagnosticArray, latched, 1 Hz): one status, name = the robot's; values
-            "published" (colour images sent while subscribed), "published_depth", "skipped", "render_ms".
         /tf_static (tf2_msgs/TFMessage): <prefix>base_link -> <prefix>camera_optical_frame.
 
     Args:
@@ -58,12 +55,10 @@ class RobotCameraNode(CameraNode):
         tf_prefix: str,
         view: Optional[RobotView] = None,
     ) -> None:
-        super().__init__("robot_camera", [robot.camera_rate], models.optics.latency_ms)
+        super().__init__([robot.camera_rate], models.optics.latency_ms)
         self._robot = robot
         self._every = models.robot_camera.depth_every
-        self._counts = {"published": 0, "published_depth": 0}
         self._frames_taken = 0
-        self._render_s = 0.0
         # the same seed as the ceiling cameras': all of them look at the same floor
         self._view = view or RobotView(
             robot, world.robot_radii(), render_floor(world, seed), world_mesh(world), models, seed
@@ -97,25 +92,15 @@ class RobotCameraNode(CameraNode):
                 publisher.publish(message)
         if not wanted:
             return
-        started = time.perf_counter()
         # depth first: a node that looks up the depth of a colour image then has it already
         if with_depth and self._depth.get_num_connections() > 0:
             self._depth.publish(array_image(self._view.depth(snapshot), "16UC1", stamp, self._frame))
-            self._counts["published_depth"] += 1
         if self._color.get_num_connections() > 0:
             self._color.publish(array_image(self._view.color(snapshot), "rgb8", stamp, self._frame))
-            self._counts["published"] += 1
-            self._render_s += time.perf_counter() - started
 
     def _wanted(self, snapshot: Snapshot) -> bool:
         """Returns whether an image of this moment is sent."""
         return True
-
-    def _figures(self) -> List[Dict[str, object]]:
-        render_ms = round(1e3 * self._render_s / max(1, self._counts["published"]), 3)
-        return [
-            {"camera": self._robot.name, **self._counts, "skipped": self._schedule.skipped[0], "render_ms": render_ms}
-        ]
 
 
 @dataclass(frozen=True)

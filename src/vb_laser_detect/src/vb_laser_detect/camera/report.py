@@ -38,7 +38,7 @@ def _watch(source: str, params: CaptureParams) -> List[str]:
 
     def take(shot: Shot) -> None:
         arrived.append(time.time())
-        shots.append(shot._replace(jpeg=None) if len(shots) > 1 and shot.jpeg else shot)
+        shots.append(shot._replace(jpeg=None, frame=None) if len(shots) > 1 else shot)
 
     def tell(error: object) -> None:
         if isinstance(error, CodedError):

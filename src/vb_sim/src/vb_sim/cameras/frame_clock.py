@@ -51,7 +51,7 @@ class FrameSchedule:
         self._phases = [period * index / len(rates) for index, period in enumerate(self._periods)]
         self._latency_s = latency_s
         self._next: List[Optional[int]] = [None] * len(rates)
-        self.skipped = [0] * len(rates)
+        self.skipped = 0  # images that were left out
 
     def due(self, now: float) -> List[Tuple[int, float]]:
         """Images (camera index, stamp [s]) to deliver now, oldest first."""
@@ -63,7 +63,7 @@ class FrameSchedule:
                 # the start, or time was set back
                 following = newest
             elif newest - following >= BEHIND:
-                self.skipped[index] += newest - following
+                self.skipped += newest - following
                 following = newest
             for number in range(following, newest + 1):
                 # before its first frame the camera is not there yet

@@ -15,15 +15,15 @@ INSCRIBED = 253
 NO_INFORMATION = 255
 
 
+_SCALING = 8.0  # [1/m] decay of the cost around obstacles: costmap_2d's cost_scaling_factor
+
+
 @dataclass(frozen=True)
 class CostmapParams(Parameters):
-    """Names and meaning as in costmap_2d."""
+    """The robot on the map; names and meaning as in costmap_2d."""
 
     robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
     inflation_radius: float = param(0.35, "m", low=0.0, high=5.0)
-    cost_scaling_factor: float = param(8.0, "1/m", above=0.0)
-    trinary_costmap: bool = param(False)
-    lethal_cost_threshold: int = param(100, "%", low=1, high=100)
 
 
 class Costmap:
@@ -43,7 +43,7 @@ class Costmap:
         """
         self.grid = grid
         self.params = params
-        static = static_costs(grid.data, params)
+        static = static_costs(grid.data)
         if obstacles is not None:
             static[obstacles] = LETHAL
         self.distance = distance_to(static == LETHAL) * np.float32(grid.resolution)
@@ -61,20 +61,19 @@ class Costmap:
         return table[self.costs].astype(np.int8)
 
 
-def static_costs(data: np.ndarray, params: CostmapParams) -> np.ndarray:
-    """Converts occupancy (H, W) int8 to costs (H, W) uint8 as static_layer's interpretValue does."""
-    table = np.zeros(256, np.uint8)
-    values = np.arange(101)
-    if not params.trinary_costmap:
-        table[:101] = (values / params.lethal_cost_threshold * LETHAL).clip(0, LETHAL)
-    table[:101][values >= params.lethal_cost_threshold] = LETHAL
-    table[OCCUPIED + 1 :] = NO_INFORMATION  # -1, seen as unsigned, is among these
+def static_costs(data: np.ndarray) -> np.ndarray:
+    """Converts occupancy (H, W) int8 to costs (H, W) uint8 as static_layer's interpretValue does.
+
+    As without `trinary_costmap`: soft borders (occupancy under 100) are crossed where there is no other path.
+    """
+    table = np.full(256, NO_INFORMATION, np.uint8)  # -1, seen as unsigned, is among the rest
+    table[: OCCUPIED + 1] = np.arange(OCCUPIED + 1) / OCCUPIED * LETHAL
     return table[data.view(np.uint8)]
 
 
 def inflate(static: np.ndarray, distance: np.ndarray, params: CostmapParams) -> np.ndarray:
     """Costs (H, W) uint8 with the decay of inflation_layer's computeCost about obstacles; the higher cost wins."""
-    decay = (INSCRIBED - 1) * np.exp(-params.cost_scaling_factor * (distance - params.robot_radius))
+    decay = (INSCRIBED - 1) * np.exp(-_SCALING * (distance - params.robot_radius))
     # a distance of just so many cells is within a radius of just so many, whatever the last bit says
     inflated = np.where(distance <= params.robot_radius + 1e-6, INSCRIBED, decay)
     inflated[distance > max(params.inflation_radius, params.robot_radius) + 1e-6] = 0

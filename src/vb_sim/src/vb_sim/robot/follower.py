@@ -9,27 +9,18 @@ from typing import Optional, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_core.parameters import Parameters, param
 
 Pose = Tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class FollowerParams(Parameters):
-    """Limits and gains of path following."""
-
-    max_speed: float = param(0.5, "m/s", above=0.0, high=2.0)
-    max_turn_rate: float = param(1.2, "rad/s", above=0.0, high=5.0)
-    acceleration: float = param(0.6, "m/s^2", above=0.0)
-    deceleration: float = param(0.5, "m/s^2", above=0.0)
-    lookahead: float = param(0.35, "m", above=0.05, high=2.0)
-    turn_on_spot_above: float = param(0.8, "rad", above=0.0, high=3.2)
-    drive_again_below: float = param(0.3, "rad", above=0.0, high=3.2)
-    turn_gain: float = param(2.5, "1/s", above=0.0)
-    goal_distance: float = param(0.06, "m", above=0.0, high=1.0)
-    goal_angle: float = param(0.08, "rad", above=0.0, high=3.2)
-    robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
-    obstacle_margin: float = param(0.03, "m", low=0.0, high=1.0)
+ACCELERATION, DECELERATION = 0.6, 0.5  # [m/s^2] the latter towards the goal and obstacles
+MAX_TURN_RATE = 1.2  # [rad/s]
+_LOOKAHEAD = 0.35  # [m] of pure pursuit
+# [rad] heading errors at which the robot turns on the spot, and at which it drives again
+_TURN_ON_SPOT_ABOVE, _DRIVE_AGAIN_BELOW = 0.8, 0.3
+_TURN_GAIN = 2.5  # [1/s] turn rate per heading error
+GOAL_DISTANCE, GOAL_ANGLE = 0.06, 0.08  # [m], [rad] within which the goal is reached
+_OBSTACLE_MARGIN = 0.03  # [m] kept to what the scanner sees ahead
 
 
 @dataclass(frozen=True)
@@ -51,10 +42,16 @@ class Motion:
 
 
 class Follower:
-    """Follows one path at a time; what it remembers of a goal outlives a new path to the same goal."""
+    """Follows one path at a time; what it remembers of a goal outlives a new path to the same goal.
 
-    def __init__(self, params: FollowerParams = FollowerParams()) -> None:
-        self._params = params
+    Args:
+        radius: [m] of the robot.
+        max_speed, max_turn_rate: [m/s], [rad/s] its limits.
+    """
+
+    def __init__(self, radius: float = 0.18, max_speed: float = 0.5, max_turn_rate: float = MAX_TURN_RATE) -> None:
+        self._radius, self._max_speed = radius, max_speed
+        self._max_turn_rate = min(max_turn_rate, MAX_TURN_RATE)
         self._path = np.zeros((0, 2))
         self._arc = np.zeros(0)
         self._goal: Optional[Pose] = None
@@ -89,22 +86,21 @@ class Follower:
             obstacles: (N, 2) [m] what the scanner sees, robot's frame.
             dt: [s] since the last step.
         """
-        p = self._params
         if self._goal is None or not len(self._path):
             self._speed = 0.0
             return Motion()
         end = self._path[-1]
         to_end = math.hypot(end[0] - pose[0], end[1] - pose[1])
         # once there it stays there: turning on the spot shifts the estimate by a centimetre or so
-        self._at_goal = to_end < (3.0 if self._at_goal else 1.0) * p.goal_distance
+        self._at_goal = to_end < (3.0 if self._at_goal else 1.0) * GOAL_DISTANCE
         if self._at_goal:
             return self._turn_at_goal(pose)
         nearest = self._nearest(pose)
         off_path = float(np.linalg.norm(self._path[nearest] - pose[:2]))
-        ahead = int(np.searchsorted(self._arc, self._arc[nearest] + p.lookahead))
+        ahead = int(np.searchsorted(self._arc, self._arc[nearest] + _LOOKAHEAD))
         target = self._path[min(ahead, len(self._path) - 1)]
         error = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
-        self._turning = abs(error) > (p.drive_again_below if self._turning else p.turn_on_spot_above)
+        self._turning = abs(error) > (_DRIVE_AGAIN_BELOW if self._turning else _TURN_ON_SPOT_ABOVE)
         if self._turning:
             self._speed = 0.0
             return Motion(0.0, self._turn(error), off_path=off_path)
@@ -112,12 +108,12 @@ class Follower:
         distance = max(math.hypot(target[0] - pose[0], target[1] - pose[1]), 1e-3)
         curvature = 2.0 * math.sin(error) / distance
         speed = min(
-            p.max_speed, self._speed + p.acceleration * dt, math.sqrt(2.0 * p.deceleration * max(remaining, 0.01))
+            self._max_speed, self._speed + ACCELERATION * dt, math.sqrt(2.0 * DECELERATION * max(remaining, 0.01))
         )
         if abs(curvature) > 1e-6:
-            speed = min(speed, p.max_turn_rate / abs(curvature))
+            speed = min(speed, self._max_turn_rate / abs(curvature))
         gap = self._gap(obstacles, curvature)
-        safe = math.sqrt(2.0 * p.deceleration * gap) if gap > 0.0 else 0.0
+        safe = math.sqrt(2.0 * DECELERATION * gap) if gap > 0.0 else 0.0
         blocked = safe < 0.02
         if blocked:
             self._speed = 0.0
@@ -130,13 +126,12 @@ class Follower:
         self._speed = 0.0
         assert self._goal is not None
         error = geometry.wrap_angle(self._goal[2] - pose[2])
-        if abs(error) < self._params.goal_angle:
+        if abs(error) < GOAL_ANGLE:
             return Motion(arrived=True)
         return Motion(0.0, self._turn(error))
 
     def _turn(self, error: float) -> float:
-        p = self._params
-        rate = max(min(p.turn_gain * error, p.max_turn_rate), -p.max_turn_rate)
+        rate = max(min(_TURN_GAIN * error, self._max_turn_rate), -self._max_turn_rate)
         # below this a real base does not turn at all
         return math.copysign(max(abs(rate), 0.15), error)
 
@@ -145,10 +140,9 @@ class Follower:
 
     def _gap(self, obstacles: np.ndarray, curvature: float) -> float:
         """Returns the free distance [m] along the arc before the robot's body reaches the margin; inf if free."""
-        p = self._params
         if not len(obstacles):
             return math.inf
-        width = p.robot_radius + p.obstacle_margin
+        width = self._radius + _OBSTACLE_MARGIN
         along, across = geometry.along_arc(obstacles, curvature)
         reach = 1.5
         ahead = (along > 0.0) & (along < reach) & (np.abs(across) < width)

@@ -10,40 +10,21 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import RobotProfile
 from vb_sim.robot.costmap import Costmap, CostmapParams
-from vb_sim.robot.follower import Follower, FollowerParams
-from vb_sim.robot.planner import Planner, PlannerParams
+from vb_sim.robot.follower import Follower
+from vb_sim.robot.planner import Planner
 
 Pose = Tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class NavigatorParams(Parameters):
-    """When it plans and when it gives up; names as in move_base where it has them."""
-
-    planner_frequency: float = param(1.0, "1/s", low=0.1, high=10.0)
-    planner_patience: float = param(3.0, "s", low=0.0)
-    controller_patience: float = param(15.0, "s", low=0.0)
-    replan_distance: float = param(0.3, "m", above=0.0)
-    obstacle_range: float = param(2.5, "m", low=0.0)
-    map_tolerance: float = param(0.10, "m", low=0.0)
-
-
-def params_for_robot(
-    profile: RobotProfile, costmap: CostmapParams, follower: FollowerParams
-) -> Tuple[CostmapParams, FollowerParams]:
-    """Fills in what follows from the robot in the parameters of costmap and follower, as move_base gets it too."""
-    radius, limits = profile.radius, profile.limits
-    return (
-        costmap.replace(robot_radius=radius, inflation_radius=radius + 0.17),
-        follower.replace(
-            robot_radius=radius,
-            max_speed=limits.max_speed,
-            max_turn_rate=min(limits.max_turn_rate, follower.max_turn_rate),
-        ),
-    )
+# names and figures are move_base's where it has them
+_PLANNER_PERIOD = 1.0  # [s] after which the plan is renewed while driving; a new map renews it at once
+_PLANNER_PATIENCE = 3.0  # [s] without any plan before a goal is aborted (move_base: 5 s and recoveries)
+_CONTROLLER_PATIENCE = 15.0  # [s] for which the path may be blocked before a goal is aborted
+_REPLAN_DISTANCE = 0.3  # [m] off the path at which a new one is planned
+_OBSTACLE_RANGE = 2.5  # [m] up to which the scan marks obstacles
+_MAP_TOLERANCE = 0.10  # [m] a scan point this near to a mapped obstacle is that obstacle: localisation is a few cm off
 
 
 @dataclass(frozen=True)
@@ -65,17 +46,10 @@ class Drive:
 class Navigator:
     """Plans on the map with the virtual borders and follows the plan. Maps may come from another thread."""
 
-    def __init__(
-        self,
-        params: NavigatorParams = NavigatorParams(),
-        costmap: CostmapParams = CostmapParams(),
-        planner: PlannerParams = PlannerParams(),
-        follower: FollowerParams = FollowerParams(),
-    ) -> None:
-        self._params = params
-        self._costmap_params = costmap
-        self._planner_params = planner
-        self._follower = Follower(follower)
+    def __init__(self, profile: RobotProfile) -> None:
+        radius, limits = profile.radius, profile.limits
+        self._costmap_params = CostmapParams(radius, radius + 0.17)
+        self._follower = Follower(radius, limits.max_speed, limits.max_turn_rate)
         self._lock = threading.Lock()
         self._planner: Optional[Planner] = None  # on the static map
         self._revision = 0
@@ -93,7 +67,7 @@ class Navigator:
     def set_map(self, grid: GridMap) -> Costmap:
         """Sets the static map, and returns its costs."""
         costmap = Costmap(grid, self._costmap_params)
-        planner = Planner(costmap, self._planner_params)
+        planner = Planner(costmap)
         with self._lock:
             self._planner = planner
             self._revision += 1
@@ -119,13 +93,13 @@ class Navigator:
         cells = grid.world_to_cell(fresh)
         mask = np.zeros(grid.shape, bool)
         mask[cells[:, 0], cells[:, 1]] = True
-        return Planner(Costmap(grid, self._costmap_params, mask), self._planner_params)
+        return Planner(Costmap(grid, self._costmap_params, mask))
 
     def _unmapped(self, static: Planner, pose: Pose, seen: np.ndarray) -> np.ndarray:
         """Returns (N, 2) [m] what the scanner sees and the map lacks, map frame."""
         if not len(seen):
             return seen
-        seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < self._params.obstacle_range]
+        seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < _OBSTACLE_RANGE]
         c, s = np.cos(pose[2]), np.sin(pose[2])
         points = seen @ np.array([[c, s], [-s, c]]) + pose[:2]
         grid = static.costmap.grid
@@ -133,7 +107,7 @@ class Navigator:
         inside = grid.contains_cells(cells)
         points, cells = points[inside], cells[inside]
         # a wall seen slightly off its place is not a new obstacle
-        return points[static.costmap.distance[cells[:, 0], cells[:, 1]] > self._params.map_tolerance]
+        return points[static.costmap.distance[cells[:, 0], cells[:, 1]] > _MAP_TOLERANCE]
 
     # ------------------------------------------------------------ driving
     def begin(self, goal: Pose) -> None:
@@ -160,7 +134,7 @@ class Navigator:
         """
         static, newest = self.static()
         path = None
-        due = self._planned_at is None or not 0.0 <= now - self._planned_at < 1.0 / self._params.planner_frequency
+        due = self._planned_at is None or not 0.0 <= now - self._planned_at < _PLANNER_PERIOD
         if due or newest != self._planned_revision:
             self._planned_at, self._planned_revision = now, newest
             path = self._replan(static, pose, obstacles, now)
@@ -172,9 +146,9 @@ class Navigator:
         if motion.arrived:
             return Drive(arrived=True, path=path)
         self._moved_at = now if self._moved_at is None or not motion.blocked else self._moved_at
-        if now - self._moved_at >= self._params.controller_patience:
+        if now - self._moved_at >= _CONTROLLER_PATIENCE:
             raise CodedError("blocked", "something has been standing in the way for too long")
-        if motion.off_path > self._params.replan_distance:
+        if motion.off_path > _REPLAN_DISTANCE:
             self._planned_at = None
         return Drive(motion.speed, motion.turn_rate, path=path)
 
@@ -190,7 +164,7 @@ class Navigator:
         except CodedError:
             self._failed = True
             self._reached_at = now if self._reached_at is None else self._reached_at
-            if now - self._reached_at >= self._params.planner_patience:
+            if now - self._reached_at >= _PLANNER_PATIENCE:
                 raise
             return None
         self._failed, self._reached_at = False, now

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import List, Optional, Tuple
 
 import numpy as np
@@ -11,27 +10,20 @@ from scipy.sparse.csgraph import dijkstra
 
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_core.parameters import Parameters, param
 from vb_sim.robot.costmap import LETHAL, Costmap
 
 NEUTRAL_COST = 50.0  # of a free cell, and how much a cell's cost adds to it: navfn's figures
 COST_FACTOR = 0.8
-
-
-@dataclass(frozen=True)
-class PlannerParams(Parameters):
-    """How paths are found."""
-
-    escape_distance: float = param(0.10, "m", low=0.0, high=1.0)
-    waypoint_spacing: float = param(0.05, "m", above=0.0, high=1.0)
+# [m] up to this far inside the inscribed zone a robot may plan its way out; from inside an obstacle it may not
+_ESCAPE = 0.10
+_SPACING = 0.05  # [m] of a plan's poses
 
 
 class Planner:
     """Plans on one costmap. The search from the last start is kept: more goals from there cost nothing."""
 
-    def __init__(self, costmap: Costmap, params: PlannerParams = PlannerParams()) -> None:
+    def __init__(self, costmap: Costmap) -> None:
         self.costmap = costmap
-        self._params = params
         free = costmap.traversable()
         self._ids = np.full(free.shape, -1, np.int64)
         self._ids[free] = np.arange(int(free.sum()))
@@ -48,7 +40,7 @@ class Planner:
             tolerance: [m] how far from the goal the path may end if the goal itself cannot be reached.
 
         Returns:
-            (N, 2) [m], from the start to the goal, at most `waypoint_spacing` apart.
+            (N, 2) [m], from the start to the goal, at most 5 cm apart.
 
         Raises:
             CodedError: "off_map", "start_blocked", "goal_blocked" or "no_path".
@@ -69,7 +61,7 @@ class Planner:
             path = np.vstack([path[:1], middle[:1], path[1:]])
         if np.allclose(path[0], path[-1]) and len(path) == 2:
             return path[:1]
-        return geometry.resample_chain(path, self._params.waypoint_spacing)
+        return geometry.resample_chain(path, _SPACING)
 
     def is_traversable(self, place: np.ndarray) -> bool:
         """Returns whether the robot's centre may be at a place (2,) [m]."""
@@ -91,7 +83,7 @@ class Planner:
         # move_base frees the robot's own cell only. A robot that touches the inscribed zone by an error of its
         # localisation gets out of it here; one whose middle is in an obstacle or border does not.
         if self.costmap.costs[cell] != LETHAL and len(self._cells):
-            near = self._nearest(start, self._params.escape_distance)
+            near = self._nearest(start, _ESCAPE)
             if near is not None and self._clear_of_obstacles(start, near[1]):
                 return near
         raise CodedError(

@@ -1,0 +1,175 @@
+#!/usr/bin/env python3
+"""How many cameras of 1080p motion JPEG, which their detectors read themselves, this computer carries.
+
+    python3 bench/lab/cameras.py --cameras 1 6 12 24            from a local HTTP server; --from files, rtsp (H.264)
+
+Fusion and page run too. camera_clip.py says what is played. Stamps are the arrival of an image: exposure, readout and
+network of a real camera come on top.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple
+
+import cv2
+import numpy as np
+import psutil
+import rospy
+import tf2_ros
+import yaml
+
+from bench.frame import TOP, Table, arguments, quantiles
+from bench.lab.camera_clip import RATE, clip, scene, serving, serving_rtsp, write, write_h264
+from bench.lab.page_lab import node_process, start, wait
+from vb_core import names
+from vb_core.ros.messages import message_from_transform
+from vb_evaluation.processes import Child
+from vb_laser_detect.camera import lens_file
+from vb_msgs.msg import DetectorStatus, LaserSpot
+
+WARM_S = 6.0  # detectors learn the floor
+
+
+class Running:
+    """Fusion, page and the detectors of some cameras: what they took and found.
+
+    Args:
+        sources: name of each camera to what its detector reads; "": a topic.
+        half_size: whether they search images at half their size.
+    """
+
+    def __init__(self, stack: ExitStack, sources: Dict[str, str], half_size: bool = False) -> None:
+        _, folder = start(stack)
+        self.folder, self.cameras, self.status = folder, list(sources), {}
+        self.delays: Dict[str, List[float]] = {name: [] for name in sources}
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=1000)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.status.update({m.camera: m}), queue_size=200)
+        self._poses = tf2_ros.StaticTransformBroadcaster()
+        self._poses.sendTransform(
+            [
+                message_from_transform(scene().pose, names.MAP_FRAME, f"{name}_optical_frame", rospy.Time.now())
+                for name in sources
+            ]
+        )
+        for name, source in sources.items():
+            lens_file.save(folder / "lenses" / f"{name}.yaml", name, scene().model)
+            (folder / "detectors").mkdir(exist_ok=True)
+            (folder / "detectors" / f"{name}.yaml").write_text(
+                yaml.safe_dump({"source": source, "capture": {"half_size": half_size}})
+            )
+        configs = " ".join(f"{name}={folder}/detectors/{name}.yaml" for name in sources)
+        for number, command in enumerate(
+            (
+                ["rosrun", "vb_fusion", "border_fusion", f"_spot_log_file:={folder}/fusion.jsonl"],
+                ["roslaunch", str(TOP / "launch/parts/detectors.launch"), f"cameras:={' '.join(sources)}", f"configs:={configs}",
+                 f"config:={TOP}/src/vb_laser_detect/config/stationary.yaml", "image_transport:=raw"],
+            )
+        ):  # fmt: skip
+            stack.callback(Child(command, folder / f"{number}.txt").stop, 30.0)
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        self.delays[message.camera].append(time.time() - message.header.stamp.to_sec())
+
+    def watch(
+        self, seconds: float, others: Dict[str, psutil.Process]
+    ) -> Tuple[Dict[str, Dict[str, float]], Dict[str, float]]:
+        """Watches for a time; returns each camera's figures, and the cores that other processes took."""
+        wait(
+            lambda: len(self.status) == len(self.cameras) and all(one.processed for one in self.status.values()),
+            f"images, see {self.folder}",
+            180.0,
+        )
+        time.sleep(WARM_S)
+        nodes = {name: node_process(f"/spot_detector_{name}") for name in self.cameras}
+        before, began, status = self._used({**nodes, **others}), time.monotonic(), dict(self.status)
+        for delays in self.delays.values():
+            delays.clear()
+        time.sleep(seconds)
+        lasted, used = time.monotonic() - began, self._used({**nodes, **others})
+        found = {}
+        for name in self.cameras:
+            # a detector tells its numbers once a second: over its own span
+            span = (self.status[name].header.stamp - status[name].header.stamp).to_sec()
+            searched = self.status[name].processed - status[name].processed
+            found[name] = {
+                "searched_share": searched / (RATE * span),
+                "ms_per_image": 1e3 * (used[name] - before[name]) / lasted * span / max(searched, 1),
+            }
+        return found, {name: (used[name] - before[name]) / lasted for name in others}
+
+    @staticmethod
+    def _used(processes: Dict[str, psutil.Process]) -> Dict[str, float]:
+        return {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
+
+
+def many(count: int, seconds: float, path: Path, origin: str, half_size: bool) -> List[Dict[str, Any]]:
+    """Measures one row for each camera, and one of all."""
+    with ExitStack() as stack:
+        if origin == "files":
+            address, server = str(path), None
+        else:
+            address, server = (serving if origin == "http" else serving_rtsp)(stack, path)
+        running = Running(stack, {f"c{number}": address for number in range(count)}, half_size)
+        others = {
+            "fusion": node_process("/border_fusion"),
+            "page": node_process(),
+            **({} if server is None else {"server": server}),
+        }
+        found, shares = running.watch(seconds, others)
+    rows = [{"camera": name, **figures, **quantiles(running.delays[name])} for name, figures in found.items()]
+    of_all = {
+        "camera": f"all {count}, {origin}{', half size' if half_size else ''}",
+        **{key: float(np.mean([row[key] for row in rows])) for key in ("searched_share", "ms_per_image")},
+        **quantiles([delay for delays in running.delays.values() for delay in delays]),
+    }
+    return [{**row, **{f"{name}_cores": share for name, share in shares.items()}} for row in (*rows, of_all)]
+
+
+def in_processes(pieces: Iterable[Any], measure: Callable[[Any], Iterable[Dict[str, Any]]], csv: Optional[Path]) -> int:
+    """Adds the rows of each piece to a table, in a process of its own each: a node cannot be started twice in one."""
+    # a shell that starts it in the background has interrupts ignored, and the nodes would ignore them too
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    cv2.setNumThreads(1)
+    failed = 0
+    for piece in pieces:
+        child = os.fork()
+        if not child:
+            status = 1
+            try:
+                table = Table(csv)
+                for row in measure(piece):
+                    table.add(**row)
+                status = 0
+            except BaseException:  # what would end this process: its parent goes on with the next one
+                traceback.print_exc()
+            finally:
+                os._exit(status)
+        failed += os.waitpid(child, 0)[1] != 0
+    return int(failed > 0)
+
+
+def main() -> int:
+    parser = arguments(__doc__)
+    parser.add_argument("--cameras", type=int, nargs="+", default=[1, 6, 12, 24])
+    parser.add_argument("--from", dest="origin", choices=("http", "files", "rtsp"), default="http")
+    parser.add_argument("--half-size", action="store_true", help="search images at half their size")
+    parser.add_argument("--seconds", type=float, default=20.0, help="that are measured; 20 is the whole clip")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="bench_cameras_") as folder:
+        path = Path(folder) / ("clip.mp4" if given.origin == "rtsp" else "clip.avi")
+        (write_h264 if given.origin == "rtsp" else write)(clip(), path)
+        return in_processes(
+            given.cameras, lambda count: many(count, given.seconds, path, given.origin, given.half_size), given.csv
+        )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

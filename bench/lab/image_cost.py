@@ -1,0 +1,197 @@
+#!/usr/bin/env python3
+"""What an image of a 1080p camera costs its detector, beside decoding it to grey and searching it, and beside a driver and a topic.
+
+python3 bench/lab/image_cost.py                              images as of camera_clip.py
+python3 bench/lab/image_cost.py --scenes ""                  where spots are found in the rendered scenes of
+                                                             bench/detection, by how they are decoded
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import tempfile
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List
+
+import cv2
+import numpy as np
+import rospy
+import simplejpeg
+from sensor_msgs.msg import CameraInfo, Image
+
+from bench.detection.finder import Found
+from bench.detection.hard_scenes import Camera, Outcome, SeenFrame, course
+from bench.detection.rooms import Rooms, lab
+from bench.detection.scene_list import ceiling_scenes
+from bench.frame import arguments
+from bench.lab.camera_clip import FRAMES, RATE, clip, read, scene, serving, write
+from bench.lab.cameras import Running, in_processes
+from bench.lab.page_lab import node_process
+from vb_core.image_format import Picture
+from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.images import message_from_image
+from vb_evaluation.processes import Child
+from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
+from vb_laser_detect.detection.image_geometry import ImageGeometry
+from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
+from vb_laser_detect.detector import SpotDetector
+from vb_sim.cameras import pixels
+
+SPANS = 5
+
+
+def drive(address: str, topic: str) -> None:
+    """A driver as many are: reads a camera, decodes each image and publishes it with its camera_info."""
+    rospy.init_node("driver", disable_signals=True)
+    images, infos = (
+        rospy.Publisher(f"/{topic}/{name}", kind, queue_size=1)
+        for name, kind in (("image_raw", Image), ("camera_info", CameraInfo))
+    )
+
+    def take(shot: Shot) -> None:
+        stamp, frame = rospy.Time.from_sec(shot.taken), f"{topic}_optical_frame"
+        images.publish(
+            message_from_image(cv2.imdecode(np.frombuffer(shot.jpeg, np.uint8), cv2.IMREAD_COLOR), "bgr8", stamp, frame)
+        )
+        infos.publish(info_from_camera(scene().model, stamp, frame))
+
+    scene()
+    CameraSource(address, CaptureParams(), take, lambda error: None).start()
+    signal.pause()
+
+
+class Search:
+    """Decodes and searches images as a detector does, and adds up the thread's time."""
+
+    def __init__(self, decode: Callable[[bytes], Picture]) -> None:
+        self._decode, self._detector, self._projector = (
+            decode,
+            SpotDetector(),
+            FloorProjection(ProjectionParams(), None, []),
+        )
+        self._model: Any = None
+        self.times: List[float] = []
+
+    def look(self, jpeg: bytes, stamp: float) -> None:
+        began = time.thread_time()
+        picture = self._decode(jpeg)
+        if self._model is None:  # a node too keeps the lens of its images' size
+            self._model = scene().model.scaled_to(*picture.pixels.shape[1::-1])
+        self._detector.detect(picture, stamp, ImageGeometry(self._model, lambda: scene().pose, self._projector))
+        self.times.append(1e3 * (time.thread_time() - began))
+
+
+def gray(jpeg: bytes) -> Picture:
+    return Picture(simplejpeg.decode_jpeg(jpeg, "GRAY")[..., 0], "mono")
+
+
+def cost(seconds: float, path: Path, half_size: bool) -> Iterator[Dict[str, Any]]:
+    """Measures an image's cost in one thread, then as nodes, each beside decoding to grey and searching."""
+    jpegs, ours, alone = read(path), Search(lambda jpeg: Shot(0.0, jpeg).searched(half_size)[0]), Search(gray)
+    for number in range(2 * FRAMES):
+        for one in (ours, alone) if number % 2 else (alone, ours):
+            one.look(jpegs[number % FRAMES], number / RATE)
+    # each second of images by itself, the first lap is for learning
+    blocks = np.array([np.array(one.times[FRAMES:]).reshape(-1, int(RATE)).sum(axis=1) for one in (ours, alone)])
+    draws = np.random.default_rng(1).integers(blocks.shape[1], size=(2000, blocks.shape[1]))
+    low, high = np.percentile(blocks[0][draws].sum(axis=1) / blocks[1][draws].sum(axis=1), [2.5, 97.5])
+    yield {
+        "what": "one thread", "ours_ms": blocks[0].sum() / FRAMES, "gray_ms": blocks[1].sum() / FRAMES,
+        "ours_over_gray": blocks[0].sum() / blocks[1].sum(), "low": float(low), "high": float(high),
+    }  # fmt: skip
+    with ExitStack() as stack:
+        address, _ = serving(stack, path)
+        running = Running(stack, {"own": address, "topic": ""}, half_size)
+        driver = Child(
+            [sys.executable, "-c", f"from bench.lab import image_cost; image_cost.drive({address!r}, 'topic')"],
+            running.folder / "driver.txt",
+        )
+        stack.callback(driver.stop)
+        alone, ended = Search(gray), threading.Event()
+        stack.callback(ended.set)
+        threading.Thread(target=play, args=(alone, jpegs, ended), daemon=True).start()
+        for _ in range(SPANS):
+            del alone.times[:]
+            found, shares = running.watch(seconds, {"driver": node_process("/driver")})
+            own, topic = (found[name]["ms_per_image"] for name in ("own", "topic"))
+            driven = 1e3 * shares["driver"] / RATE
+            yield {
+                "what": "nodes", "own_ms": own, "driver_ms": driven, "topic_ms": topic, "gray_ms": float(np.mean(alone.times)),
+                "own_over_gray": own / float(np.mean(alone.times)), "own_over_driver_and_topic": own / (driven + topic),
+                "searched_share": min(one["searched_share"] for one in found.values()),
+            }  # fmt: skip
+
+
+def play(search: Search, jpegs: List[bytes], ended: threading.Event) -> None:
+    """Searches images at their rate."""
+    began, number = time.monotonic(), 0
+    while not ended.wait(max(0.0, began + number / RATE - time.monotonic())):
+        search.look(jpegs[number % len(jpegs)], number / RATE)
+        number += 1
+
+
+# ------------------------------------------------------------------ where spots are found
+DECODED: Dict[str, Callable[[Shot], Picture]] = {
+    "grey": lambda shot: gray(shot.jpeg),
+    "whole": lambda shot: shot.picture(),
+    "half": lambda shot: shot.searched(True)[0],
+}
+
+
+class Decoded(Camera):
+    """A rendered camera whose images come as JPEG, and are decoded in one way."""
+
+    def __init__(self, decode: Callable[[Shot], Picture], *arguments_of_it: Any) -> None:
+        super().__init__(*arguments_of_it)
+        self._decode, self._detector, self.finder.find = decode, SpotDetector(), self._find
+
+    def _find(self, image: Any, stamp: float, seen: SeenFrame, encoding: str) -> List[Found]:
+        picture = self._decode(image)
+        model = seen.view_model.scaled_to(*picture.pixels.shape[1::-1])
+        geometry = ImageGeometry(model, lambda: seen.pose, self._projector)
+        return [Found(spot.stamp, spot, spot.place) for spot in self._detector.detect(picture, stamp, geometry)]
+
+
+def places(scenes: List[Any], share: float, seed: int) -> Iterator[Dict[str, Any]]:
+    """Plays so much of scenes to detectors that decode the same JPEG differently."""
+    rooms, total = Rooms(seed), {name: Outcome() for name in DECODED}
+    for played in scenes:
+        cameras = {name: Decoded(decode, played, rooms) for name, decode in DECODED.items()}
+        outcomes, encoding = {name: Outcome() for name in DECODED}, played.worlds[0].camera(played.camera).encoding
+        for t, index, snapshot in course(played, share):
+            image, frame, view = cameras["whole"].picture(index, snapshot)
+            bgr = np.ascontiguousarray(pixels.decode(image, encoding))
+            shot = Shot(0.0, simplejpeg.encode_jpeg(bgr, quality=75, colorspace="BGR", colorsubsampling="420"))
+            frame.view_model = view.model
+            for name, camera in cameras.items():
+                camera.look(t, shot, frame, view, outcomes[name])
+        for name, one in outcomes.items():
+            yield {"scene": played.title, "decoded": name, **one.summary()}
+            of_all = total[name]
+            of_all.visible, of_all.found = of_all.visible + one.visible, of_all.found + one.found
+            of_all.false, of_all.errors = of_all.false + one.false, of_all.errors + one.errors
+    yield from ({"scene": "all", "decoded": name, **one.summary()} for name, one in total.items())
+
+
+def main() -> int:
+    parser = arguments(__doc__, seed=1)
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each of five spans; 20 is the whole clip")
+    parser.add_argument("--half-size", action="store_true", help="search images at half their size")
+    parser.add_argument("--scenes", nargs="+", metavar="WORD", help="play those with a WORD in their name instead")
+    parser.add_argument("--share", type=float, default=1.0, help="of the scenes' time")
+    given = parser.parse_args()
+    if given.scenes is not None:
+        chosen = [one for one in ceiling_scenes(lab()) if any(word in one.name for word in given.scenes)]
+        return in_processes([chosen], lambda scenes: places(scenes, given.share, given.seed), given.csv)
+    with tempfile.TemporaryDirectory(prefix="bench_cameras_") as folder:
+        path = Path(folder) / "clip.avi"
+        write(clip(), path)
+        return in_processes([path], lambda one: cost(given.seconds, one, given.half_size), given.csv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
