@@ -132,11 +132,11 @@ def report(monkeypatch):
     return make
 
 
-def play(report, began, ends, rate=10.0, age=0.02, search=0.01, grey=100, content="color"):
+def play(report, began, ends, rate=10.0, age=0.02, search=0.01, level=100, content="color"):
     """Images that a detector searched; ends at that time [s]."""
     for now in np.arange(began, ends, 1.0 / rate):
         report.at(now)
-        report.see_picture(Picture(np.full((48, 64), grey, np.uint8), content))
+        report.see_picture(Picture(np.full((48, 64), level, np.uint8), content))
         report.set_missing_input(None)
         report.count_image(rospy.Time.from_sec(now - age - search), search, 0, 0, "red_frame")
 
@@ -148,7 +148,7 @@ def play(report, began, ends, rate=10.0, age=0.02, search=0.01, grey=100, conten
         ({}, {"content": "mono"}, []),
         ({"mobile": True}, {"content": "mono"}, [("no_color", Severity.WARNING)]),
         ({}, {"rate": 2.0}, [("camera_slow", Severity.WARNING)]),
-        ({}, {"grey": 255}, [("camera_too_bright", Severity.WARNING)]),
+        ({}, {"level": 255}, [("camera_too_bright", Severity.WARNING)]),
         ({}, {"age": 60.0}, [("camera_clock", Severity.ERROR)]),
         ({}, {"age": -4.0}, [("camera_clock", Severity.ERROR)]),
         ({}, {"search": 2.0}, []),  # a busy computer is no wrong clock
