@@ -120,7 +120,7 @@ def test_what_the_nodes_tell_people_is_the_result():
     found = lines_from_notices(
         [
             Notice("cameras_disagree", Severity.ERROR, camera="south", values=cameras),
-            Notice("robot_touches_border", Severity.INFO),
+            Notice("robot_sent", Severity.INFO),
             Notice("strokes_left_out", Severity.WARNING, values={"spots": "7"}),
             Notice("borders_unconfirmed", Severity.WARNING),
             Notice("of_another_version", Severity.ERROR, robot="ada", message="It rains."),
@@ -128,7 +128,7 @@ def test_what_the_nodes_tell_people_is_the_result():
     )
     assert [(line.subject, line.state, line.code) for line in found] == [
         ("camera south", CheckState.ERROR, "cameras_disagree"),
-        ("robot", CheckState.OK, "robot_touches_border"),
+        ("robot", CheckState.OK, "robot_sent"),
         ("lab", CheckState.WARNING, "strokes_left_out"),
         ("borders", CheckState.WARNING, "borders_unconfirmed"),
         ("robot ada", CheckState.ERROR, "of_another_version"),

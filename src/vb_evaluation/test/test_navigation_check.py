@@ -11,6 +11,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_evaluation import navigation_check
 from vb_evaluation.navigation_check import NavigationCheck
+from vb_msgs.msg import RobotStatus, RobotStatusArray
 
 
 def test_without_move_base_it_says_so_at_once(monkeypatch):
@@ -68,6 +69,44 @@ def test_a_navigation_that_knows_no_borders_is_found_out(monkeypatch):
     bad = {check.what for check in NavigationCheck((4.0, 0.0), timeout=0.05).run() if check.good is False}
     assert {"plans respect a new border at once", "a soft border is gone round where that is possible"} <= bad
     assert not planner.borders
+
+
+@pytest.mark.parametrize(
+    "robots, name, found",
+    [
+        ([], "", ("/move_base", "base_link")),
+        ([], "ada", ("/ada/move_base", "ada/base_link")),
+        (["ada"], "", ("/ada/nav", "ada_base")),
+        (["ada", "bob"], "bob", ("/bob/nav", "bob_base")),
+        (["ada", "bob"], "", "ada, bob"),
+        (["ada", "bob"], "eve", "ada, bob"),
+    ],
+)
+def test_the_robot_is_the_only_one_or_the_one_that_is_named(monkeypatch, robots, name, found):
+    def answer(*_):
+        if not robots:
+            raise rospy.ROSException("timeout exceeded")
+        return RobotStatusArray(
+            robots=[RobotStatus(robot=one, move_base=f"/{one}/nav", frame=f"{one}_base") for one in robots]
+        )
+
+    monkeypatch.setattr(rospy, "wait_for_message", answer)
+    if isinstance(found, str):
+        with pytest.raises(CodedError, match=found):
+            navigation_check.find_robot(name)
+    else:
+        robot = navigation_check.find_robot(name)
+        assert (robot.move_base, robot.frame) == found
+
+
+@pytest.mark.parametrize("trinary, good", [(True, None), (False, True)])
+def test_a_move_base_that_cannot_see_soft_borders_is_told_what_it_lacks(monkeypatch, trinary, good):
+    Planner(monkeypatch)
+    layer = {"static_layer": {"map_topic": names.MAP_WITH_BORDERS, "trinary_costmap": trinary}}
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: layer if name.endswith("costmap") else default)
+    checks = {check.what: check for check in NavigationCheck((4.0, 0.0), at_once=60.0, timeout=60.0).run()}
+    soft = checks["a soft border is gone round where that is possible"]
+    assert soft.good is good and ("trinary_costmap" in soft.found) is (good is None)
 
 
 def test_a_goal_that_is_too_near_is_reported(monkeypatch):

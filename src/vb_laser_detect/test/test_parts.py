@@ -231,6 +231,8 @@ def test_images_without_a_pose_that_are_over_are_no_alarm_however_late_they_are_
 
 
 def test_an_unplugged_camera_is_told_and_one_that_never_sent_anything_once_the_lab_has_started():
+    before_simulated_time = InputWatch(0.0)
+    assert fault(before_simulated_time, 1000) == "" and fault(before_simulated_time, 1061) == "camera_silent"
     watch = InputWatch(50.0)
     assert fault(watch, 100) == "" and fault(watch, 111) == "camera_silent"
     watch.see_image(112.0, None)

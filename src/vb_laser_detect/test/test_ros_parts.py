@@ -132,11 +132,11 @@ def report(monkeypatch):
     return make
 
 
-def play(report, began, ends, rate=10.0, age=0.02, search=0.01, gray=100, content="color"):
+def play(report, began, ends, rate=10.0, age=0.02, search=0.01, level=100, content="color"):
     """Images that a detector searched; ends at that time [s]."""
     for now in np.arange(began, ends, 1.0 / rate):
         report.at(now)
-        report.see_picture(Picture(np.full((48, 64), gray, np.uint8), content))
+        report.see_picture(Picture(np.full((48, 64), level, np.uint8), content))
         report.set_missing_input(None)
         report.count_image(rospy.Time.from_sec(now - age - search), search, 0, 0, "red_frame")
 
@@ -148,7 +148,7 @@ def play(report, began, ends, rate=10.0, age=0.02, search=0.01, gray=100, conten
         ({}, {"content": "mono"}, []),
         ({"mobile": True}, {"content": "mono"}, [("no_color", Severity.WARNING)]),
         ({}, {"rate": 2.0}, [("camera_slow", Severity.WARNING)]),
-        ({}, {"gray": 255}, [("camera_too_bright", Severity.WARNING)]),
+        ({}, {"level": 255}, [("camera_too_bright", Severity.WARNING)]),
         ({}, {"age": 60.0}, [("camera_clock", Severity.ERROR)]),
         ({}, {"age": -4.0}, [("camera_clock", Severity.ERROR)]),
         ({}, {"search": 2.0}, []),  # a busy computer is no wrong clock
@@ -210,7 +210,7 @@ def test_an_image_without_a_place_is_freed_at_once():
 
     def search():
         image = np.zeros((4, 4), np.uint8)
-        frame, unplaced = node._place("red_frame", rospy.Time(5), Picture(image, "mono"), 1)
+        frame, unplaced = node._place("red_frame", rospy.Time(5), Picture(image, "mono"))
         assert frame is None and unplaced.code == "no_transform" and unplaced.message == "no pose"
         return weakref.ref(image)
 

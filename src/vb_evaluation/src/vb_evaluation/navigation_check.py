@@ -24,20 +24,13 @@ from vb_core.ros import messages
 from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
 from vb_evaluation.observer import Observer, wait_until
-from vb_msgs.msg import VirtualBorder
+from vb_map_integration.grid.costmap_settings import check_soft_value
+from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 
 WATCHED = 2.0  # [s] for which plans are asked for after the costmaps were cleared
-STILL = 0.05  # [m] by which map -> odom may move while nothing but a border changes
+STILL = 0.05  # [m] by which the robot's pose may move while nothing but a border changes
 SOFT = 0.75  # delta of the soft border
-# where move_base keeps them, below its own name; docs/tutorials/first-border-in-your-lab.md says why these values
-WANTED = {
-    "global_costmap/static_layer/map_topic": names.MAP_WITH_BORDERS,
-    "local_costmap/static_layer/map_topic": names.MAP_WITH_BORDERS,
-    "global_costmap/static_layer/trinary_costmap": False,
-    "local_costmap/static_layer/trinary_costmap": False,
-    "make_plan_clear_costmap": False,
-}
 
 
 class Check(NamedTuple):
@@ -84,9 +77,7 @@ class NavigationCheck:
             # a running move_base offers it at once
             rospy.wait_for_service(service, timeout=2.0)
         except rospy.ROSException:
-            raise CodedError(
-                "no_planner", f"no node offers {service}: start move_base, or name it with --move-base"
-            ) from None
+            raise CodedError("no_planner", f"no node offers {service}: start move_base first") from None
         observer, transforms = Observer(), TransformLookup()
         if not wait_until(lambda: observer.posterior is not None, 10.0):
             raise CodedError("no_map_with_borders", topic=names.MAP_WITH_BORDERS)
@@ -94,7 +85,7 @@ class NavigationCheck:
         def pose(frame: str) -> np.ndarray:
             return transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), timeout=5.0)
 
-        start, odom = geometry.pose2d_from_transform(pose(self._base_frame)), pose("odom")
+        start = geometry.pose2d_from_transform(pose(self._base_frame))
         way = observer.plan(start, self._goal, service)
         if not len(way):
             raise CodedError("no_path", "move_base finds no path to the goal: choose another one with --goal")
@@ -112,18 +103,15 @@ class NavigationCheck:
             way = observer.plan(start, self._goal, service)
             return not len(way) or not (np.abs(geometry.resample_chain(way, 0.01) - middle).max(axis=1) < reach).any()
 
-        checks = [self._parameter(name, wanted) for name, wanted in WANTED.items()]
+        checks = []
         with self._border(middle, 1.0):
             checks.append(self._soon("plans respect a new border at once", plan_avoids_border, self._at_once))
             checks.append(self._cleared(plan_avoids_border))
         checks.append(self._soon("the way is free again once the border is removed", lambda: not plan_avoids_border()))
         with self._border(middle, SOFT):
-            checks.append(self._soon("a soft border is gone round where that is possible", plan_avoids_border))
-        moved = float(np.linalg.norm((pose("odom") - odom)[:2, 3]))
-        return [
-            *checks,
-            Check("localisation does not jump", moved <= STILL, f"map -> odom moved by {100 * moved:.1f} cm"),
-        ]
+            checks.append(self._soft(plan_avoids_border))
+        moved = float(np.hypot(*(np.array(geometry.pose2d_from_transform(pose(self._base_frame))) - start)[:2]))
+        return [*checks, Check("localisation does not jump", moved <= STILL, f"moved by {100 * moved:.1f} cm")]
 
     @contextlib.contextmanager
     def _border(self, middle: np.ndarray, occupancy: float) -> Iterator[None]:
@@ -141,12 +129,14 @@ class NavigationCheck:
         finally:
             call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=reply.id), "the map integrator")
 
-    def _parameter(self, name: str, wanted: object) -> Check:
-        found = rospy.get_param(f"{self._move_base}/{name}", None)
-        if found is None:
-            return Check(f"{name} is {wanted}", None, "not set; another name of the layer, or no costmap_2d")
-        same = found == wanted if isinstance(wanted, bool) else "/" + str(found).strip("/") == wanted
-        return Check(f"{name} is {wanted}", same, f"it is {found}")
+    def _soft(self, plan_avoids_border: Callable[[], bool]) -> Check:
+        """Checks a soft border, if move_base is set to see one."""
+        what = "a soft border is gone round where that is possible"
+        costmaps = {
+            name: rospy.get_param(f"{self._move_base}/{name}", None) for name in ("global_costmap", "local_costmap")
+        }
+        ignored = check_soft_value(round(100 * SOFT), costmaps)
+        return self._soon(what, plan_avoids_border) if ignored is None else Check(what, None, ignored.message)
 
     def _cleared(self, plan_avoids_border: Callable[[], bool]) -> Check:
         what = "a border survives clear_costmaps"
@@ -176,6 +166,26 @@ class NavigationCheck:
         )
 
 
+def find_robot(name: str) -> RobotStatus:
+    """Returns the robot of that name, or the only one, as robot_monitor knows it; without a monitor the usual names.
+
+    Raises:
+        CodedError: "which_robot" if there is none of that name, or several.
+    """
+    try:
+        robots = rospy.wait_for_message(names.ROBOTS, RobotStatusArray, 3.0).robots
+    except rospy.ROSException:
+        robots = []
+    found = [robot for robot in robots if name in ("", robot.robot)]
+    if robots and len(found) != 1:
+        known = ", ".join(robot.robot for robot in robots)
+        raise CodedError("which_robot", f"choose one of these robots with --robot: {known}")
+    prefix = f"{name}/" if name else ""
+    robot = found[0] if found else RobotStatus(frame=f"{prefix}base_link")
+    robot.move_base = robot.move_base or f"/{prefix}move_base"
+    return robot
+
+
 def main() -> None:
     """Runs the command; exits with 1 if a check failed or none could be made."""
     parser = argparse.ArgumentParser(prog="check_navigation", description=(__doc__ or "").splitlines()[0])
@@ -188,14 +198,14 @@ def main() -> None:
         help="[m] in the map, some metres from the robot, with another way round",
     )
     parser.add_argument("--size", type=float, default=0.5, help="[m] edge of the border that is put on the way")
-    parser.add_argument("--move-base", default="move_base", help="name of the node")
-    parser.add_argument("--base-frame", default="base_link", help="frame of the robot")
+    parser.add_argument("--robot", default="", help="its name, if there are several")
     options = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node("check_navigation", anonymous=True)
     console = Console()
     console.print("Asks move_base for plans, with and without a border; half a minute. The robot does not drive.")
     try:
-        checks = NavigationCheck(tuple(options.goal), options.size, options.move_base, options.base_frame).run()
+        robot = find_robot(options.robot)
+        checks = NavigationCheck(tuple(options.goal), options.size, robot.move_base, robot.frame).run()
     except CodedError as error:
         console.print(f"[red]{error}[/red]")
         sys.exit(1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from typing import Any, Callable, List, Optional
 
 import numpy as np
@@ -20,6 +22,8 @@ from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
 from vb_robot.driving.workspace import KnownBorder
 from vb_robot.floor_view import FloorView
 from vb_robot.spots import Sighting
+
+_SETTLING_TIME = 15.0  # [s] within which a lab's nodes start, and the camera's mount becomes known
 
 
 def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscriber:
@@ -85,6 +89,7 @@ class FloorViewListener:
     ) -> None:
         self._base, self._max_range, self._transforms, self._take = base_frame, max_range, transforms, take
         self._known: Optional[tuple] = None
+        self._missing_since = math.inf  # [s] of wall time
         self._subscriber = rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
 
     def _on_info(self, message: CameraInfo) -> None:
@@ -95,9 +100,11 @@ class FloorViewListener:
             T = self._transforms.lookup(self._base, message.header.frame_id, rospy.Time(0), timeout=0.0)
             self._take(FloorView(camera_from_info(message), T, self._max_range))
         except CodedError as error:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: the camera's view is not known yet: {error}")
+            self._missing_since = min(self._missing_since, time.monotonic())
+            if time.monotonic() - self._missing_since > _SETTLING_TIME:
+                rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: the camera's view is not known: {error}")
             return
-        self._known = key
+        self._known, self._missing_since = key, math.inf
 
 
 def message_class(contact: Contact) -> Any:

@@ -23,7 +23,7 @@ class InputWatch:
     """Finds what a detector lacks, by its images. Not thread safe.
 
     Args:
-        now: [s] when the detector was started.
+        now: [s] when the detector was started; 0: simulated time has not begun, the first time that is asked for counts.
     """
 
     def __init__(self, now: float) -> None:
@@ -41,6 +41,7 @@ class InputWatch:
 
     def fault(self, now: float) -> Optional[CodedError]:
         """Returns what people should know at a time [s]: that no images come, or what they lack; `why` in detail."""
+        self._started = self._started or now
         if self._image_at is None:
             return CodedError("camera_silent") if now - self._started > _CAMERAS_START else None
         if now - self._image_at > _SILENCE:
