@@ -38,7 +38,6 @@ from vb_laser_detect.detection.blocks import BLOCK, Region
 from vb_laser_detect.detection.features import Blob, ImageTraits
 from vb_laser_detect.detection.image_geometry import ImageGeometry
 from vb_laser_detect.detection.projection import meters_per_pixel
-from vb_laser_detect.detection.places import LitPlaces
 from vb_laser_detect.detection.proposals import Proposal, Proposer, SearchedImage
 from vb_laser_detect.detection.tracking import Expected, Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
@@ -59,7 +58,6 @@ class SpotDetector:
     Attributes:
         candidates: the last frame's spots, and its proposals that were rejected, for debug images.
         late: how many images came after a later one, and were left out.
-        lamps: how many lights were published as the spot until they had rested for too long.
     """
 
     def __init__(
@@ -67,7 +65,7 @@ class SpotDetector:
     ) -> None:
         self.params = params or DetectorParams.stationary()
         self._classifier_override = spot_classifier
-        self.late = self.lamps = 0
+        self.late = 0
         self.reset()
         self.set_params(self.params)
 
@@ -89,7 +87,12 @@ class SpotDetector:
         self._stamp: Optional[float] = None
         self._geometry: Optional[ImageGeometry] = None
         self._shape: Optional[Tuple[int, ...]] = None
-        self._proposer, self._tracker, self._lit = Proposer(self.params), SpotTracker(self.params), LitPlaces()
+        self._proposer, self._tracker = Proposer(self.params), SpotTracker(self.params)
+
+    @property
+    def lamps(self) -> int:
+        """How many lights were published as the spot until they had rested for too long."""
+        return self._tracker.lamps
 
     def detect(
         self, image: Union[np.ndarray, Picture], stamp: float, geometry: Optional[ImageGeometry] = None
@@ -126,7 +129,6 @@ class SpotDetector:
         self._stamp, self._shape, self._geometry = stamp, pixels.shape, geometry
         camera = ImageTraits(math.hypot(*pixels.shape[:2]), picture.mosaic)
         motion = self._proposer.estimate_motion(pixels)
-        self._lit.begin(stamp, motion)
         expected = self._tracker.begin(stamp, camera, motion)
         searched = self._proposer.propose(pixels, expected)
         seen = self._examine_all(searched, camera._replace(bright=searched.bright))
@@ -194,20 +196,13 @@ class SpotDetector:
         Notes the others, and why they are not published, in `candidates`.
         """
         found = sorted((spot for spot in seen if not spot.rejection), key=lambda spot: -spot.confidence)
-        lit_s = self._lit.light([(spot.u, spot.v) for spot in found], self._stamp)
-        lamps = [spot for spot, seconds in zip(found, lit_s) if seconds > self.params.max_dwell_time]
-        if lamps:
-            self.lamps += self._tracker.drop_lamps(lamps)
-            seen = [replace(spot, rejection="lamp") if spot in lamps else spot for spot in seen]
-            lit_s = [seconds for seconds in lit_s if seconds <= self.params.max_dwell_time]
-            found = [spot for spot in found if spot not in lamps]
-        if found and self._geometry is not None:
-            floor = self._geometry.to_floor(np.array([(spot.u, spot.v) for spot in found]))
-            found = [replace(spot, floor=(x, y)) for spot, (x, y) in zip(found, floor[:, :2])]
         self.candidates = [spot for spot in seen if spot.rejection]
         confirmed: List[Spot] = []
         kept: List[Spot] = []
-        for spot, track in zip(found, self._tracker.update(found, lit_s)):
+        for spot, track in zip(found, self._tracker.update(found)):
+            if track is None:
+                self.candidates.append(replace(spot, rejection="lamp"))
+                continue
             if track.published:
                 rejection = ""
             else:
@@ -217,8 +212,7 @@ class SpotDetector:
             if track.published:
                 confirmed += track.unpublished + [spot]
                 track.unpublished = []
-            certain = spot.confidence >= max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
-            if certain:
+            if spot.confidence >= max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability):
                 kept.append(spot)
         return confirmed, kept
 
