@@ -85,7 +85,10 @@ def measure(
     left, top, right, bottom = seed
     margin, missing = 20, 1
     while missing > 0:
-        x0, y0, now, before = _window(image, background, seed, margin)
+        # even bounds keep each pixel's place in a Bayer image's pattern
+        x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
+        window = slice(y0, bottom + margin), slice(x0, right + margin)
+        now, before = image[window], background[window]
         if widest < math.inf:
             before = cv2.max(before, relight(before, now, widest))
         # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
@@ -116,17 +119,6 @@ def measure(
     diameter = 2.0 * math.sqrt(area / math.pi)
     tint, features = _light_of(mask, diameter, smooth[part], now[part], before[part], camera)
     return Blob(u, v, diameter, tint=tint, features={"elongation": elongation, **features})
-
-
-def _window(
-    image: np.ndarray, background: np.ndarray, seed: Region, margin: int
-) -> Tuple[int, int, np.ndarray, np.ndarray]:
-    """Cuts a region and its margin [px] out of both images: the first column, the first row, and the parts."""
-    left, top, right, bottom = seed
-    # even bounds keep each pixel's place in a Bayer image's pattern
-    x, y = max(0, left - margin) & ~1, max(0, top - margin) & ~1
-    part = slice(y, bottom + margin), slice(x, right + margin)
-    return x, y, image[part], background[part]
 
 
 def _light_of(
