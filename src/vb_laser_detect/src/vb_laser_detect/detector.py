@@ -46,7 +46,6 @@ __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
-_MIN_PX = 2.5  # smaller blobs are noise
 _LATEST = 1.0  # [s] an image that is older than this beside the last one is no late one: the clock was set
 # probability from which a spot that stays is kept out of the background; with less, it may be a ghost
 _MIN_CERTAIN_PROBABILITY = 0.9
@@ -230,8 +229,6 @@ class SpotDetector:
         pixel_size = self._pixel_size(blob.u, blob.v)
         if self._geometry is not None and math.isnan(pixel_size):
             return "off_floor"
-        if blob.diameter < _MIN_PX:
-            return "too_small"
         return "too_large" if blob.diameter > self._largest(pixel_size, camera) else ""
 
 

@@ -18,7 +18,6 @@ from vb_laser_detect.detection.blocks import Region, max_channel
 
 _EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
 _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
-_USUAL_DIAMETER = 24.0  # [px] of the largest spot whose outline is measured in single pixels
 _SHADOW = 0.5  # part of the light that a shadow leaves at least
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
@@ -142,7 +141,7 @@ def _light_of(
     return tint, {
         "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.bright),
         "level": math.log(max(level, 1.0) / camera.bright),
-        "edge": _edge(mask, diameter, now, before),
+        "edge": _edge(mask, now, before),
         "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / max(1, cv2.countNonZero(ring)),
         # a light darkens no channel, paint does
         "fall": max(0.0, float((floor - levels).max())) / camera.bright,
@@ -252,18 +251,11 @@ def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
     return cv2.inRange(away, gap + 0.5, gap + thick + 0.5)
 
 
-def _edge(mask: np.ndarray, diameter: float, now: np.ndarray, before: np.ndarray) -> float:
+def _edge(mask: np.ndarray, now: np.ndarray, before: np.ndarray) -> float:
     """Returns the slope of a blob's outline in the image, as a share of that in image and reference together.
 
-    A ghost's outline is in the reference alone. A large spot's slope is gentle beside the noise of single pixels: it is
-    measured where as many of them are averaged as make the spot as large as a usual one.
+    A ghost's outline is in the reference alone.
     """
-    step = 1.0 / math.ceil(diameter / _USUAL_DIAMETER)
-    if step < 1.0:
-        mask, now, before = (
-            cv2.resize(one, None, fx=step, fy=step, interpolation=cv2.INTER_AREA) for one in (255 * mask, now, before)
-        )
-        mask = cv2.compare(mask, 127, cv2.CMP_GT)
     rim = cv2.subtract(cv2.dilate(mask, _SQUARE), cv2.erode(mask, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
     return slope / max(1e-3, slope + slope_before)
