@@ -35,7 +35,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import Picture
 from vb_laser_detect.detection import classifier, features
 from vb_laser_detect.detection.blocks import BLOCK, Region
-from vb_laser_detect.detection.features import Blob, ImageTraits
+from vb_laser_detect.detection.features import ImageTraits
 from vb_laser_detect.detection.image_geometry import ImageGeometry
 from vb_laser_detect.detection.projection import meters_per_pixel
 from vb_laser_detect.detection.proposals import Proposal, Proposer, SearchedImage
@@ -171,9 +171,11 @@ class SpotDetector:
     ) -> Spot:
         """Measures and classifies the brightest blob of a region; see `features.measure`."""
         middle = (region[0] + region[2]) / 2.0, (region[1] + region[3]) / 2.0
-        largest = self._largest(self._pixel_size(*middle), camera)
+        largest = self._largest(*middle, camera)
+        if math.isnan(largest):
+            return Spot(*middle, float(region[2] - region[0]), rejection="off_floor")
         blob = features.measure(searched.image, searched.reference, region, largest, camera, widest)
-        rejection, probability, place = blob.problem or self._wrong_size(blob, camera), 0.0, None
+        rejection, probability, place = blob.problem, 0.0, None
         if not rejection:
             measured = {**blob.features, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
             is_expected = expected is not None and expected.holds(blob.u, blob.v)
@@ -215,21 +217,11 @@ class SpotDetector:
                 kept.append(spot)
         return confirmed, kept
 
-    def _pixel_size(self, u: float, v: float) -> float:
-        """Returns a pixel's length on the floor [m]; NaN where that is not known."""
-        return meters_per_pixel(self._geometry.to_floor, u, v) if self._geometry is not None else math.nan
-
-    def _largest(self, pixel_size: float, camera: ImageTraits) -> float:
-        """Returns a spot's largest diameter [px] where a pixel is this long on the floor [m]."""
-        if math.isnan(pixel_size):
+    def _largest(self, u: float, v: float, camera: ImageTraits) -> float:
+        """Returns a spot's largest diameter [px] at a place; NaN where the floor is not seen."""
+        if self._geometry is None:
             return _MAX_DIAGONAL_SHARE * camera.diagonal
-        return 0.001 * self.params.max_diameter_mm / pixel_size + _BLUR_PX
-
-    def _wrong_size(self, blob: Blob, camera: ImageTraits) -> str:
-        pixel_size = self._pixel_size(blob.u, blob.v)
-        if self._geometry is not None and math.isnan(pixel_size):
-            return "off_floor"
-        return "too_large" if blob.diameter > self._largest(pixel_size, camera) else ""
+        return 0.001 * self.params.max_diameter_mm / meters_per_pixel(self._geometry.to_floor, u, v) + _BLUR_PX
 
 
 def _same_blob(spot: Spot, other: Spot) -> bool:

@@ -116,6 +116,8 @@ def measure(
     u, v = moments["m10"] / moments["m00"] + x0 + sx, moments["m01"] / moments["m00"] + y0 + sy
     area, elongation = _shape_of(mask)
     diameter = 2.0 * math.sqrt(area / math.pi)
+    if diameter > largest:
+        return Blob(u, v, diameter, "too_large")
     tint, features = _light_of(mask, diameter, smooth[part], now[part], before[part], camera)
     return Blob(u, v, diameter, tint=tint, features={"elongation": elongation, **features})
 
