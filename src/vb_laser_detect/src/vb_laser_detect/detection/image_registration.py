@@ -17,6 +17,7 @@ _WIDTH = 240  # [px] at least, of the images in which corners are followed
 _CORNERS, _FEWEST = 48, 12  # looked for; needed to know a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
 _SHARE = 0.35  # of the corners have to agree
+_MORE = 1.15  # times as many must agree on a homography: with twice the freedom it explains some by chance
 _STILL_PX = 0.35  # [px] no place of the image moved farther: the camera is stationary
 _FLOW = dict(
     winSize=(11, 11),
@@ -85,8 +86,18 @@ class ImageRegistration:
 
 def _agreed_motion(before: np.ndarray, after: np.ndarray) -> Optional[np.ndarray]:
     """Returns the motion (3, 3) that most corners (N, 1, 2) agree on; None if too few do."""
-    motion, agree = cv2.findHomography(before, after, cv2.RANSAC, _AGREE_PX, maxIters=200, confidence=0.99)
-    return motion if motion is not None and agree.sum() >= max(_FEWEST, _SHARE * len(before)) else None
+    motion, agree = cv2.estimateAffinePartial2D(
+        before, after, method=cv2.RANSAC, ransacReprojThreshold=_AGREE_PX, maxIters=200, confidence=0.99
+    )
+    if motion is None:
+        return None
+    motion, count = np.vstack([motion, (0, 0, 1)]), int(agree.sum())
+    if _MORE * count < len(before) and len(before) >= 2 * _FEWEST:
+        # a floor seen at a slant: where the camera drives, near places move farther than far ones
+        plane, of_plane = cv2.findHomography(before, after, cv2.RANSAC, _AGREE_PX, maxIters=200, confidence=0.99)
+        if plane is not None and of_plane.sum() > _MORE * count:
+            motion, count = plane, int(of_plane.sum())
+    return motion if count >= max(_FEWEST, _SHARE * len(before)) else None
 
 
 def is_still(motion: np.ndarray, shape: tuple) -> bool:
