@@ -14,11 +14,10 @@ import people
 TOP = Path(__file__).resolve().parents[1]
 
 SAMPLES = {
-    "detection/calibration.py": "--repetitions 2 --images 0",
+    "detection/calibration.py": "--repetitions 2",
     "detection/camera_kinds.py": "--rows '320 x 240'",
-    "detection/pictures.py": "{folder}",
     "detection/clips.py": "{clips} --roles window",
-    "detection/frames.py": "--scenes 'held still' --share 0.02 --times robot --rounds 1 --quiet 0.01",
+    "detection/frames.py": "--scenes 'held still' --share 0.02 --times robot --rounds 1",
     "extraction/accuracy.py": "--only usual speed --draws 1 --strokes 1 --spots 1000 --methods robust",
     "extraction/hand.py": "--people 2 --scenarios room",
     "extraction/model_hand.py": "--times 0.01",

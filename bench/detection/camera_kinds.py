@@ -114,7 +114,7 @@ def measure(kind: Kind, preset: str, versions: Dict[str, Any]) -> Iterator[Dict[
         truth[t] = spot
         for name, finder in finders.items():
             try:
-                told[name] += [(one.stamp, one.spot.u, one.spot.v) for one in finder.find(image, t, encoding=encoding)]
+                told[name] += [(one.stamp, one.u, one.v) for one in finder.find(image, t, encoding=encoding)]
             except CodedError as error:
                 print(f"{name} refuses: {error}")
     near, images = NEAR_PX * max(1.0, kind.size[0] / 640.0), sum(spot is not None for spot in truth.values())

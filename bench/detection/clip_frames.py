@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from pathlib import Path
-from typing import Callable, Dict, Iterator, List, Sequence, Tuple
+from typing import Dict, Iterator, List, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -14,9 +14,6 @@ REACH_PX, FRINGE = 10.0, 2
 ROLES = ("stationary", "mobile", "window")
 # frames with pulses that nobody labelled, looked at one by one; 115 and 116 fall on a wall that is white already
 UNLABELED = {"logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 115, 116, 126, 127, 222, 223)}
-Change = Callable[[np.ndarray], np.ndarray]
-
-
 # as the clips' names tell
 CAMERAS, ROOMS = (
     ("highres", "lifecam", "logitech", "no_interference"),
@@ -47,39 +44,6 @@ def left_out_with(groups: Sequence[str]) -> Dict[str, List[str]]:
     }
 
 
-def scaled(factor: float) -> Change:
-    return lambda image: cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-
-
-def jpeg(quality: int) -> Change:
-    flags = [cv2.IMWRITE_JPEG_QUALITY, quality]
-    return lambda image: cv2.imdecode(cv2.imencode(".jpg", image, flags)[1], cv2.IMREAD_COLOR)
-
-
-def levels(white: float) -> Change:
-    """Returns the picture of a camera whose brightest value is `white`."""
-    return lambda image: cv2.convertScaleAbs(image, alpha=white / 255.0)
-
-
-def gamma(power: float) -> Change:
-    table = np.round(255.0 * (np.arange(256) / 255.0) ** power).astype(np.uint8)
-    return lambda image: cv2.LUT(image, table)
-
-
-# name: how a picture changes, how much larger it is, which of its frames are taken
-VARIANTS: Dict[str, Tuple[Change, float, int]] = {
-    "plain": (lambda image: image, 1.0, 1),
-    **{f"white {white}": (levels(white), 1.0, 1) for white in (235, 220, 200)},
-    "jpeg 60": (jpeg(60), 1.0, 1),
-    "half size": (scaled(0.5), 0.5, 1),
-    "twice the size": (scaled(2.0), 2.0, 1),
-    "gamma 1.4": (gamma(1.4), 1.0, 1),
-    "half the rate": (lambda image: image, 1.0, 2),
-    "grey": (lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), 1.0, 1),
-    "mirrored": (lambda image: np.ascontiguousarray(image[:, ::-1]), 1.0, 1),
-}
-
-
 def window_at(index: int, width: int, height: int, seed: int) -> np.ndarray:
     """Returns the transform (2, 3) from the picture to a window of four fifths of it, in the frame of this number.
 
@@ -94,9 +58,8 @@ def window_at(index: int, width: int, height: int, seed: int) -> np.ndarray:
     return np.column_stack([turn, np.array([0.4 * width, 0.4 * height]) - turn @ middle])
 
 
-def frames_of(clip: Path, video: dict, role: str, variant: str) -> Iterator[Tuple[float, np.ndarray, List[dict]]]:
+def frames_of(clip: Path, video: dict, role: str) -> Iterator[Tuple[float, np.ndarray, List[dict]]]:
     """Yields stamp [s], picture and labels {x, y, event, near} of each frame; near: a label of frames before or after."""
-    change, size, step = VARIANTS[variant]
     by_frame: Dict[int, List[dict]] = {}
     for label in video["labels"]:
         by_frame.setdefault(label["frame"], []).append(label)
@@ -107,8 +70,6 @@ def frames_of(clip: Path, video: dict, role: str, variant: str) -> Iterator[Tupl
         index += 1
         if not got:
             return
-        if index % step:
-            continue
         moved = np.eye(2, 3)
         height, width = image.shape[:2]
         if role == "window":
@@ -122,10 +83,7 @@ def frames_of(clip: Path, video: dict, role: str, variant: str) -> Iterator[Tupl
         for near in range(-FRINGE, FRINGE + 1):
             for label in by_frame.get(index + near, []):
                 x, y = moved @ (label["x"], label["y"], 1.0)
-                if variant == "mirrored":
-                    x = width - 1 - x
-                x, y = (x + 0.5) * size - 0.5, (y + 0.5) * size - 0.5
                 # what the window's edge cuts off is neither asked for nor wrong
-                inside = 4.0 < x / size < width - 5.0 and 4.0 < y / size < height - 5.0 or role != "window"
+                inside = 4.0 < x < width - 5.0 and 4.0 < y < height - 5.0 or role != "window"
                 labels.append({"x": x, "y": y, "event": label["event"], "near": near != 0 or not inside})
-        yield index / rate, np.ascontiguousarray(change(image)), labels
+        yield index / rate, image, labels

@@ -1,16 +1,15 @@
 #!/usr/bin/env python3
 """How right the spot detector is on labelled clips, in each role that a camera can have.
 
-    python3 bench/detection/clips.py DIR [--roles stationary mobile window] [--as plain jpeg60 ...] [--clips WORD ...]
-                                     [--left-out EXAMPLES] [--confirmed] [--other REVISION|SRC] [--csv FILE] [--crops DIR]
+    python3 bench/detection/clips.py DIR [--roles stationary mobile window] [--clips WORD ...] [--left-out EXAMPLES]
+                                     [--other REVISION|SRC] [--csv FILE]
 
 DIR holds labels.json and clips/. Roles: a camera that stands still; the same pictures as a robot's camera sees them
 while it stands; and as a robot sees them that looks around, through a window that pans, tilts and rolls over the
-pictures by a few pixels per image. `--as` changes the pictures (VARIANTS). Detectors know neither focal length nor pose.
+pictures by a few pixels per image. Detectors know neither focal length nor pose.
 
 All versions see the same pictures in turn, and confirm nothing: the detector as it comes; with `--left-out` (examples
-that training.py kept) one whose classifier was fitted without all clips of its camera and of its room; with `--confirmed`
-the same with confirmation (then only its false spots say something: most pulses are shorter than it takes).
+that training.py kept) one whose classifier was fitted without all clips of its camera and of its room.
 
 A spot is right within 10 px (of 640 x 480) of a label of its frame. False spots are counted strictly, and *off fringe*:
 without those that close to a label up to 2 frames earlier or later, where a pulse's first or last light is seen. Frames
@@ -29,11 +28,11 @@ from typing import Any, Dict, List, Sequence, Tuple
 import cv2
 import numpy as np
 
-from bench.detection.clip_frames import REACH_PX, ROLES, UNLABELED, VARIANTS, frames_of, is_clip, left_out_with
+from bench.detection.clip_frames import REACH_PX, ROLES, UNLABELED, frames_of, is_clip, left_out_with
 from bench.detection.finder import Finder
+from bench.detection.fitting import calibrate, fit_without, load_examples, validate
 from bench.frame import Table, arguments
 from vb_evaluation.statistics import proportion
-from bench.detection.fitting import calibrate, fit_without, load_examples, validate
 
 COUNTED = ("frames", "labels", "found", "shots", "shots_found", "false", "false_off_fringe", "false_on_unlabelled")
 
@@ -51,10 +50,10 @@ class Count:
     def look(self, stamp: float, image: np.ndarray, labels: List[dict], index: int) -> None:
         """Searches a frame and counts."""
         began = time.thread_time()
-        found = self._finder.find(image, stamp, encoding="mono8" if image.ndim == 2 else "bgr8")
+        found = self._finder.find(image, stamp)
         self.took += time.thread_time() - began
         here, matched = [label for label in labels if not label["near"]], {}
-        for _, spot, _ in (one for one in found if one.stamp == stamp):
+        for spot in (one for one in found if one.stamp == stamp):
             apart = [(math.hypot(spot.u - label["x"], spot.v - label["y"]), label) for label in labels]
             best = min((one for one in apart if not one[1]["near"]), default=(math.inf, None), key=lambda one: one[0])
             if best[0] < self._reach:
@@ -70,18 +69,6 @@ class Count:
         for key, value in (("found", len(matched)), ("labels", len(here)), ("frames", 1)):
             self.sums[key] += value
         self.sums.update(shots=len(self._shots), shots_found=len(self._hit))
-
-
-def write_crops(clip: Path, places: List[Tuple[int, float, float]], folder: Path, around: int = 3) -> None:
-    """Writes one picture per clip: a row per place (frame, u, v), with the frames before and after it, for looking at."""
-    capture, images, rows = cv2.VideoCapture(str(clip)), [], []
-    while capture.grab():
-        images.append(capture.retrieve()[1])
-    for frame, u, v in places:
-        near = [images[min(max(frame + step, 0), len(images) - 1)] for step in range(-around, around + 1)]
-        rows.append(np.hstack([cv2.resize(cv2.getRectSubPix(one, (51, 51), (u, v)), (204, 204)) for one in near]))
-    folder.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(folder / f"{clip.stem}.png"), np.vstack(rows))
 
 
 def figures(counts: Sequence[Count]) -> Dict[str, Any]:
@@ -104,11 +91,8 @@ def main() -> int:
     parser = arguments(__doc__, other=True)
     parser.add_argument("folder", type=Path, metavar="DIR")
     parser.add_argument("--roles", nargs="+", default=list(ROLES), choices=ROLES)
-    parser.add_argument("--as", nargs="+", default=["plain"], dest="variants", choices=[*VARIANTS, "all"])
     parser.add_argument("--clips", nargs="+", default=[""], metavar="WORD", help="only clips with a WORD in their name")
     parser.add_argument("--left-out", type=Path, metavar="EXAMPLES")
-    parser.add_argument("--confirmed", action="store_true", help="also with confirmation")
-    parser.add_argument("--crops", type=Path, metavar="DIR", help="pictures of all false spots of a camera that stands")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     videos = json.loads((given.folder / "labels.json").read_text())["videos"]
@@ -120,32 +104,26 @@ def main() -> int:
         scores = [np.concatenate([one[i] for one in real]) for i in (1, 2)]
         judges = {name: calibrate(judges[name], *scores) for name in videos if name in judges}
     table = Table(given.csv)
-    for variant in VARIANTS if "all" in given.variants else given.variants:
-        for role in given.roles:
-            preset, counts = "stationary" if role == "stationary" else "mobile", {}
-            for name, video in sorted(videos.items()):
-                if not any(word in name for word in given.clips):
-                    continue
-                finders = {"as it comes": Finder(preset, confirm_frames=1)}
-                if judges:
-                    finders["left out"] = Finder(preset, None, judges[name], confirm_frames=1)
-                if given.confirmed:
-                    finders["confirmed"] = Finder(preset, None, judges.get(name))
-                if given.other:
-                    finders["other"] = Finder(preset, given.other, confirm_frames=1)
-                reach = REACH_PX * VARIANTS[variant][1] * max(1.0, video["width"] / 640.0)
-                here = {version: Count(one, reach, UNLABELED.get(name, ())) for version, one in finders.items()}
-                for number, frame in enumerate(frames_of(given.folder / "clips" / name, video, role, variant)):
-                    for count in here.values():
-                        count.look(*frame, number * VARIANTS[variant][2])
-                for version, count in here.items():
-                    counts.setdefault(version, []).append(count)
-                    row = {"role": role, "pictures": variant, "version": version, "clip": name}
-                    table.add(**row, **figures([count]), false_at=count.places[:12])
-                if given.crops and here["as it comes"].places and role != "window" and variant == "plain":
-                    write_crops(given.folder / "clips" / name, here["as it comes"].places, given.crops)
-            for version, some in counts.items():
-                table.add(role=role, pictures=variant, version=version, clip="all", **figures(some))
+    for role in given.roles:
+        preset, counts = "stationary" if role == "stationary" else "mobile", {}
+        for name, video in sorted(videos.items()):
+            if not any(word in name for word in given.clips):
+                continue
+            finders = {"as it comes": Finder(preset, confirm_frames=1)}
+            if judges:
+                finders["left out"] = Finder(preset, None, judges[name], confirm_frames=1)
+            if given.other:
+                finders["other"] = Finder(preset, given.other, confirm_frames=1)
+            reach = REACH_PX * max(1.0, video["width"] / 640.0)
+            here = {version: Count(one, reach, UNLABELED.get(name, ())) for version, one in finders.items()}
+            for number, frame in enumerate(frames_of(given.folder / "clips" / name, video, role)):
+                for count in here.values():
+                    count.look(*frame, number)
+            for version, count in here.items():
+                counts.setdefault(version, []).append(count)
+                table.add(role=role, version=version, clip=name, **figures([count]), false_at=count.places[:12])
+        for version, some in counts.items():
+            table.add(role=role, version=version, clip="all", **figures(some))
     return 0
 
 

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, List, NamedTuple, Optional
+from typing import Any, List, Optional
 
 import numpy as np
 
 from bench.frame import import_from
-from vb_core.image_format import PixelReader
+from vb_core.errors import CodedError
 
 
-class Found(NamedTuple):
-    """A spot, the time [s] of its image, which may be an earlier one that was confirmed only now, and its floor point."""
+class _TheirGeometry:
+    """An image's geometry for another version, whose own errors it raises."""
 
-    stamp: float
-    spot: Any
-    place: Any
+    def __init__(self, geometry: Any, error: type) -> None:
+        self._geometry, self._error, self.to_floor = geometry, error, geometry.to_floor
+
+    def point(self, u: float, v: float) -> Any:
+        """See `ImageGeometry.point`."""
+        try:
+            return self._geometry.point(u, v)
+        except CodedError as error:
+            raise self._error(error.code) from None
 
 
 class Finder:
@@ -30,34 +36,16 @@ class Finder:
     """
 
     def __init__(self, role: str, source: Optional[Path] = None, judge: Any = None, **changes: Any) -> None:
-        (module,) = import_from(source, "vb_laser_detect.detector")
-        params = getattr(module.DetectorParams, role)(**changes)
-        self._detector = module.SpotDetector(params, *([judge] if judge is not None else []))
-        self._reader = PixelReader()
+        modules = import_from(source, "vb_laser_detect.detector", "vb_core.image_format", "vb_core.errors")
+        module, images, self._errors = modules
+        self._detector = module.SpotDetector(getattr(module.DetectorParams, role)(**changes), judge)
+        self._reader, self._other = images.PixelReader(), source is not None
 
-    def find(self, image: np.ndarray, stamp: float, geometry: Any = None, encoding: str = "bgr8") -> List[Found]:
-        """Searches an image as a driver sends it."""
-        picture = self._reader.read(image, encoding)
-        if hasattr(self._detector, "set_camera_pose"):
-            return self._find_as_before(picture, stamp, geometry)
-        return [Found(spot.stamp, spot, spot.place) for spot in self._detector.detect(picture, stamp, geometry)]
-
-    def _find_as_before(self, picture: Any, stamp: float, geometry: Any) -> List[Found]:
-        """Searches with a version that was told of the camera before each image, and gave its results in two places."""
-        detector = self._detector
-
-        def reject(u: float, v: float) -> str:
-            try:
-                geometry.point(u, v)
-            except Exception as error:
-                return error.code
-            return ""
-
-        detector.set_camera_pose(*((None,) if geometry is None else (geometry.to_floor, reject)))
-        detector.tag, detector.encoding = geometry, f"{picture.content}8"
-        spots = detector.detect(picture.pixels, stamp)
-        told = [(one.stamp, one.spot, one.tag) for one in detector.backfilled] + [(stamp, s, geometry) for s in spots]
-        return [Found(at, spot, where.point(spot.u, spot.v) if where else None) for at, spot, where in told]
+    def find(self, image: np.ndarray, stamp: float, geometry: Any = None, encoding: str = "bgr8") -> List[Any]:
+        """Searches an image as a driver sends it; returns spots, also of earlier images that were confirmed only now."""
+        if self._other and geometry is not None:
+            geometry = _TheirGeometry(geometry, self._errors.CodedError)
+        return self._detector.detect(self._reader.read(image, encoding), stamp, geometry)
 
     def why_not(self, u: float, v: float, reach: float = 25.0) -> str:
         """Returns why nothing near a pixel was taken for a spot in the last image."""

@@ -2,8 +2,7 @@
 """How right and how fast the spot detector is on rendered images; labelled clips: clips.py.
 
     python3 bench/detection/frames.py --scenes [WORD ...]      every hard case (scene_list.py), or those with a WORD in the name
-    python3 bench/detection/frames.py --quiet MINUTES          false spots without a laser, people walking under three cameras
-    python3 bench/detection/frames.py --times [WORD ...]       time of a search beside the design of the paper's authors
+    python3 bench/detection/frames.py --times [WORD ...]       time of a search
     ... --other REVISION|SRC                                   also another version, on the same images in turns
     ... --left-out EXAMPLES                                    also classifiers that were fitted without the scene
 
@@ -21,35 +20,14 @@ import numpy as np
 
 from bench.detection.clip_frames import left_out_with
 from bench.detection.finder import Finder
-from bench.detection.hard_scenes import RATE, Camera, Outcome, Scene, play
-from bench.detection.motions import DARK, MAROON, WHITE, Walk, still, walking
+from bench.detection.fitting import fit_without, load_examples
+from bench.detection.hard_scenes import RATE, Camera, play
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes
 from bench.frame import TOP, Table, arguments, in_turns
-from bench.detection.fitting import fit_without, load_examples
-from vb_sim.lab_history import Snapshot
 
 CASES = ("ceiling bgr8 1080p", "ceiling bayer_rggb8 1080p", "ceiling bgr8 4K", "robot, standing", "robot, turning")
 IMAGES = 10
-
-
-class AuthorsDesign:
-    """The detector that the paper's authors released, written from its description alone.
-
-    An adaptive threshold and a mixture-of-Gaussians foreground mask, both over the whole image, are combined;
-    contours with an area in a fixed window [px] are spots.
-    """
-
-    def __init__(self) -> None:
-        self._foreground = cv2.createBackgroundSubtractorMOG2(detectShadows=False)
-
-    def find(self, image: np.ndarray, stamp: float, geometry: Any = None, encoding: str = "") -> List[Any]:
-        """Returns (u, v) [px] of the spots."""
-        gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        bright = cv2.adaptiveThreshold(gray, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY, 11, -20)
-        both = cv2.bitwise_and(bright, self._foreground.apply(image))
-        moments = map(cv2.moments, cv2.findContours(both, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0])
-        return [(m["m10"] / m["m00"], m["m01"] / m["m00"]) for m in moments if 80.0 <= m["m00"] <= 230.0]
 
 
 def images_of(case: str) -> List[np.ndarray]:
@@ -75,8 +53,6 @@ def time_searches(given: Any, table: Table) -> None:
         finders = {"this": Finder(role)}
         if given.other:
             finders["other"] = Finder(role, given.other)
-        if encoding == "bgr8" and role == "stationary":
-            finders["authors"] = AuthorsDesign()
 
         def search(name: str) -> None:
             for image in (images[:2] if name not in stamps else []) + images[2:] + images[:1:-1]:
@@ -107,32 +83,12 @@ def play_scenes(given: Any, table: Table) -> None:
             table.add(scene=scene.title, version=version, seed=given.seed, share=given.share, **outcome.summary())
 
 
-def stay_quiet(minutes: float, seed: int, table: Table) -> None:
-    """Measures the lab without a laser: three people walk, one with shiny shoes, and a robot drives."""
-    room, seconds, rooms = lab(), 60.0 * minutes, Rooms(seed)
-    people = walking(
-        Walk(room, 10 * seed, WHITE, DARK, 0.9, 0.0, seconds),
-        Walk(room, 10 * seed + 1, MAROON, WHITE, 1.1, 0.0, seconds),
-        Walk(room, 10 * seed + 2, DARK, DARK, 0.6, 300.0, seconds),
-    )
-    driver = Walk(room, 10 * seed + 3, speed=0.3, seconds=seconds)
-    scenes = {camera.name: Scene("no laser", still(0, 0), (room,), camera=camera.name) for camera in room.cameras}
-    cameras, outcomes = {name: Camera(scene, rooms) for name, scene in scenes.items()}, {}
-    for t in np.arange(int(RATE * seconds)) / RATE:
-        snapshot = Snapshot(t, {"robot": driver.at(t)[0].pose}, around=people(t))
-        for name, camera in cameras.items():
-            camera.look(t, *camera.picture(0, snapshot), outcomes.setdefault(name, Outcome()))
-    for name, outcome in outcomes.items():
-        table.add(camera=name, minutes=minutes, frames=outcome.frames, false_spots=len(outcome.false), at=outcome.false)
-
-
 def main() -> int:
     parser = arguments(__doc__, seed=1, other=True)
     parser.add_argument("--scenes", nargs="*", metavar="WORD")
     parser.add_argument("--without", nargs="+", default=[], metavar="WORD", help="no scenes with a WORD in their name")
     parser.add_argument("--share", type=float, default=1.0, help="of each scene's time")
     parser.add_argument("--left-out", type=Path, metavar="EXAMPLES", help="what training.py kept")
-    parser.add_argument("--quiet", type=float, metavar="MINUTES")
     parser.add_argument("--times", nargs="*", metavar="WORD")
     parser.add_argument("--rounds", type=int, default=6, help="of --times")
     given = parser.parse_args()
@@ -142,8 +98,6 @@ def main() -> int:
         time_searches(given, table)
     if given.scenes is not None:
         play_scenes(given, table)
-    if given.quiet:
-        stay_quiet(given.quiet, given.seed, table)
     return 0
 
 

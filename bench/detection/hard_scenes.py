@@ -132,11 +132,11 @@ class Camera:
         snapshot, hit = frame.snapshot, False
         self._lasers[t] = snapshot.laser
         outcome.frames += 1
-        for stamp, spot, place in self.finder.find(image, t, frame, self.encoding):
-            right = self._count(spot, stamp, place, self._lasers[stamp], outcome)
-            hit |= right and stamp == t
-            if right and stamp in self._missed:
-                outcome.missed[self._missed.pop(stamp)] -= 1
+        for spot in self.finder.find(image, t, frame, self.encoding):
+            right = self._count(spot, self._lasers[spot.stamp], outcome)
+            hit |= right and spot.stamp == t
+            if right and spot.stamp in self._missed:
+                outcome.missed[self._missed.pop(spot.stamp)] -= 1
                 outcome.found += 1
         if snapshot.laser is None or view.spot_share(snapshot) < SEEN:
             return
@@ -148,11 +148,11 @@ class Camera:
             outcome.missed[why] = outcome.missed.get(why, 0) + 1
 
     @staticmethod
-    def _count(spot: Any, t: float, place: Any, laser: Optional[Place], outcome: Outcome) -> bool:
+    def _count(spot: Any, laser: Optional[Place], outcome: Outcome) -> bool:
         """Whether a spot is the laser's; if so its error is noted, else it is a false one."""
-        error = np.inf if laser is None else float(np.hypot(*(place.position[:2] - laser)))
+        error = np.inf if laser is None else float(np.hypot(*(spot.place.position[:2] - laser)))
         if error >= NEAR_M:
-            outcome.false.append((round(t, 2), round(spot.u, 1), round(spot.v, 1)))
+            outcome.false.append((round(spot.stamp, 2), round(spot.u, 1), round(spot.v, 1)))
             return False
         outcome.errors.append(error)
         return True

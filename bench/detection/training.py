@@ -12,8 +12,8 @@
 
 Each clip is also taken again as other cameras would have taken it (augmentation.py). Validates on what was left out: with
 a clip all of its camera and all of its room, with a scene a fifth of all. Probabilities are calibrated on what was
-left out so. --compare FILE tells how far the result is from another classifier's numbers: everything is seeded, so
-on one machine it is the same; another processor may round rendered images differently.
+left out so. Everything is seeded, so that on one machine the same file is made; another processor may round rendered
+images differently.
 
 A recording holds the images TOPIC and clicks TOPIC_mouse_left, which rqt_image_view publishes. Until 3 s before the
 first click there must be no laser: people may walk, lights be switched. Then hold the spot still on some places, and
@@ -29,20 +29,19 @@ import sys
 from pathlib import Path
 import zlib
 from functools import partial
-from typing import Any, Callable, Iterator, Optional, Tuple
+from typing import Callable, Iterator, Optional, Tuple
 
 import cv2
 import numpy as np
 
 from bench.detection import clip_frames, fitting
 from bench.detection.augmentation import PAINT_EVERY, OtherCamera, Taken, takes
+from bench.detection.fitting import Examples, LabeledFrame, collect
 from bench.detection.hard_scenes import Camera, Scene, course
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
 from bench.frame import TOP, Table, arguments
 from vb_core.image_format import PixelReader
-from vb_laser_detect.detection import classifier
-from bench.detection.fitting import Examples, LabeledFrame, collect
 from vb_laser_detect.detector import DetectorParams
 
 SCENES_SHARE, SCENES_SEED, LEARN_S = 0.2, 7, 0.5  # of each scene's time; other rooms than frames.py's
@@ -61,7 +60,7 @@ def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[
     other = OtherCamera(taken, zlib.crc32(group.encode())) if taken else None
 
     def frames() -> Iterator[LabeledFrame]:
-        every = clip_frames.frames_of(folder / "clips" / name, video, "stationary", "plain")
+        every = clip_frames.frames_of(folder / "clips" / name, video, "stationary")
         for number, (stamp, image, labels) in enumerate(every):
             far = not len(shots) or np.abs(shots - number).min() > NEAR_FRAMES
             if far and len(shots) and number > FIRST_FRAMES:
@@ -141,15 +140,6 @@ def parts_of(given: argparse.Namespace) -> Iterator[Tuple[str, Callable[[], Exam
         yield f"recording: {Path(bag).name}", lambda bag=bag, topic=topic: from_recording(bag, topic)
 
 
-def compare(made: Any, other: Any, examples: Examples) -> None:
-    """Prints how much two classifiers differ."""
-    scores = fitting.logits(made, examples), fitting.logits(other, examples)
-    print(
-        f"beside the one compared with logits differ by up to {np.abs(scores[0] - scores[1]).max():.3f}, "
-        f"{int(((scores[0] > 0) != (scores[1] > 0)).sum())} of {len(scores[0])} examples are judged otherwise"
-    )
-
-
 def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--clips", type=Path, metavar="DIR")
@@ -160,8 +150,6 @@ def main() -> int:
     parser.add_argument("--share", type=float, default=SCENES_SHARE, help="of each scene's time; default: %(default)s")
     parser.add_argument("--examples", type=Path, metavar="FOLDER", default=TOP / "out" / "spot_examples")
     parser.add_argument("--out", type=Path, help="write the classifier")
-    parser.add_argument("--compare", type=Path, metavar="FILE")
-    parser.add_argument("--no-validation", action="store_true")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     given.examples.mkdir(parents=True, exist_ok=True)
@@ -176,7 +164,7 @@ def main() -> int:
     names = [str(name) for name in np.unique(examples.groups)]
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(names)} clips and scenes")
     table = Table(given.csv)
-    judges = {} if given.no_validation else fitting.fit_without(examples, clip_frames.left_out_with(names))
+    judges = fitting.fit_without(examples, clip_frames.left_out_with(names))
     judged = fitting.validate(examples, judges)
     for group, truth, score in judged:
         found, taken = int((score[truth] > 0).sum()), int((score[~truth] > 0).sum())
@@ -186,12 +174,9 @@ def main() -> int:
     if given.out:
         kinds = [name.split(":")[0] if ":" in name else "clip" for name in names]
         trained_on = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
-        made = fitting.fit(examples)
-        if judged:
-            made = fitting.calibrate(made, *(np.concatenate([one[i] for one in judged]) for i in (1, 2)))
+        left_out = (np.concatenate([one[i] for one in judged]) for i in (1, 2))
+        made = fitting.calibrate(fitting.fit(examples), *left_out)
         fitting.save(made, given.out, trained_on + ("" if "clip" in kinds else "; without clips of real cameras"))
-        if given.compare:
-            compare(made, classifier.load(str(given.compare)), examples)
     return 0
 
 

@@ -8,7 +8,6 @@ from scenes import GREEN, RED, FlatFloor, ImageDetector, Scene, tinted
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection.classifier import Classification, SpotClassifier
 from vb_laser_detect.detector import DetectorParams
-from vb_laser_detect.detection.projection import meters_per_pixel
 
 PERIOD = 0.04
 
@@ -63,16 +62,6 @@ def test_spot_drawn_at_more_than_a_metre_per_second_is_smeared_but_found():
     found = feed(detector, [scene.render([(60 + 20.0 * i, 180)], smear=(10.0, 0.0)) for i in range(25)], 0.4)
     errors = [abs(spots[0].u - (60 + 20.0 * i)) for i, spots in enumerate(found) if spots]
     assert len(errors) >= 24 and np.median(errors) < 0.3
-
-
-def test_diameter_grows_with_the_spot():
-    scene = Scene(noise=1.0)
-    diameters = []
-    for sigma in (1.5, 3.0, 6.0):
-        detector = at_once()
-        feed(detector, [scene.render() for _ in range(5)])
-        diameters.append(detector.detect(scene.render([(200, 150)], sigma), 0.3)[0].diameter)
-    assert diameters[0] < diameters[1] < diameters[2]
 
 
 # ------------------------------------------------------------------ what is no spot
@@ -340,11 +329,6 @@ def test_a_place_can_be_rejected_and_the_reason_is_kept():
     assert "spot_outside_map" in [candidate.rejection for candidate in detector.candidates]
 
 
-def test_metres_per_pixel():
-    assert meters_per_pixel(lambda p: p * 0.004, 10, 10) == pytest.approx(0.004)
-    assert np.isnan(meters_per_pixel(lambda p: p * np.nan, 10, 10))
-
-
 def test_moving_camera():
     random = np.random.default_rng(0)
     detector = ImageDetector(DetectorParams.mobile(confirm_frames=1))
@@ -366,13 +350,6 @@ def test_moving_camera_takes_no_paper_for_light(tint):
     scene.floor[200:212, 300:312] = 250
     scene.floor[300:306, 100:106] = 250
     assert feed(detector, [scene.render() for _ in range(10)]) == [[]] * 10
-
-
-def test_moving_camera_takes_a_wide_bright_stripe_for_no_spot():
-    # what a projector draws, or the sun through a slit
-    detector, scene = ImageDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480)
-    scene.floor[200:216, 100:400] = (60, 250, 80)
-    assert feed(detector, [scene.render() for _ in range(5)]) == [[]] * 5
 
 
 def test_moving_camera_follows_the_spot_over_a_bright_line():
@@ -472,6 +449,17 @@ def test_a_pointer_that_blinks_is_seen_in_grey_images_too():
         spots = detector.detect(image, 0.4 + PERIOD * step)
         found |= {round((spot.stamp - 0.4) / PERIOD) for spot in spots + detector.earlier}
     assert found <= set(lit) and len(found) >= 0.9 * len(lit)
+
+
+def test_a_weak_pointer_beside_a_lamp_in_grey_images():
+    # what counts is how bright the room is, not the lamp in it
+    scene, detector, found = Scene(brightness=60.0), ImageDetector(DetectorParams.stationary()), 0
+    scene.floor[60:80, 560:590] = 255.0
+    feed(detector, [scene.render()[:, :, 1].copy()] * 8)
+    for step in range(60):
+        shown = scene.render([drawn(step)], power=0.3 * 255.0, color=(1.0, 1.0, 1.0))[:, :, 1].copy()
+        found += len(detector.detect(shown, 0.4 + PERIOD * step)) + len(detector.earlier)
+    assert found >= 57
 
 
 @pytest.mark.parametrize("depth", [0.3, 0.5])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from vb_laser_detect.detection.features import ImageTraits
+from vb_laser_detect.detection.projection import GROUND_PLANE, FloorPoint
 from vb_laser_detect.detection.tracking import Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
 
@@ -24,7 +25,9 @@ class Told(NamedTuple):
 
 def sighting(x, y=0.0, confidence=0.9, tint=GREEN):
     """A spot at (x, y) [m] under a camera of 2 mm per pixel."""
-    return Spot(500 * x, 500 * y, 8.0, confidence, tint=tint, floor=(x, y))
+    return Spot(
+        500 * x, 500 * y, 8.0, confidence, tint=tint, place=FloorPoint(np.array([x, y, 0.0]), 0.002, GROUND_PLANE, 3.0)
+    )
 
 
 class Film:

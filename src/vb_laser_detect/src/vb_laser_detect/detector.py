@@ -35,10 +35,9 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import Picture
 from vb_laser_detect.detection import classifier, features
 from vb_laser_detect.detection.blocks import BLOCK, Region
-from vb_laser_detect.detection.features import Blob, ImageTraits
+from vb_laser_detect.detection.features import ImageTraits
 from vb_laser_detect.detection.image_geometry import ImageGeometry
 from vb_laser_detect.detection.projection import meters_per_pixel
-from vb_laser_detect.detection.places import LitPlaces
 from vb_laser_detect.detection.proposals import Proposal, Proposer, SearchedImage
 from vb_laser_detect.detection.tracking import Expected, Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
@@ -47,7 +46,6 @@ __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
-_MIN_PX = 2.5  # smaller blobs are noise
 _LATEST = 1.0  # [s] an image that is older than this beside the last one is no late one: the clock was set
 # probability from which a spot that stays is kept out of the background; with less, it may be a ghost
 _MIN_CERTAIN_PROBABILITY = 0.9
@@ -59,7 +57,6 @@ class SpotDetector:
     Attributes:
         candidates: the last frame's spots, and its proposals that were rejected, for debug images.
         late: how many images came after a later one, and were left out.
-        lamps: how many lights were published as the spot until they had rested for too long.
     """
 
     def __init__(
@@ -67,7 +64,7 @@ class SpotDetector:
     ) -> None:
         self.params = params or DetectorParams.stationary()
         self._classifier_override = spot_classifier
-        self.late = self.lamps = 0
+        self.late = 0
         self.reset()
         self.set_params(self.params)
 
@@ -89,7 +86,12 @@ class SpotDetector:
         self._stamp: Optional[float] = None
         self._geometry: Optional[ImageGeometry] = None
         self._shape: Optional[Tuple[int, ...]] = None
-        self._proposer, self._tracker, self._lit = Proposer(self.params), SpotTracker(self.params), LitPlaces()
+        self._proposer, self._tracker = Proposer(self.params), SpotTracker(self.params)
+
+    @property
+    def lamps(self) -> int:
+        """How many lights were published as the spot until they had rested for too long."""
+        return self._tracker.lamps
 
     def detect(
         self, image: Union[np.ndarray, Picture], stamp: float, geometry: Optional[ImageGeometry] = None
@@ -126,7 +128,6 @@ class SpotDetector:
         self._stamp, self._shape, self._geometry = stamp, pixels.shape, geometry
         camera = ImageTraits(math.hypot(*pixels.shape[:2]), picture.mosaic)
         motion = self._proposer.estimate_motion(pixels)
-        self._lit.begin(stamp, motion)
         expected = self._tracker.begin(stamp, camera, motion)
         searched = self._proposer.propose(pixels, expected)
         seen = self._examine_all(searched, camera._replace(bright=searched.bright))
@@ -170,9 +171,11 @@ class SpotDetector:
     ) -> Spot:
         """Measures and classifies the brightest blob of a region; see `features.measure`."""
         middle = (region[0] + region[2]) / 2.0, (region[1] + region[3]) / 2.0
-        largest = self._largest(self._pixel_size(*middle), camera)
+        largest = self._largest(*middle, camera)
+        if math.isnan(largest):
+            return Spot(*middle, float(region[2] - region[0]), rejection="off_floor")
         blob = features.measure(searched.image, searched.reference, region, largest, camera, widest)
-        rejection, probability, place = blob.problem or self._wrong_size(blob, camera), 0.0, None
+        rejection, probability, place = blob.problem, 0.0, None
         if not rejection:
             measured = {**blob.features, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
             is_expected = expected is not None and expected.holds(blob.u, blob.v)
@@ -194,20 +197,13 @@ class SpotDetector:
         Notes the others, and why they are not published, in `candidates`.
         """
         found = sorted((spot for spot in seen if not spot.rejection), key=lambda spot: -spot.confidence)
-        lit_s = self._lit.light([(spot.u, spot.v) for spot in found], self._stamp)
-        lamps = [spot for spot, seconds in zip(found, lit_s) if seconds > self.params.max_dwell_time]
-        if lamps:
-            self.lamps += self._tracker.drop_lamps(lamps)
-            seen = [replace(spot, rejection="lamp") if spot in lamps else spot for spot in seen]
-            lit_s = [seconds for seconds in lit_s if seconds <= self.params.max_dwell_time]
-            found = [spot for spot in found if spot not in lamps]
-        if found and self._geometry is not None:
-            floor = self._geometry.to_floor(np.array([(spot.u, spot.v) for spot in found]))
-            found = [replace(spot, floor=(x, y)) for spot, (x, y) in zip(found, floor[:, :2])]
         self.candidates = [spot for spot in seen if spot.rejection]
         confirmed: List[Spot] = []
         kept: List[Spot] = []
-        for spot, track in zip(found, self._tracker.update(found, lit_s)):
+        for spot, track in zip(found, self._tracker.update(found)):
+            if track is None:
+                self.candidates.append(replace(spot, rejection="lamp"))
+                continue
             if track.published:
                 rejection = ""
             else:
@@ -217,28 +213,15 @@ class SpotDetector:
             if track.published:
                 confirmed += track.unpublished + [spot]
                 track.unpublished = []
-            certain = spot.confidence >= max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability)
-            if certain:
+            if spot.confidence >= max(_MIN_CERTAIN_PROBABILITY, self.params.min_probability):
                 kept.append(spot)
         return confirmed, kept
 
-    def _pixel_size(self, u: float, v: float) -> float:
-        """Returns a pixel's length on the floor [m]; NaN where that is not known."""
-        return meters_per_pixel(self._geometry.to_floor, u, v) if self._geometry is not None else math.nan
-
-    def _largest(self, pixel_size: float, camera: ImageTraits) -> float:
-        """Returns a spot's largest diameter [px] where a pixel is this long on the floor [m]."""
-        if math.isnan(pixel_size):
+    def _largest(self, u: float, v: float, camera: ImageTraits) -> float:
+        """Returns a spot's largest diameter [px] at a place; NaN where the floor is not seen."""
+        if self._geometry is None:
             return _MAX_DIAGONAL_SHARE * camera.diagonal
-        return 0.001 * self.params.max_diameter_mm / pixel_size + _BLUR_PX
-
-    def _wrong_size(self, blob: Blob, camera: ImageTraits) -> str:
-        pixel_size = self._pixel_size(blob.u, blob.v)
-        if self._geometry is not None and math.isnan(pixel_size):
-            return "off_floor"
-        if blob.diameter < _MIN_PX:
-            return "too_small"
-        return "too_large" if blob.diameter > self._largest(pixel_size, camera) else ""
+        return 0.001 * self.params.max_diameter_mm / meters_per_pixel(self._geometry.to_floor, u, v) + _BLUR_PX
 
 
 def _same_blob(spot: Spot, other: Spot) -> bool:

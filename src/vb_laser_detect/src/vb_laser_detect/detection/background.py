@@ -183,10 +183,8 @@ class Background:
     def _measure(self) -> None:
         """Notes how bright the room's brightest surfaces are; single lamps are less than a hundredth of the image."""
         # the places in a Bayer image's pattern see different colours
-        corners = [(0, 0), (0, 1), (1, 0), (1, 1)] if self.image.ndim == 2 else [(0, 0)]
-        samples = [sample_blocks(self.image[top:, left:], 2 * BLOCK) for top, left in corners]
-        high, wide = samples[-1].shape[:2]
-        self.bright = float(np.percentile(np.max([max_channel(one)[:high, :wide] for one in samples], axis=0), _BRIGHT))
+        cells = self.image if self.image.ndim == 3 else cv2.dilate(self.image, np.ones((2, 2), np.uint8), anchor=(0, 0))
+        self.bright = float(np.percentile(max_channel(sample_blocks(cells, 2 * BLOCK)), _BRIGHT))
 
     def _begin_keyframe(self, image: np.ndarray, spots: np.ndarray) -> None:
         """Makes the image the background, except under spots."""

@@ -18,7 +18,6 @@ from vb_laser_detect.detection.blocks import Region, max_channel
 
 _EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
 _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
-_USUAL_DIAMETER = 24.0  # [px] of the largest spot whose outline is measured in single pixels
 _SHADOW = 0.5  # part of the light that a shadow leaves at least
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
@@ -85,7 +84,10 @@ def measure(
     left, top, right, bottom = seed
     margin, missing = 20, 1
     while missing > 0:
-        x0, y0, now, before = _window(image, background, seed, margin)
+        # even bounds keep each pixel's place in a Bayer image's pattern
+        x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
+        window = slice(y0, bottom + margin), slice(x0, right + margin)
+        now, before = image[window], background[window]
         if widest < math.inf:
             before = cv2.max(before, relight(before, now, widest))
         # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
@@ -114,19 +116,10 @@ def measure(
     u, v = moments["m10"] / moments["m00"] + x0 + sx, moments["m01"] / moments["m00"] + y0 + sy
     area, elongation = _shape_of(mask)
     diameter = 2.0 * math.sqrt(area / math.pi)
+    if diameter > largest:
+        return Blob(u, v, diameter, "too_large")
     tint, features = _light_of(mask, diameter, smooth[part], now[part], before[part], camera)
     return Blob(u, v, diameter, tint=tint, features={"elongation": elongation, **features})
-
-
-def _window(
-    image: np.ndarray, background: np.ndarray, seed: Region, margin: int
-) -> Tuple[int, int, np.ndarray, np.ndarray]:
-    """Cuts a region and its margin [px] out of both images: the first column, the first row, and the parts."""
-    left, top, right, bottom = seed
-    # even bounds keep each pixel's place in a Bayer image's pattern
-    x, y = max(0, left - margin) & ~1, max(0, top - margin) & ~1
-    part = slice(y, bottom + margin), slice(x, right + margin)
-    return x, y, image[part], background[part]
 
 
 def _light_of(
@@ -150,7 +143,7 @@ def _light_of(
     return tint, {
         "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.bright),
         "level": math.log(max(level, 1.0) / camera.bright),
-        "edge": _edge(mask, diameter, now, before),
+        "edge": _edge(mask, now, before),
         "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / max(1, cv2.countNonZero(ring)),
         # a light darkens no channel, paint does
         "fall": max(0.0, float((floor - levels).max())) / camera.bright,
@@ -260,18 +253,11 @@ def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
     return cv2.inRange(away, gap + 0.5, gap + thick + 0.5)
 
 
-def _edge(mask: np.ndarray, diameter: float, now: np.ndarray, before: np.ndarray) -> float:
+def _edge(mask: np.ndarray, now: np.ndarray, before: np.ndarray) -> float:
     """Returns the slope of a blob's outline in the image, as a share of that in image and reference together.
 
-    A ghost's outline is in the reference alone. A large spot's slope is gentle beside the noise of single pixels: it is
-    measured where as many of them are averaged as make the spot as large as a usual one.
+    A ghost's outline is in the reference alone.
     """
-    step = 1.0 / math.ceil(diameter / _USUAL_DIAMETER)
-    if step < 1.0:
-        mask, now, before = (
-            cv2.resize(one, None, fx=step, fy=step, interpolation=cv2.INTER_AREA) for one in (255 * mask, now, before)
-        )
-        mask = cv2.compare(mask, 127, cv2.CMP_GT)
     rim = cv2.subtract(cv2.dilate(mask, _SQUARE), cv2.erode(mask, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
     return slope / max(1e-3, slope + slope_before)

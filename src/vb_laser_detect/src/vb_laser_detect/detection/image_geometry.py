@@ -1,7 +1,12 @@
-"""One image's geometry: where its pixels are on the floor, computed only where a candidate needs it."""
+"""One image's geometry: where its pixels are on the floor, computed only where a candidate needs it.
+
+A ray that meets a robot before it meets the floor shows the robot, and nothing on it is a spot on the floor, whatever it
+looks like. Where robots are is known, so no rule about their lights, buttons and reflections is needed.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Callable, Dict, Optional, Sequence, Tuple
 
@@ -10,11 +15,38 @@ import numpy as np
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.detection import projection
-from vb_laser_detect.detection.robot_cylinders import RobotCylinder
 from vb_laser_detect.detection.projection import FloorPoint, FloorProjection
 
 # a depth image (h, w), and its camera if that is known; (None, None) where there is none near the image's time
 DepthAt = Callable[[], Tuple[Optional[np.ndarray], Optional[CameraModel]]]
+
+
+@dataclass(frozen=True)
+class RobotCylinder:
+    """An upright cylinder on the floor.
+
+    Attributes:
+        x, y: [m] its axis, map frame.
+        radius, height: [m]
+    """
+
+    x: float
+    y: float
+    radius: float
+    height: float
+
+    def occludes(self, origin: np.ndarray, floor: np.ndarray) -> bool:
+        """Returns whether a ray passes through it.
+
+        Args:
+            origin: (3,) [m] of the camera, above the floor.
+            floor: (3,) [m] where the ray meets the floor.
+        """
+        # seen from above, the part of the ray that is not higher than the cylinder: how near it comes to the axis
+        share = min(1.0, self.height / (origin[2] - floor[2]))
+        along, axis = share * (origin - floor)[:2], np.array([self.x, self.y]) - floor[:2]
+        nearest = min(1.0, max(0.0, float(axis @ along) / max(float(along @ along), 1e-12)))
+        return float(np.hypot(*(axis - nearest * along))) <= self.radius
 
 
 class ImageGeometry:

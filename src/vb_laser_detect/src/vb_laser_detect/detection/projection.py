@@ -25,7 +25,9 @@ ToFloor = Callable[[np.ndarray], np.ndarray]  # pixels (N, 2) to the floor (N, 2
 GROUND_PLANE = "ground_plane"
 DEPTH = "depth"
 GROUND_PLANE_FALLBACK = "ground_plane_fallback"
-_HEIGHT_PER_RANGE = 0.03  # [m/m] a depth point may be farther off the floor at a distance, as the depth's noise grows
+_MAX_INCIDENCE = 85.0  # [deg] between ray and the floor's normal; there an error of one pixel is centimetres
+# [m] a depth point is farther from the floor on an object; [m/m] at a distance, as the depth's noise grows
+_MAX_HEIGHT, _HEIGHT_PER_RANGE = 0.08, 0.03
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
 _DEPTH_SHARE = 0.3  # of the neighbourhood needs readings; else the plane is used, and marked
 _MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings are none, for every camera of this kind
@@ -37,10 +39,6 @@ class ProjectionParams(Parameters):
 
     floor_height: float = param(0.0, "m", low=-10.0, high=10.0, doc="z of the floor in the map frame")
     max_range: float = param(12.0, "m", above=0.0, high=100.0, doc="largest distance from the camera to the spot")
-    max_incidence_deg: float = param(
-        85.0, "deg", low=0.0, high=89.9, doc="largest angle between the ray and the floor's normal"
-    )
-    max_height: float = param(0.08, "m", above=0.0, high=2.0, doc="largest distance of a depth point from the floor")
 
 
 @dataclass(frozen=True)
@@ -131,7 +129,7 @@ class FloorProjection:
         ray = point - origin
         distance = float(np.linalg.norm(ray))
         incidence = math.degrees(math.acos(min(1.0, abs(ray[2]) / distance)))
-        if incidence > p.max_incidence_deg:
+        if incidence > _MAX_INCIDENCE:
             raise CodedError("grazing_view", f"the floor is seen at {incidence:.0f} degrees from its normal")
         if distance > p.max_range:
             raise CodedError("too_far", f"the point is {distance:.1f} m away")
@@ -170,7 +168,7 @@ class FloorProjection:
         point = geometry.apply(T_map_camera, ray * reading)
         off = float(point[2] - p.floor_height)
         distance = float(np.linalg.norm(ray) * reading)
-        if abs(off) > p.max_height + _HEIGHT_PER_RANGE * distance:
+        if abs(off) > _MAX_HEIGHT + _HEIGHT_PER_RANGE * distance:
             raise CodedError("not_on_floor", f"the spot lies {off:+.2f} m off the floor")
         self._check_map(point)
         scale = plane.meters_per_pixel * distance / plane.range

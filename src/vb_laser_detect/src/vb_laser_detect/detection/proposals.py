@@ -20,12 +20,10 @@ from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.image_registration import ImageRegistration, is_still
 from vb_laser_detect.detection.tracking import Expected, Spot
 
-_MIN_WHITE = 128.0  # [grey levels] no camera's white is darker
 _MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
 _MIN_CHANGE = 0.15  # of the same; what differs by less from the background is not examined, and becomes part of it
-# [grey levels], of white: in black and in white rooms too a spot is told by its light
-_DARKEST, _BRIGHTEST = 64.0, 0.75
-_SATURATED = 0.97
+_DARKEST, _BRIGHTEST = 64.0, 191.0  # [grey levels] in black and in white rooms too a spot is told by its light
+_WHITE = 235.0  # [grey levels] video's white: brighter regions are white alike
 _MAX_REGIONS = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
 
@@ -72,11 +70,10 @@ class Proposer:
 
     Attributes:
         params: the detector's; they may be changed between images.
-        white: [grey levels] the brightest that the camera has shown.
     """
 
     def __init__(self, params: DetectorParams) -> None:
-        self.params, self.white = params, _MIN_WHITE
+        self.params = params
         # if the camera may move its motion is found in the images
         self._registration = ImageRegistration() if params.moving_camera else None
         self._background: Optional[Background] = None
@@ -109,8 +106,6 @@ class Proposer:
             banded = self._background.subtract_bands(image) if still and _much(hot, darker) else None
             if banded is not None:
                 rise, hot, darker = self._changes(*banded)
-        else:
-            self.white = max(self.white, float(image.max()))
         if self._background is None or _much(hot, darker):
             self._start(image, expected)
             rise, fall = self._background.subtract_background(image, None)
@@ -130,7 +125,7 @@ class Proposer:
     def _rank(
         self, image: np.ndarray, found: Sequence[Tuple[Region, float]], expected: Sequence[Expected]
     ) -> List[Proposal]:
-        """Proposals of regions with their rise; notes the brightest value.
+        """Proposals of regions with their rise.
 
         Those where a spot is expected come first. A spot shows the camera's white wherever it falls; by how much it
         rises depends on the floor, and on a bright one a person beside it rises more. So white regions come next,
@@ -142,8 +137,7 @@ class Proposer:
             part = image[top:bottom, left:right]
             # columns and channels side by side: the brightest sample is all that counts
             rated.append((region, cv2.minMaxLoc(part.reshape(part.shape[0], -1))[1], peak))
-        self.white = max([self.white] + [level for _, level, _ in rated])
-        rated.sort(key=lambda one: (-min(one[1], _SATURATED * self.white), -one[2]))
+        rated.sort(key=lambda one: (-min(one[1], _WHITE), -one[2]))
         proposals = []
         # most of what a person's clothes leave is found too large at once, and must not use up all places
         for region, level, _ in rated[: 2 * _MAX_REGIONS]:
@@ -174,7 +168,7 @@ class Proposer:
     @property
     def _bright(self) -> float:
         """What is bright in the room [grey levels]: between a dark picture's spot and white itself."""
-        return min(max(self._background.bright, _DARKEST), _BRIGHTEST * self.white)
+        return min(max(self._background.bright, _DARKEST), _BRIGHTEST)
 
     @property
     def _least_change(self) -> float:

@@ -3,6 +3,10 @@
 The only part of the detector that knows time. A track moves on at a constant velocity, on the floor where the camera's
 pose is known, else in the image; every limit is given in seconds and holds for some images at least, so that a camera
 of two images a second works as one of sixty does. A track that is published stays so until it is lost.
+
+What shines at one place for long, in whatever rhythm, is a lamp and no pointer. How long places were lit knows no tracks:
+a blinking light, one that others cross, one that is lost and found again are all the same to it. A stroke lights each of
+its places for a moment, and they are soon forgotten.
 """
 
 from __future__ import annotations
@@ -18,12 +22,13 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from vb_laser_detect.detection.blocks import Region
-from vb_laser_detect.detection.places import PLACE_PX
 from vb_laser_detect.detection.projection import FloorPoint
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import ImageTraits, chroma
 
-_SLACK, _SLACK_PX = 0.05, PLACE_PX  # [m] what noise alone may move a spot between two images
+_SLACK, _SLACK_PX = 0.05, 12.0  # [m], [px] what noise alone may move a spot between two images
+_BLINK = 1.5  # [s] light that is away from a place for no longer is taken to be there all the time
+_MEMORY = 10.0  # a place is remembered for so many times as long as it was lit
 _MAX_SPEED = 8.0  # [m/s] of a spot on the floor: a wrist's flick
 # a spot may be hidden so long, a leg's time or the dark half of a pointer's blinking, and be missing in two images of any
 # camera
@@ -52,7 +57,6 @@ class Spot:
         tint: what `features.tint_of` said; None: without colour.
         stamp: [s] when the image was taken.
         place: on the floor; None if camera or pose are not known.
-        floor: (x, y) [m] where the ray meets the floor's plane, by which spots are told apart; NaN if that is not known.
     """
 
     u: float
@@ -64,7 +68,6 @@ class Spot:
     tint: Optional[np.ndarray] = field(default=None, compare=False)
     stamp: float = 0.0
     place: Optional[FloorPoint] = field(default=None, compare=False)
-    floor: Sequence[float] = field(default=(math.nan, math.nan), compare=False)
 
 
 class Expected(NamedTuple):
@@ -140,6 +143,7 @@ class SpotTracker:
     Attributes:
         params: the detector's; they may be changed between images.
         period: [s] from one image to the next, the mean of the last ones; 0 before the second.
+        lamps: how many lights were published as the spot until they had rested for too long.
     """
 
     def __init__(self, params: DetectorParams) -> None:
@@ -147,8 +151,9 @@ class SpotTracker:
         self._tracks: List[Track] = []
         self._numbers = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
-        self.period = 0.0
+        self.period, self.lamps = 0.0, 0
         self._stamp: Optional[float] = None
+        self._lit = np.zeros((0, 4))  # places u, v [px], lit for, last lit at [s]
         self._axes = slice(0, 2)  # of a place, in which spots are told apart
 
     def begin(self, stamp: float, camera: ImageTraits, motion: Optional[np.ndarray]) -> List[Expected]:
@@ -169,8 +174,9 @@ class SpotTracker:
         self._stamp, self._camera = stamp, camera
         gap = max(_GAP_TIME, _GAP_PERIODS * self.period)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
-        for track in self._tracks if motion is not None else ():
-            track.place[:2] = cv2.perspectiveTransform(track.place[None, None, :2], motion)[0, 0]
+        self._lit = self._lit[self._lit[:, 3] + _BLINK + _MEMORY * self._lit[:, 2] >= stamp]
+        for place in [track.place for track in self._tracks] + list(self._lit) if motion is not None else ():
+            place[:2] = cv2.perspectiveTransform(place[None, None, :2], motion)[0, 0]
         expected = [self._expect(track) for track in self._tracks if track.confirmed]
         return sorted(expected, key=lambda one: not one.published)
 
@@ -180,14 +186,14 @@ class SpotTracker:
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity[:2])
         return Expected(u, v, reach, track.diameter, track.published, track.lit_s > _STEP_TIME)
 
-    def update(self, spots: Sequence[Spot], lit_s: Sequence[float] = ()) -> List[Track]:
-        """Adds the spots of the image that was begun, the most certain first; returns the track of each.
-
-        Args:
-            lit_s: [s] for how long there has been light at each one's place.
-        """
+    def update(self, spots: Sequence[Spot]) -> List[Optional[Track]]:
+        """Adds the spots of the image that was begun, the most certain first; returns the track of each, None for lamps."""
+        lit_s = [self._light(spot) for spot in spots]
+        lamps = [seconds > self.params.max_dwell_time for seconds in lit_s]
+        self._end_tracks([spot for spot, lamp in zip(spots, lamps) if lamp])
+        spots = [spot for spot, lamp in zip(spots, lamps) if not lamp]
         tracks = self._assign(spots)
-        for track, seconds in zip(tracks, lit_s):
+        for track, seconds in zip(tracks, (one for one, lamp in zip(lit_s, lamps) if not lamp)):
             track.lit_s = seconds
         oldest = self._stamp - max(_RECALL_TIME, (self.params.confirm_frames + 1) * self.period)
         for spot, track in zip(spots, tracks):
@@ -196,7 +202,27 @@ class SpotTracker:
             if not track.confirmed:
                 track.unpublished.append(replace(spot, track=track.number))
         self._choose(tracks)
-        return tracks
+        others = iter(tracks)
+        return [None if lamp else next(others) for lamp in lamps]
+
+    def _light(self, spot: Spot) -> float:
+        """Records the light at a spot's place; returns for how long [s] it has been lit by now."""
+        away = np.hypot(self._lit[:, 0] - spot.u, self._lit[:, 1] - spot.v)
+        if not (away <= _SLACK_PX).any():
+            self._lit, away = np.vstack([self._lit, (spot.u, spot.v, 0.0, self._stamp)]), np.append(away, 0.0)
+        place = self._lit[np.argmin(away)]
+        if self._stamp - place[3] <= _BLINK:
+            place[2] += self._stamp - place[3]
+        place[3] = self._stamp
+        return float(place[2])
+
+    def _end_tracks(self, lamps: Sequence[Spot]) -> None:
+        """Ends the tracks at places of lights that turned out to be lamps, also a published one."""
+        for track in list(self._tracks):
+            here = any(math.hypot(track.place[0] - lamp.u, track.place[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
+            if here and track.lit_s > _STEP_TIME:
+                self._tracks.remove(track)
+                self.lamps += track.published
 
     def _since(self, track: Track) -> float:
         """Returns how long ago [s] a track was seen: at least a period, for images of a burst are stamped as they come."""
@@ -206,7 +232,9 @@ class SpotTracker:
         """Assigns a track to each spot: the nearest pairs within reach, else a new one."""
         if not spots:
             return []
-        places = np.array([(spot.u, spot.v, *spot.floor) for spot in spots])
+        places = np.array(
+            [(one.u, one.v, *((math.nan,) * 2 if one.place is None else one.place.position[:2])) for one in spots]
+        )
         axes = slice(0, 2) if math.isnan(places[0, 2]) else slice(2, 4)
         if axes != self._axes:
             self._tracks, self._axes = [], axes
@@ -268,14 +296,3 @@ class SpotTracker:
     def _moves(self, track: Track) -> bool:
         """Returns whether a track has been elsewhere for most of its time."""
         return track.lit_s < 0.5 * (self._stamp - track.created)
-
-    def drop_lamps(self, lamps: Sequence[Spot]) -> bool:
-        """Ends the tracks at places of lights that turned out to be lamps; returns whether one of them was published."""
-        ended = [
-            track
-            for track in self._tracks
-            if any(math.hypot(track.place[0] - lamp.u, track.place[1] - lamp.v) <= _SLACK_PX for lamp in lamps)
-            and track.lit_s > _STEP_TIME
-        ]
-        self._tracks = [track for track in self._tracks if track not in ended]
-        return any(track.published for track in ended)
