@@ -108,8 +108,10 @@ def _extract_by_time(spots: Observations, params: ExtractionParams) -> BorderCha
     drawn, left_out, joined = _join_strokes(seen, find_strokes(seen, places, params.eps), params)
     placed = remove_offsets(drawn)
     line = _make_line(drawn, placed, joined, estimate_tremor(placed), params)
-    # what is between strokes was not seen; only the first one's start and the last one's end the hand left apart
-    closing = line.gap if joined and line.closed else 0.0
+    # what is between strokes was not seen; an opening is, unless the pointer was lifted from one end to the other
+    began, ended = sorted(drawn.stamps[[0, -1]])
+    lifted = not ((began < drawn.stamps) & (drawn.stamps < ended)).any()
+    closing = line.gap if joined and (line.closed or lifted) else 0.0
     unseen = max(closing, _longest_unseen(placed, places.dropout))
     return replace(line, unseen=unseen, left_out=left_out.points, left_out_spots=int(left_out.spots.sum()))
 
