@@ -4,9 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from strokes import Setting, draw
 
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
-from vb_fusion.extraction import ExtractionParams
+from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.live_extraction import LiveExtractor
 from vb_fusion.spots.collector import Collector, CollectorParams, FloorSpot
 from vb_fusion.spots.spot_log import SpotLog
@@ -217,6 +218,24 @@ def test_live_candidate_keeps_to_its_share():
     collector.add(spot(5.0, x=2.02))
     assert live.update(collector.collection(), lambda: next(ticks)) is first  # too early
     assert live.update(collector.collection(), lambda: next(ticks), force=True) is not first
+
+
+def test_live_and_final_border_are_the_same():
+    """Whatever was extracted before: of two cameras in step, of which the collector could not keep all spots."""
+    collector, live = Collector(CollectorParams(max_spots=400)), LiveExtractor(ExtractionParams(), share=1.0)
+    collector.set_state(BORDER, "a", 0.0)
+    stroke = draw("rectangle", Setting(), np.random.default_rng(4))
+    for number, row in enumerate(np.argsort(stroke.stamps)):
+        collector.add(spot(stroke.stamps[row], *stroke.points[row], camera=str(stroke.cameras[row])))
+        if number % 50 == 0:
+            live.update(collector.collection(), float, force=True)
+    drawn = live.update(collector.collection(), float, force=True).chain
+    again = LiveExtractor(ExtractionParams(), share=1.0).update(collector.collection(), float, force=True).chain
+    rows = collector.collection().border
+    final = extract_border(rows[:, 1:3], stamps=rows[:, 0], cameras=rows[:, 4].astype(int))
+    assert len(rows) < len(stroke.points) and final.closed
+    assert drawn.points == pytest.approx(final.points, abs=1e-9)
+    assert again.points == pytest.approx(final.points, abs=1e-9)
 
 
 def test_what_was_collected_is_not_changed_by_later_spots():

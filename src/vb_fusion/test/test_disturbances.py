@@ -69,31 +69,21 @@ def test_the_chain_does_not_shrink_while_the_false_place_grows():
     assert np.ptp(lengths) < 0.1
 
 
-def test_held_still_while_a_false_place_is_seen_all_the_time():
-    for seed in range(3):
-        stroke = timed("corner", seed)
-        both = held(stroke, 0.6, 500, 2, seed)
-        seen = with_fixed_place(both, beside(stroke, 0.5, 0.4), 1500, "throughout", 1, seed)
-        assert distance(seen) < max(0.12, undisturbed("corner", seed) + 0.06)
-
-
-def test_a_false_place_beside_a_polygon():
-    for seed, when in enumerate(WHEN):
-        stroke = timed("rectangle", seed)
-        seen = with_fixed_place(stroke, beside(stroke, 0.5, 0.7), 1000, when, seed % 2, seed)
-        assert distance(seen) < max(0.12, undisturbed("rectangle", seed) + 0.06), when
-
-
-def test_two_false_places_at_once():
-    for seed in range(3):
-        stroke = timed("corner", seed)
-        seen = with_fixed_place(stroke, beside(stroke, 0.6, 0.3), 800, "interleaved", 0, seed)
-        seen = with_fixed_place(seen, beside(stroke, 0.4, 0.8), 800, "at the same stamps", 1, seed + 20)
-        assert distance(seen) < max(0.12, undisturbed("corner", seed) + 0.06)
-
-
-def test_a_false_place_on_the_line_leaves_no_hole():
-    for seed in range(3):
-        stroke = timed("corner", seed)
-        seen = with_fixed_place(stroke, beside(stroke, 0.0, 0.5), 1000, "throughout", 1, seed)
-        assert distance(seen) < max(0.12, undisturbed("corner", seed) + 0.06)
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "shape, places",
+    [
+        ("corner", [(0.5, 0.4, 1500, "throughout", 1)]),
+        *(("rectangle", [(0.5, 0.7, 1000, when, 0)]) for when in WHEN),
+        ("corner", [(0.6, 0.3, 800, "interleaved", 0), (0.4, 0.8, 800, "at the same stamps", 1)]),
+        ("corner", [(0.0, 0.5, 1000, "throughout", 1)]),
+    ],
+    ids=["held still too", *WHEN, "two places", "on the line"],
+)
+def test_false_places_leave_the_line_as_it_is(shape, places, seed):
+    stroke = timed(shape, seed)
+    seen = held(stroke, 0.6, 500, 2, seed) if places[0][2] == 1500 else stroke
+    for number, (away, share, count, when, camera) in enumerate(places):
+        place = beside(stroke, away, share)
+        seen = with_fixed_place(seen, place, count, when, camera, seed + 20 * number)
+    assert distance(seen) < max(0.12, undisturbed(shape, seed) + 0.06)

@@ -61,22 +61,23 @@ def test_closed_strokes(setting, allowed, overlap, shape):
     assert np.median(index) > overlap
 
 
-@pytest.mark.parametrize("shape", ["doorway", "corner"])
-@pytest.mark.parametrize("outliers", [0.03, 0.2])
-def test_open_strokes(shape, outliers):
-    for seed in range(5):
-        stroke = draw(shape, BASE.replace(outliers=outliers), np.random.default_rng(seed))
-        chain = extract_stroke(stroke)
-        assert not chain.closed, chain.reason
-        assert hausdorff(chain.points, stroke.truth, False) < 0.2
+ROUGH = BASE.replace(bias=0.04, tremor=0.03, noise=0.02)
 
 
-def test_legs_of_a_narrow_u_are_told_apart_by_time():
-    setting = BASE.replace(bias=0.04, tremor=0.03, noise=0.02)
+@pytest.mark.parametrize(
+    "shape, setting, allowed",
+    [
+        *((shape, BASE.replace(outliers=share), 0.2) for shape in ("doorway", "corner") for share in (0.03, 0.2)),
+        ("corner", BASE.replace(gap=0.35), 0.2),  # a gap in a straight line gets no corner
+        ("narrow_U", ROUGH, 0.25),  # its legs are told apart by time
+    ],
+)
+def test_every_stroke_is_followed(shape, setting, allowed):
     for seed in range(5):
-        stroke = draw("narrow_U", setting, np.random.default_rng(seed))
+        stroke = draw(shape, setting, np.random.default_rng(seed))
         chain = extract_stroke(stroke)
-        assert hausdorff(chain.points, stroke.truth, True) < 0.25
+        assert chain.closed == stroke.closed, chain.reason
+        assert hausdorff(chain.points, stroke.truth, stroke.closed) < allowed
 
 
 def test_corners_stay_corners():
@@ -100,13 +101,6 @@ def test_a_corner_that_nobody_saw_stays_a_corner(closed, before, after):
     chain = extract_border(points + np.random.default_rng(0).normal(0, 0.005, points.shape), stamps=s / 0.4)
     assert chain.closed == closed
     assert np.linalg.norm(chain.points - [2, 0], axis=1).min() < 0.04
-
-
-def test_a_gap_in_a_straight_line_gets_no_corner():
-    for seed in range(10):
-        stroke = draw("corner", BASE.replace(gap=0.35), np.random.default_rng(seed))
-        chain = extract_stroke(stroke)
-        assert hausdorff(chain.points, stroke.truth, False) < 0.2
 
 
 def test_translation_and_rotation_move_the_chain():
@@ -140,17 +134,11 @@ def test_carpet_with_a_gap_is_closed_at_every_scale(scale):
     assert decision.gap == pytest.approx(0.4 * scale, rel=0.1)
 
 
-def test_overlapping_ends_are_cut():
-    decision = closure.classify_closure(carpet(-0.4) + np.linspace(0, 0.05, 300)[:, None])
-    assert decision.closed and decision.code == "closed_trimmed"
-    assert decision.last - decision.first < 299
-
-
 def test_crossing_ends_are_closed_and_cut():
     corners = np.array([[-0.2, 0], [2, 0], [2, 1.25], [0, 1.25], [0, -0.2]])
     chain = geometry.resample_chain(corners, 0.02)
     decision = closure.classify_closure(chain)
-    assert decision.closed
+    assert decision.closed and decision.code == "closed_trimmed"
     assert np.abs(chain[[decision.first, decision.last]]).max() < 0.05
 
 
@@ -188,14 +176,19 @@ def test_a_line_there_and_back_that_encloses_less_than_a_hand_trembles_is_open()
     assert closure.classify_closure(lens * [1.0, 20.0]).closed
 
 
-@pytest.mark.parametrize("depth", [0.7, 1.0, 3.0])
-def test_a_u_is_open(depth):
-    assert not closure.classify_closure(np.array([[0.0, depth], [0.0, 0.0], [1.0, 0.0], [1.0, depth]])).closed
+ALONG = np.linspace(0.0, 2.0, 400)[:, None]
+LINES = {
+    **{f"U {depth} m": np.array([[0.0, depth], [0.0, 0.0], [1.0, 0.0], [1.0, depth]]) for depth in (0.7, 1.0, 3.0)},
+    "long wave": np.hstack([ALONG, 0.8 * np.sin(12 * ALONG)]),
+    "tremor": np.hstack([0.35 * ALONG, np.random.default_rng(2).normal(0, 0.02, (400, 1))])[::20],
+    "there and back": np.hstack([1.0 - np.abs(ALONG - 1.0), 0.0005 * ALONG]),
+}
 
 
-def test_a_wave_whose_ends_are_far_apart_is_open_however_long_it_is():
-    x = np.linspace(0, 2, 400)
-    assert not closure.classify_closure(np.column_stack([x, 0.8 * np.sin(12 * x)])).closed
+@pytest.mark.parametrize("line", LINES.values(), ids=list(LINES))
+@pytest.mark.parametrize("scale", [0.5, 1.0, 10.0])
+def test_lines_are_open_at_every_scale(line, scale):
+    assert not closure.classify_closure(scale * line).closed
 
 
 @pytest.mark.parametrize("bend", [200, 240, 280])
@@ -220,27 +213,11 @@ def test_a_loop_in_the_middle_of_a_line_does_not_close_it():
     assert not closure.classify_closure(line).closed
 
 
-@pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
-def test_line_with_tremor_is_open(scale):
-    rng = np.random.default_rng(2)
-    chain = np.column_stack([np.linspace(0, 0.7, 20), rng.normal(0, 0.02, 20)])
-    assert not closure.classify_closure(scale * chain).closed
-
-
-def test_line_there_and_back_is_open():
-    x = np.concatenate([np.linspace(0, 1, 50), np.linspace(1, 0, 50)])
-    assert not closure.classify_closure(np.column_stack([x, 0.001 * np.arange(100) / 100])).closed
-
-
 def test_the_request_overrides_the_rule():
     line = np.column_stack([np.linspace(0, 2, 200), 0.3 * np.sin(np.linspace(0, 3, 200))])
     assert extract(line, ExtractionParams.robust(kind="polygon")).closed
     assert not extract(carpet(0.1), ExtractionParams.robust(kind="curve")).closed
-
-
-def test_a_straight_line_is_no_polygon_even_on_request():
-    line = np.column_stack([np.linspace(0, 2, 200), np.zeros(200)])
-    chain = extract(line, ExtractionParams.robust(kind="polygon"))
+    chain = extract(np.column_stack([ALONG[:, 0], np.zeros(400)]), ExtractionParams.robust(kind="polygon"))
     assert not chain.closed and chain.code == "open_two_points"
 
 
@@ -475,16 +452,19 @@ def with_strays(points, stamps, cameras, seed, share=0.03, margin=0.5):
     return tuple(values[order] for values in everything)
 
 
-def test_sides_in_any_order_are_one_polygon_also_among_strays():
-    """The price of a step decides, so a chain of strays is no way to where nobody went."""
+@pytest.mark.parametrize("images", [1, 3], ids=["stray", "glint"])
+def test_sides_in_any_order_are_one_polygon_also_among_strays(images):
+    """What nobody saw is crossed at a price; light for a moment, however near to where it begins or ends, lowers it not."""
     corners, bad = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.2], [0.0, 1.2], [0.0, 0.0]]), 0
-    for seed in range(12):
+    for seed in range(8):
         parts, at = [], 0.0
-        for number in (0, 2, 1, 3):
+        for number, later in zip((0, 2, 1, 3), (2, 1, 3, 0)):
             parts.append(
                 line_spots(corners[number : number + 2], seed=9 * seed + number, noise=0.012, cameras=2, start=at)
             )
-            at = parts[-1][1].max() + 1.5
+            # 0.2 s after a side's last spot, where the next one will begin 1.5 s later
+            at, moments = parts[-1][1].max() + 1.5, np.arange(images) / 20.0
+            parts.append((np.tile(corners[later] + 0.2, (images, 1)), at - 1.3 + moments, np.zeros(images, int)))
         points, stamps, cameras = with_strays(*(np.concatenate(part) for part in zip(*parts)), seed)
         chain = extract_border(points, stamps=stamps, cameras=cameras)
         bad += not chain.closed or hausdorff(chain.points, corners[:4], True) > 0.25
