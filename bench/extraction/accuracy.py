@@ -49,7 +49,7 @@ def methods(other: Any) -> Dict[str, Extract]:
             extra = {"stamps": stroke.stamps, "cameras": stroke.cameras} if known else {}
             if known and stroke.mobile is not None:
                 extra["mobile"] = stroke.mobile
-            return module.extract_border(stroke.points, getattr(module.ExtractionParams, mode)(), **extra)
+            return module.extract_border(stroke.points, module.ExtractionParams(mode=mode), **extra)
 
         return extract
 

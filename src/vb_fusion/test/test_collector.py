@@ -139,9 +139,9 @@ def test_the_log_returns_what_was_collected(tmp_path):
     assert again.start("a") == [("border", spot(1.5, 0.25, -1.0)), ("seed", spot(2.5, 1.0, 2.0, "green"))]
     again.append("border", spot(4.0))
     again.close()
-    assert len(SpotLog(path).read("a")) == 3
+    assert len(SpotLog(path).start("a")) == 3
     assert SpotLog(path).start("b") == []
-    assert SpotLog(path).read("a") == []
+    assert SpotLog(path).start("a") == []
 
 
 def test_the_log_is_bounded_removed_and_optional(tmp_path):
@@ -150,7 +150,7 @@ def test_the_log_is_bounded_removed_and_optional(tmp_path):
     for k in range(10):
         spot_log.append("border", spot(float(k)))
     spot_log.close()
-    assert len(spot_log.read("a")) == 3
+    assert len(SpotLog(tmp_path / "j").start("a")) == 3
     spot_log.discard()
     spot_log.discard()
     assert not (tmp_path / "j").exists()
@@ -211,7 +211,7 @@ def test_live_candidate_keeps_to_its_share():
     for k in range(100):
         collector.add(spot(0.04 * k, x=0.02 * k))
     ticks = iter(np.arange(0.0, 1000.0, 0.5))
-    live = LiveExtractor(ExtractionParams.robust(), share=0.1)
+    live = LiveExtractor(ExtractionParams(), share=0.1)
     first = live.update(collector.collection(), lambda: next(ticks))
     assert first.chain is not None and first.seed is None and first.no_seed.code == "no_spots"
     assert live.update(collector.collection(), lambda: next(ticks)) is first  # nothing new

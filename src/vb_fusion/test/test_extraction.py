@@ -215,14 +215,14 @@ def test_a_loop_in_the_middle_of_a_line_does_not_close_it():
 
 def test_the_request_overrides_the_rule():
     line = np.column_stack([np.linspace(0, 2, 200), 0.3 * np.sin(np.linspace(0, 3, 200))])
-    assert extract(line, ExtractionParams.robust(kind="polygon")).closed
-    assert not extract(carpet(0.1), ExtractionParams.robust(kind="curve")).closed
-    chain = extract(np.column_stack([ALONG[:, 0], np.zeros(400)]), ExtractionParams.robust(kind="polygon"))
+    assert extract(line, ExtractionParams(kind="polygon")).closed
+    assert not extract(carpet(0.1), ExtractionParams(kind="curve")).closed
+    chain = extract(np.column_stack([ALONG[:, 0], np.zeros(400)]), ExtractionParams(kind="polygon"))
     assert not chain.closed and chain.code == "open_two_points"
 
 
 # ----------------------------------------------------------------- no strokes
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams.robust()], ids=["paper", "robust"])
+@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
 @pytest.mark.parametrize(
     "points, code",
     [
@@ -256,14 +256,14 @@ def test_wrong_number_of_stamps(stamps):
     assert caught.value.code == "bad_points"
 
 
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams.robust()], ids=["paper", "robust"])
+@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
 def test_nan_rows_and_far_rows_are_left_out(params):
     x = np.linspace(0, 2, 200)
     points = np.vstack([np.column_stack([x, 0 * x]), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
     assert extract(points, params).length == pytest.approx(2.0, abs=0.2)
 
 
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams.robust()], ids=["paper", "robust"])
+@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
 def test_of_two_clusters_one_is_taken(params):
     rng = np.random.default_rng(0)
     x = np.linspace(0, 2, 300)
@@ -272,7 +272,7 @@ def test_of_two_clusters_one_is_taken(params):
     assert chain.points[:, 1].max() < 1.0
 
 
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams.robust()], ids=["paper", "robust"])
+@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
 def test_many_points_all_over_the_room_come_to_an_end(params):
     points = np.random.default_rng(0).uniform(0, 5, (60000, 2))
     try:

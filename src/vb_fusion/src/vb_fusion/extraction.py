@@ -61,11 +61,6 @@ class ExtractionParams(Parameters):
         """Returns the parameters that select Algorithms 1 to 3 with Table 1's values."""
         return cls(mode="paper", **changes)
 
-    @classmethod
-    def robust(cls, **changes) -> "ExtractionParams":
-        """Returns the default parameters, which select extraction by time."""
-        return cls(mode="robust", **changes)
-
 
 def extract_border(
     points: np.ndarray,
@@ -80,7 +75,7 @@ def extract_border(
 
     Args:
         points: (N, 2) float [m], map frame, any order. Non-finite ones are left out.
-        params: `ExtractionParams.robust()` if None.
+        params: `ExtractionParams()` if None.
         stamps: (N,) [s] when each spot was seen; the paper's mode does not use them.
         cameras: (N,) which camera saw it: names or numbers.
         confidences: (N,) 0 .. 1.
@@ -89,7 +84,7 @@ def extract_border(
     Raises:
         ExtractionError: "no_spots", "too_few_spots", "no_line", "bad_points", "line_self_intersects" or "too_many_spots".
     """
-    params = params or ExtractionParams.robust()
+    params = params or ExtractionParams()
     paper = params.mode == "paper"
     spots = make_observations(points, None if paper else stamps, cameras, confidences, mobile)
     count = int(spots.spots.sum())
