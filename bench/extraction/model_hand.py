@@ -29,8 +29,15 @@ from strokes import hausdorff  # noqa: E402
 
 from vb_core import geometry  # noqa: E402
 
-MODULES = ("vb_fusion.extraction", "vb_fusion.spots.collector", "vb_core.errors")
+MODULES = (
+    "vb_fusion.extraction",
+    "vb_fusion.spots.collector",
+    "vb_core.errors",
+    "vb_fusion.live_extraction",
+    "vb_fusion.stroke.seed",
+)
 BAD_M = 0.25
+Judgement = Tuple[bool, bool, bool, float]
 MARGIN = 0.5  # [m] about the drawing in which strays are seen
 SLOW = 0.1  # [m/s]
 STEP = 0.005  # [s] of the hand's movement
@@ -184,9 +191,31 @@ def slow(rng: np.random.Generator) -> Scene:
     return polygon(0.6 * BOX if small else np.array([[0.0, 0.0], [0.9, 0.0]]), bool(small), rng, (0.05, 0.05))
 
 
-def judge(make: Callable, eyes: Eyes, modules: List[Any], rng: np.random.Generator) -> Tuple[bool, bool, bool, float]:
+def held(rng: np.random.Generator) -> Scene:
+    """Holds the pointer at a wrong place, and then, for a shorter time, at the one that is meant; on or off between."""
+    seconds = ((6.0, 1.5), (10.0, 2.0), (20.0, 3.0))[rng.integers(3)]
+    wrong, angle = rng.uniform(-1.0, 1.0, 2), rng.uniform(0.0, 2.0 * np.pi)
+    right = wrong + rng.uniform(0.4, 1.6) * np.array([np.cos(angle), np.sin(angle)])
+    parts = [np.repeat([at], int(time / STEP), axis=0) for at, time in zip((wrong, right), seconds)]
+    parts.insert(1, side(wrong, right, rng.uniform(0.3, 1.0), rng))
+    shown = [np.ones(len(part), bool) for part in parts]
+    shown[1][:] = rng.random() < 0.5
+    return Scene(right[None], False, np.vstack(parts), np.concatenate(shown))
+
+
+def judge_seed(make: Callable, eyes: Eyes, modules: List[Any], rng: np.random.Generator) -> Judgement:
+    """Judges the seed as `judge` does a border; 15 cm beside the place that is meant it is bad."""
+    scene, live, finding = make(rng), *modules[3:]
+    points, stamps, cameras = look(scene, eyes, rng)
+    drawn = live.DrawnBorder(dwells=finding.find_dwells(points, stamps=stamps, cameras=cameras))
+    off = float(np.hypot(*(scene.truth[0] - drawn.seed)))
+    told = drawn.other_dwell is not None
+    return off > 0.15, off > 0.15 and not told, told, off
+
+
+def judge(make: Callable, eyes: Eyes, modules: List[Any], rng: np.random.Generator) -> Judgement:
     """Returns whether the border is bad, whether silently, whether something is told, and how far off it is [m]."""
-    extraction, collecting, errors = modules
+    extraction, collecting, errors = modules[:3]
     scene = make(rng)
     collector = collecting.Collector()
     collector.set_state(collecting.BORDER, "drawing", 0.0)
@@ -213,6 +242,7 @@ ROWS: Dict[str, Tuple[Callable, Eyes, int]] = {
     "5 cm/s": (slow, USUAL, 80),
     **{f"ring of {size:g} m": (lambda rng, size=size: ring(size, rng), USUAL, 40) for size in (0.2, 0.3)},
     "clocks set back by 5 s": (lambda rng: polygon(BOX, True, rng), replace(USUAL, setback=5.0), 12),
+    "seed, held longer at a wrong place before": (held, USUAL, 60),
 }
 
 
@@ -227,7 +257,8 @@ def main() -> None:
     for number, (name, (make, eyes, count)) in enumerate(ROWS.items()):
         for version, source in versions.items() if any(part in name for part in given.only) else ():
             modules, seeds = import_from(source, *MODULES), range(max(1, int(count * given.times)))
-            found = [judge(make, eyes, modules, np.random.default_rng([given.seed + k, number])) for k in seeds]
+            look_at = judge_seed if make is held else judge
+            found = [look_at(make, eyes, modules, np.random.default_rng([given.seed + k, number])) for k in seeds]
             bad, silent, told, off = np.array(found, float).T
             counts = {"bad": int(bad.sum()), "silent": share(int(silent.sum()), len(found)), "told": int(told.sum())}
             table.add(row=name, version=version, **counts, median_m=float(np.nanmedian(off)))
