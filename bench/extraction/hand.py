@@ -46,7 +46,7 @@ ERRORS = (
     "participants/traits/stroke_scale",
 )
 HANDS = {"even": 0.0, "people": 1.0, "times 2": 2.0, "times 4": 4.0}
-MODES = {"paper": ExtractionParams.paper(), "robust": ExtractionParams.robust()}
+MODES = {"paper": ExtractionParams.paper(), "robust": ExtractionParams()}
 
 
 def draw(study: Study, key: str, number: int, real: bool) -> Tuple[np.ndarray, np.ndarray, Scenario]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Any, Iterator, Tuple
 
 import numpy as np
@@ -47,21 +46,14 @@ PEOPLE = {
 Group = Tuple[str, Iterator[Stroke]]  # name of a cell, and its strokes
 
 
-def strokes_of_people(path: Path, which: str, draws: int, base: int, by_shape: bool) -> Iterator[Group]:
-    """Yields people's strokes of one half, each seen several times: all shapes in a cell, or each shape."""
-    drawings = [one for one in enumerate(people.drawings(path)) if which in ("all", people.half(one[1]))]
-    shapes = sorted({drawing.shape for _, drawing in drawings}) if by_shape else [""]
+def strokes_of_people(which: str, draws: int, base: int) -> Iterator[Group]:
+    """Yields people's strokes of one half, each seen several times, a cell for each way of seeing."""
+    drawings = [one for one in enumerate(people.drawings()) if which == people.half(one[1])]
     for name, seen in PEOPLE.items():
-        for shape in shapes:
-            some = [(number, drawing) for number, drawing in drawings if shape in ("", drawing.shape)]
-            yield (
-                f"{name}, {shape or 'all shapes'}",
-                (
-                    people.see(drawing, seen, np.random.default_rng([base + repeat, number]))
-                    for number, drawing in some
-                    for repeat in range(draws)
-                ),
-            )
+        rngs = (
+            (drawing, np.random.default_rng([base + k, number])) for number, drawing in drawings for k in range(draws)
+        )
+        yield name, (people.see(drawing, seen, rng) for drawing, rng in rngs)
 
 
 def generated(name: str, count: int, base: int) -> Iterator[Group]:

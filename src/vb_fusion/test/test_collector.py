@@ -4,9 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from strokes import Setting, draw
 
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
-from vb_fusion.extraction import ExtractionParams
+from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.live_extraction import LiveExtractor
 from vb_fusion.spots.collector import Collector, CollectorParams, FloorSpot
 from vb_fusion.spots.spot_log import SpotLog
@@ -138,9 +139,9 @@ def test_the_log_returns_what_was_collected(tmp_path):
     assert again.start("a") == [("border", spot(1.5, 0.25, -1.0)), ("seed", spot(2.5, 1.0, 2.0, "green"))]
     again.append("border", spot(4.0))
     again.close()
-    assert len(SpotLog(path).read("a")) == 3
+    assert len(SpotLog(path).start("a")) == 3
     assert SpotLog(path).start("b") == []
-    assert SpotLog(path).read("a") == []
+    assert SpotLog(path).start("a") == []
 
 
 def test_the_log_is_bounded_removed_and_optional(tmp_path):
@@ -149,7 +150,7 @@ def test_the_log_is_bounded_removed_and_optional(tmp_path):
     for k in range(10):
         spot_log.append("border", spot(float(k)))
     spot_log.close()
-    assert len(spot_log.read("a")) == 3
+    assert len(SpotLog(tmp_path / "j").start("a")) == 3
     spot_log.discard()
     spot_log.discard()
     assert not (tmp_path / "j").exists()
@@ -210,13 +211,31 @@ def test_live_candidate_keeps_to_its_share():
     for k in range(100):
         collector.add(spot(0.04 * k, x=0.02 * k))
     ticks = iter(np.arange(0.0, 1000.0, 0.5))
-    live = LiveExtractor(ExtractionParams.robust(), share=0.1)
+    live = LiveExtractor(ExtractionParams(), share=0.1)
     first = live.update(collector.collection(), lambda: next(ticks))
     assert first.chain is not None and first.seed is None and first.no_seed.code == "no_spots"
     assert live.update(collector.collection(), lambda: next(ticks)) is first  # nothing new
     collector.add(spot(5.0, x=2.02))
     assert live.update(collector.collection(), lambda: next(ticks)) is first  # too early
     assert live.update(collector.collection(), lambda: next(ticks), force=True) is not first
+
+
+def test_live_and_final_border_are_the_same():
+    """Whatever was extracted before: of two cameras in step, of which the collector could not keep all spots."""
+    collector, live = Collector(CollectorParams(max_spots=400)), LiveExtractor(ExtractionParams(), share=1.0)
+    collector.set_state(BORDER, "a", 0.0)
+    stroke = draw("rectangle", Setting(), np.random.default_rng(4))
+    for number, row in enumerate(np.argsort(stroke.stamps)):
+        collector.add(spot(stroke.stamps[row], *stroke.points[row], camera=str(stroke.cameras[row])))
+        if number % 50 == 0:
+            live.update(collector.collection(), float, force=True)
+    drawn = live.update(collector.collection(), float, force=True).chain
+    again = LiveExtractor(ExtractionParams(), share=1.0).update(collector.collection(), float, force=True).chain
+    rows = collector.collection().border
+    final = extract_border(rows[:, 1:3], stamps=rows[:, 0], cameras=rows[:, 4].astype(int))
+    assert len(rows) < len(stroke.points) and final.closed
+    assert drawn.points == pytest.approx(final.points, abs=1e-9)
+    assert again.points == pytest.approx(final.points, abs=1e-9)
 
 
 def test_what_was_collected_is_not_changed_by_later_spots():

@@ -12,7 +12,7 @@ import pytest
 from shapely.geometry import LineString, Point
 
 from vb_core import geometry
-from vb_fusion.extraction import ExtractionParams, extract_border
+from vb_fusion.extraction import extract_border
 from vb_robot.coverage import floor_seen
 from vb_robot.floor_view import FloorView
 from vb_core.poses import to_base
@@ -42,7 +42,7 @@ def on_floor(lens, true_pose, believed_pose, points):
 
 
 def drawn(seed, overlap=True):
-    """(N, 2) spots of both cameras in the order of time, and (M, 2) those of the robot alone."""
+    """(N, 2) spots of both cameras, their stamps (N,) [s], those (M, 2) of the robot alone, and how many the other saw."""
     rng = np.random.default_rng(seed)
     line = geometry.resample_chain(np.asarray(TRUTH.coords), 0.4 / 25.0)  # 0.4 m/s, 25 images/s
     tremor = np.cumsum(rng.normal(0.0, 1.0, line.shape), axis=0)
@@ -63,15 +63,16 @@ def drawn(seed, overlap=True):
     robot = on_floor(view.camera, true, guess, line[by_robot]) + rng.normal(0.0, 0.003, (by_robot.sum(), 2))
     assert (by_blue | by_robot).mean() > 0.95, "the scene must let somebody see nearly all of it"
     times = np.concatenate([np.flatnonzero(by_blue), np.flatnonzero(by_robot) + 0.5])
-    return np.vstack([blue, robot])[np.argsort(times, kind="stable")], robot, by_blue.sum()
+    return np.vstack([blue, robot]), times / 25.0, robot, by_blue.sum()
 
 
 @pytest.mark.parametrize("overlap", [True, False])
 @pytest.mark.parametrize("seed", range(1, 11))
 def test_no_gap_and_no_step_where_the_robot_goes_on(seed, overlap):
-    points, robot, blue = drawn(seed, overlap)
+    points, stamps, robot, blue = drawn(seed, overlap)
     assert len(robot) > 40 and blue > 100
-    chain = LineString(extract_border(points, ExtractionParams.robust()).points)
+    mobile = np.arange(len(points)) >= blue
+    chain = LineString(extract_border(points, stamps=stamps, cameras=mobile, mobile=mobile).points)
     # no gap: every place of the intended line has the border near it, up to the ends
     along = [TRUTH.interpolate(s) for s in np.arange(0.1, TRUTH.length - 0.1, 0.02)]
     assert max(chain.distance(place) for place in along) < 0.09

@@ -21,7 +21,7 @@ from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_of
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, extract_chain, subsample_evenly
+from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, subsample_evenly
 from vb_fusion.spots.collector import Collector, CollectorParams, FloorSpot
 from vb_fusion.spots.spot_log import SpotLog
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
@@ -281,9 +281,7 @@ class BorderFusionNode:
             missing = drawn.no_chain or drawn.no_seed
             if missing is not None:
                 raise missing
-            # while somebody draws, the paper's mode extracts a part of the spots only
-            paper = self._extraction.mode == "paper"
-            chain, seed = extract_chain(collection, self._extraction) if paper else drawn.chain, drawn.seed
+            chain, seed = drawn.chain, drawn.seed
         except Exception as error:
             known = isinstance(error, CodedError)
             failure = error if known else CodedError("extraction_failed", what=repr(error))

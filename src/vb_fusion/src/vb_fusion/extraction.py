@@ -1,8 +1,8 @@
 """From the spots of all cameras to one border. The idea: one stroke is one track through time.
 
 The stages are modules, in the order of the data: stroke/observations, stroke/track, stroke/camera_offsets,
-line/resampling, line/closure, line/fitting; docs/explanation/extraction.md says what each does. Bare points, without
-stamps, get an order in space first (stroke/ordering.py). `ExtractionParams.paper()` runs the paper's algorithms (paper.py).
+line/resampling, line/closure, line/fitting; docs/explanation/extraction.md says what each does.
+`ExtractionParams.paper()` runs the paper's algorithms (paper.py), which need no stamps.
 
 >>> import numpy as np
 >>> angle = np.linspace(0.0, 2.0 * np.pi, 200)                      # a circle drawn in eight seconds, seen 25 times a second
@@ -31,7 +31,6 @@ from vb_fusion.line.fitting import fit_line
 from vb_fusion.line.resampling import ResampledStroke, resample_stroke
 from vb_fusion.paper import bounding_diagonal, find_cluster, generate_polygon, thin_points
 from vb_fusion.stroke.observations import TREMOR, Observations, estimate_tremor, make_observations, merge_observations
-from vb_fusion.stroke.ordering import order_points
 from vb_fusion.stroke.camera_offsets import remove_offsets
 from vb_fusion.stroke.seed import extract_seed
 from vb_fusion.stroke.track import find_places, find_strokes
@@ -62,11 +61,6 @@ class ExtractionParams(Parameters):
         """Returns the parameters that select Algorithms 1 to 3 with Table 1's values."""
         return cls(mode="paper", **changes)
 
-    @classmethod
-    def robust(cls, **changes) -> "ExtractionParams":
-        """Returns the default parameters, which select extraction by time."""
-        return cls(mode="robust", **changes)
-
 
 def extract_border(
     points: np.ndarray,
@@ -81,8 +75,8 @@ def extract_border(
 
     Args:
         points: (N, 2) float [m], map frame, any order. Non-finite ones are left out.
-        params: `ExtractionParams.robust()` if None.
-        stamps: (N,) [s] when each spot was seen. Robust mode is meant for them; without, the order is found in space.
+        params: `ExtractionParams()` if None.
+        stamps: (N,) [s] when each spot was seen; the paper's mode does not use them.
         cameras: (N,) which camera saw it: names or numbers.
         confidences: (N,) 0 .. 1.
         mobile: (N,) true for a camera on a robot, whose pose is less certain.
@@ -90,26 +84,27 @@ def extract_border(
     Raises:
         ExtractionError: "no_spots", "too_few_spots", "no_line", "bad_points", "line_self_intersects" or "too_many_spots".
     """
-    params = params or ExtractionParams.robust()
-    if params.mode == "robust" and stamps is not None:
-        return _extract_by_time(make_observations(points, stamps, cameras, confidences, mobile), params)
-    seen = make_observations(points, None, cameras, confidences, mobile)
-    _require(seen, params)
-    if params.mode == "paper":
-        return _paper(seen, params)
-    drawn = seen.select(order_points(seen.points, params.eps))
-    return _make_line(drawn, drawn, False, TREMOR, params)
-
-
-def _extract_by_time(spots: Observations, params: ExtractionParams) -> BorderChain:
-    _require(spots, params)
+    params = params or ExtractionParams()
+    paper = params.mode == "paper"
+    spots = make_observations(points, None if paper else stamps, cameras, confidences, mobile)
+    count = int(spots.spots.sum())
+    if count == 0:
+        raise ExtractionError("no_spots")
+    if count < params.min_size:
+        raise ExtractionError("too_few_spots", spots=count, needed=params.min_size)
+    if paper:
+        return _paper(spots, params)
+    if stamps is None:
+        raise ExtractionError("bad_points", what="stamps of the points")
     seen = merge_observations(spots)
     places = find_places(seen)
     drawn, left_out, joined = _join_strokes(seen, find_strokes(seen, places, params.eps), params)
     placed = remove_offsets(drawn)
     line = _make_line(drawn, placed, joined, estimate_tremor(placed), params)
-    # what is between strokes was not seen; only the first one's start and the last one's end the hand left apart
-    closing = line.gap if joined and line.closed else 0.0
+    # what is between strokes was not seen; an opening is, unless the pointer was lifted from one end to the other
+    began, ended = sorted(drawn.stamps[[0, -1]])
+    lifted = not ((began < drawn.stamps) & (drawn.stamps < ended)).any()
+    closing = line.gap if joined and (line.closed or lifted) else 0.0
     unseen = max(closing, _longest_unseen(placed, places.dropout))
     return replace(line, unseen=unseen, left_out=left_out.points, left_out_spots=int(left_out.spots.sum()))
 
@@ -118,14 +113,6 @@ def _longest_unseen(drawn: Observations, dropout: float) -> float:
     """Returns the longest way [m] between two observations in a row that are more than a dropout apart."""
     way = np.hypot(*np.diff(drawn.points, axis=0).T)
     return float(way[np.abs(np.diff(drawn.stamps)) > dropout].max(initial=0.0))
-
-
-def _require(seen: Observations, params: ExtractionParams) -> None:
-    count = int(seen.spots.sum())
-    if count == 0:
-        raise ExtractionError("no_spots")
-    if count < params.min_size:
-        raise ExtractionError("too_few_spots", spots=count, needed=params.min_size)
 
 
 def _no_line(seen: Observations, params: ExtractionParams) -> ExtractionError:

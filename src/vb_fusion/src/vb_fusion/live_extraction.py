@@ -1,7 +1,6 @@
 """The border so far, kept up to date while a person draws, within a share of one core.
 
-It is the same extraction as at the end, of all spots: five minutes of drawing take a tenth of a second. The paper's mode
-takes longer: evenly chosen spots show what it makes of the drawing.
+It is the same extraction as at the end, of all spots: five minutes of drawing take a tenth of a second.
 """
 
 from __future__ import annotations
@@ -45,9 +44,6 @@ class DrawnBorder:
             elif not dwell.known and (after or dwell.seconds > seed.seconds):
                 other = dwell
         return other
-
-
-MAX_PAPER_SPOTS = 4000  # which the paper's mode extracts while somebody draws
 
 
 def extract_chain(collection: Collection, params: ExtractionParams) -> BorderChain:
@@ -123,7 +119,7 @@ class LiveExtractor:
         found = {}
         if border_new:
             try:
-                found.update(chain=self._chain(collection), no_chain=None)
+                found.update(chain=extract_chain(collection, self._params), no_chain=None)
             except ExtractionError as error:
                 found.update(chain=None, no_chain=error)
         if seed_new:
@@ -133,8 +129,3 @@ class LiveExtractor:
                 found.update(dwells=(), no_seed=error)
         self.candidate = replace(self.candidate, **found)
         self._border_total, self._seed_total = collection.border_total, collection.seed_total
-
-    def _chain(self, collection: Collection) -> BorderChain:
-        if self._params.mode == "paper":
-            return extract_border(subsample_evenly(collection.border, MAX_PAPER_SPOTS)[:, 1:3], self._params)
-        return extract_chain(collection, self._params)

@@ -62,10 +62,6 @@ class SpotLog:
         self._written = len(entries)
         return entries
 
-    def read(self, interaction_id: str) -> List[Entry]:
-        """Reads the spots on record for an interaction; lines that cannot be read are left out."""
-        return self._read(interaction_id)[0]
-
     def _read(self, interaction_id: str) -> Tuple[List[Entry], int]:
         """Reads the spots on record and counts unreadable lines; a last line that was cut short is not damage."""
         if self._path is None:

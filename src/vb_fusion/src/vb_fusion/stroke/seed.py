@@ -47,12 +47,12 @@ def extract_seed(points: np.ndarray, **known) -> np.ndarray:
 def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
     """Chooses the last dwell, as the one that is meant.
 
-    To a camera that moves, whatever is bright is new. So what only such a camera saw must have lasted longer than what a
-    steady one saw before it.
+    To a camera that moves, whatever is bright is new, and paper that it passes may stay in its image for long. So what
+    only such a camera saw is not meant if a steady one saw the pointer dwell at a new place.
     """
     chosen = dwells[0]
     for dwell in dwells[1:]:
-        if dwell.steady or chosen.known or not chosen.steady or dwell.seconds > chosen.seconds:
+        if dwell.steady or chosen.known or not chosen.steady:
             chosen = dwell
     return chosen
 
@@ -60,7 +60,7 @@ def choose_seed(dwells: Sequence[Dwell]) -> Dwell:
 def find_dwells(
     points: np.ndarray,
     *,
-    stamps: Optional[Sequence[float]] = None,
+    stamps: Sequence[float],
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
@@ -72,7 +72,8 @@ def find_dwells(
     been at its place [s], the less it counts as new. Cameras that agree confirm each other.
 
     Args:
-        points: (N, 2) [m], any order. Without stamps it is the place where most of them are.
+        points: (N, 2) [m], any order.
+        stamps, cameras, confidences, mobile: as for `extract_border`.
         before: (K, 2) [m] spots that were seen before the seed was requested: the border's.
 
     Raises:
@@ -83,23 +84,21 @@ def find_dwells(
         raise ExtractionError("no_spots")
     if len(seen.points) < MIN_SPOTS:
         raise ExtractionError("no_seed", spots=len(seen.points), needed=MIN_SPOTS)
-    seen = seen if stamps is None else merge_observations(seen)
-    places = None if stamps is None else find_places(seen)
-    at = seen.points if places is None else places.points
+    seen = merge_observations(seen)
+    places = find_places(seen)
+    at = places.points
     spot, earlier = _spots_of_floor(at)
-    known, path = np.zeros(len(at), dtype=bool), np.arange(len(at))
+    known = np.zeros(len(at), dtype=bool)
     if before is not None and len(before) >= MIN_SPOTS:
         # balanced trees take longer to make than to ask
         floor = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
         known = np.isfinite(floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
-    if places is not None:
-        gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * places.cameras / (1.0 + TIME_BIN * earlier)
-        gain, previous = find_best_steps(places, gains, NEW_PLACE_GAIN)
-        path = trace_path(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
-    bins = np.zeros(len(path)) if places is None else places.bins[path]
+    gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * places.cameras / (1.0 + TIME_BIN * earlier)
+    gain, previous = find_best_steps(places, gains, NEW_PLACE_GAIN)
+    path = trace_path(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
     steady = seen.points[~seen.mobile]
     dwells = []
-    for last, count in _find_stays(spot[path], bins):
+    for last, count in _find_stays(spot[path], places.bins[path]):
         point = _middle(at[path], last)
         of_steady = np.linalg.norm(steady - point, axis=1) <= HAND_RADIUS
         dwells.append(Dwell(point, TIME_BIN * count, bool(known[path[last]]), int(of_steady.sum()) >= MIN_SPOTS))

@@ -31,7 +31,9 @@ MAX_DROPOUTS = 3.0  # usual intervals between moments within which a moving poin
 MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
 MAX_CROWD = 3.0  # places of one moment that count in full: the pointer, a bright thing and a stray
 SHORTEST_STROKE = 1.5 * PLACE_WIDTH  # [m] of floor that a stroke explains
-LEAST_SEEN = 3  # places beyond an unseen step that are more than strays
+LEAST_SEEN = (
+    5  # places between unseen steps that are more than a stray or a glint, which is seen for a third of a second
+)
 SEEN = 0.04  # [m] what a place gains where light moves: a slow hand is seen there often, a stray once
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 # places of one moment, the strongest ones: looking back reaches further than a dropout, whatever glitters
@@ -93,7 +95,8 @@ def find_strokes(seen: Observations, places: Places, widest_gap: float) -> List[
     # it is than one on a robot
     trust = np.minimum(1.0, MAX_CROWD / crowd)[moment]
     trust[places.mobile & (np.bincount(moment, ~places.mobile) > 0)[moment]] *= TREMOR / LOCALIZATION_ERROR
-    floor = floor_gains(points, stamps, dropout) * trust
+    explained = floor_gains(points, stamps, dropout)
+    floor = explained * trust
     gain, previous = find_best_steps(places, floor, TREMOR)
     strokes: List[np.ndarray] = []
     free = np.ones(len(points), dtype=bool)
@@ -105,7 +108,7 @@ def find_strokes(seen: Observations, places: Places, widest_gap: float) -> List[
         line = trace_path(end, previous, free)
         free[line] = False
         free[free] = cKDTree(points[line]).query(points[free])[0] > PLACE_WIDTH
-        for piece in _divide(line, points[line], stamps[line], floor[line], dropout, widest_gap + TREMOR):
+        for piece in _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR):
             strokes.append(_beside(seen, places, piece))
             free[_beside(places, places, piece)] = False
         worth = gain - _before_branch(gain, floor, previous, free)
@@ -117,13 +120,28 @@ def _divide(
 ) -> List[np.ndarray]:
     """Divides a track, the indices of its places, into strokes: where nothing was seen over more than `widest` [m].
 
-    What is between two unseen steps and is not as much as a stroke, or seen again and again, is a stray: no stepping stone.
+    A step is seen if the floor that its two places explain covers it, within a dropout. What is only a few places
+    between an unseen step and one after a pause is a stray or a glint, and no stepping stone; a quick hand's rest is not.
     """
-    way, pause = np.hypot(*np.diff(at, axis=0).T), np.diff(times)
-    pieces = np.split(np.arange(len(line)), np.flatnonzero((way > PLACE_WIDTH) & (pause > dropout)) + 1)
-    pieces = [one for one in pieces if len(one) >= LEAST_SEEN or floor[one].sum() >= SHORTEST_STROKE]
+    covered = PLACE_WIDTH + np.where(np.diff(times) > dropout, 0.0, floor[:-1] + floor[1:])
+    unseen = np.flatnonzero(np.hypot(*np.diff(at, axis=0).T) > covered) + 1
+    runs: List[List[np.ndarray]] = []  # of pieces, without a pause between them
+    for piece in np.split(np.arange(len(line)), unseen):
+        if not runs or times[piece[0]] - times[piece[0] - 1] > dropout:
+            runs.append([])
+        runs[-1].append(piece)
+
+    def is_stray(piece: np.ndarray) -> bool:
+        return len(piece) < LEAST_SEEN and floor[piece].sum() < 0.5 * LEAST_SEEN * PLACE_WIDTH
+
+    for number, run in enumerate(runs):
+        while number > 0 and run and is_stray(run[0]):
+            del run[0]
+        while number < len(runs) - 1 and run and is_stray(run[-1]):
+            del run[-1]
     strokes: List[np.ndarray] = []
-    for piece in pieces:
+    for run in filter(None, runs):
+        piece = np.concatenate(run)
         if strokes and np.hypot(*(at[piece[0]] - at[strokes[-1][-1]])) <= widest:
             strokes[-1] = np.concatenate([strokes[-1], piece])
         else:

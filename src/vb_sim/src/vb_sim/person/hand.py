@@ -1,8 +1,9 @@
 """The hand with the laser pointer: its tremor, and the stroke that it draws.
 
-A person moves as one real person did (config/strokes.json, made by bench/extraction/quickdraw_strokes.py): each side is drawn with that
-person's deviation from the straight line and with that person's speed along it, so that stops at corners, peak speeds,
-uneven sides, overshot corners and gaps are people's own. What is assumed is that they scale with the side's length.
+A person moves as one real person did (config/strokes.json, made by bench/extraction/quickdraw_strokes.py of revision
+dd21bbd0): each side is drawn with that person's deviation from the straight line and with that person's speed along it,
+so that stops at corners, peak speeds, uneven sides, overshot corners and gaps are people's own. What is assumed is that
+they scale with the side's length.
 """
 
 from __future__ import annotations
