@@ -43,7 +43,7 @@ class Verdict:
         why: PLACE, EFFECT, or the code of the error; "" if it is the same.
         region: what is in force; None if nothing is.
         before: what it restricted when it was accepted, at its place on this map; None if nobody needs it.
-        area_m2: [m^2] that it would restrict once confirmed; 0 if nothing.
+        after: what it will restrict once confirmed; None if nothing.
     """
 
     stored: VirtualBorder
@@ -53,7 +53,7 @@ class Verdict:
     why: str = ""
     region: Optional[Region] = field(default=None, repr=False)
     before: Optional[Region] = field(default=None, repr=False)
-    area_m2: float = 0.0
+    after: Optional[Region] = field(default=None, repr=False)
 
     @property
     def can_be_confirmed(self) -> bool:
@@ -63,8 +63,8 @@ class Verdict:
     @property
     def values(self) -> Dict[str, str]:
         """The values for the sentence of its code."""
-        before = self.before.area_m2 if self.before else 0.0
-        areas = {"before": f"{before:.1f}", "now": f"{self.area_m2:.1f}"} if self.before else {}
+        before, after = (region.area_m2 if region else 0.0 for region in (self.before, self.after))
+        areas = {"before": f"{before:.1f}", "now": f"{after:.1f}"} if self.before else {}
         return {"border": self.border.name, "why": self.why, **areas}
 
 
@@ -102,6 +102,14 @@ class InForce:
         if border.without_effect:
             return False, "no_effect"
         return True, verdict.code
+
+    def outlines(self, border_id: str) -> Tuple[np.ndarray, np.ndarray]:
+        """Returns the outlines (N, 2) [m] of what a border closed off before, and after confirmation; empty if it is sure."""
+        verdict = self.verdicts[border_id]
+        regions = (verdict.before, verdict.after) if verdict.code == TO_BE_CONFIRMED else (None, None)
+        return tuple(  # type: ignore[return-value]
+            region.outline(self.layered_map.physical) if region else np.zeros((0, 2)) for region in regions
+        )
 
     @property
     def speed_limits(self) -> GridMap:
@@ -168,11 +176,11 @@ def _judge(
 ) -> Verdict:
     border = place.border
     if not due or done is not None:
-        return Verdict(stored, border, due, region=done, area_m2=done.area_m2 if done else 0.0)
+        return Verdict(stored, border, due, region=done, after=done)
     now, why = _region(grid, border, params)
     if place.accepted_here:
         code = "" if now else DOES_NOT_FIT
-        return Verdict(stored, border, due, code, why, now, area_m2=now.area_m2 if now else 0.0)
+        return Verdict(stored, border, due, code, why, now, after=now)
     before = place.region_before(grid, params) if _has_a_side(border) else now
     if not why and not place.is_certain:
         why = PLACE
@@ -184,7 +192,7 @@ def _judge(
         possible = [before, *(one for one in possible if one is not None and one.area_m2 <= most)]
     region = join_regions([one for one in possible if one is not None])
     code = "" if not why else TO_BE_CONFIRMED if region is not None else DOES_NOT_FIT
-    return Verdict(stored, border, due, code, why, region, before if why else None, now.area_m2 if now else 0.0)
+    return Verdict(stored, border, due, code, why, region, before if why else None, now)
 
 
 def _region(grid: GridMap, border: VirtualBorder, params: IntegrationParams) -> Tuple[Optional[Region], str]:

@@ -23,7 +23,8 @@ class BorderPlace:
 
     Attributes:
         border: there.
-        is_certain: whether the walls round it say so.
+        is_shown: whether the walls round it say so.
+        is_seen: whether the map knows the floor there; there is nothing to ask about before it does.
         others: at other places where it may be, until somebody says where it is.
         accepted: as it was accepted, on that map; None if that is the current one.
         accepted_on: that map.
@@ -31,11 +32,17 @@ class BorderPlace:
     """
 
     border: VirtualBorder
-    is_certain: bool = True
+    is_shown: bool = True
+    is_seen: bool = True
     others: Tuple[VirtualBorder, ...] = ()
     accepted: Optional[VirtualBorder] = None
     accepted_on: Optional[GridMap] = None
     transform: Transform = Transform()
+
+    @property
+    def is_certain(self) -> bool:
+        """Returns whether nobody has to be asked where it is."""
+        return self.is_shown or not self.is_seen
 
     @property
     def accepted_here(self) -> bool:
@@ -79,9 +86,9 @@ def choose_place(
         accepted: on the map on which it was accepted.
         start: from that map to the current one.
         fit: what the walls say; None if there are too few.
-        is_seen: whether the current map knows the floor there; there is nothing to ask about before it does.
+        is_seen: as of `BorderPlace`.
     """
     if fit is not None and fit.is_certain:
-        return BorderPlace(accepted.moved(fit.transform), True, (), accepted, accepted_on, fit.transform)
+        return BorderPlace(accepted.moved(fit.transform), True, is_seen, (), accepted, accepted_on, fit.transform)
     others = (accepted.moved(fit.transform),) if fit is not None and fit.is_possible else ()
-    return BorderPlace(accepted.moved(start), not is_seen, others, accepted, accepted_on, start)
+    return BorderPlace(accepted.moved(start), False, is_seen, others, accepted, accepted_on, start)
