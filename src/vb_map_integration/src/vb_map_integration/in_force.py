@@ -18,7 +18,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.borders.schedule import is_scheduled
 from vb_map_integration.grid.layered_map import LayeredMap, Region, join_regions
-from vb_map_integration.integration import IntegrationParams, restricted_area
+from vb_map_integration.integration import restricted_area
 from vb_map_integration.places.border_place import BorderPlace
 
 # why a border waits for a person, or is not in force
@@ -127,7 +127,6 @@ def put_in_force(
     grid: GridMap,
     borders: Iterable[VirtualBorder],
     locate: Callable[[VirtualBorder], BorderPlace],
-    params: IntegrationParams,
     robot: str,
     now: float,
     before: Optional[InForce] = None,
@@ -155,7 +154,7 @@ def put_in_force(
             del regions[border.id]
         else:
             done = checked[1].region(border.id) if checked and checked[0] == border.id and due else None
-            verdict = _judge(border, locate(border), grid, params, due, done)
+            verdict = _judge(border, locate(border), grid, due, done)
             regions[border.id] = verdict.region if border.zone.restricts else None
         verdicts[border.id] = verdict
     layered = before.layered_map if before else LayeredMap(grid)
@@ -167,26 +166,21 @@ def put_in_force(
 
 
 def _judge(
-    stored: VirtualBorder,
-    place: BorderPlace,
-    grid: GridMap,
-    params: IntegrationParams,
-    due: bool,
-    done: Optional[Region] = None,
+    stored: VirtualBorder, place: BorderPlace, grid: GridMap, due: bool, done: Optional[Region] = None
 ) -> Verdict:
     border = place.border
     if not due or done is not None:
         return Verdict(stored, border, due, region=done, after=done)
-    now, why = _region(grid, border, params)
+    now, why = _region(grid, border)
     if place.accepted_here:
         code = "" if now else DOES_NOT_FIT
         return Verdict(stored, border, due, code, why, now, after=now)
-    before = place.region_before(grid, params) if _has_a_side(border) else now
+    before = place.region_before(grid) if _has_a_side(border) else now
     if not why and not place.is_certain:
         why = PLACE
     if not why and before is not now and _shared(before, now) < _SAME_EFFECT:
         why = EFFECT
-    possible = [now, *(_region(grid, other, params)[0] for other in place.others)]
+    possible = [now, *(_region(grid, other)[0] for other in place.others)]
     if why and before is not None:
         most = _WITHIN_REASON * before.area_m2
         possible = [before, *(one for one in possible if one is not None and one.area_m2 <= most)]
@@ -195,10 +189,10 @@ def _judge(
     return Verdict(stored, border, due, code, why, region, before if why else None, now)
 
 
-def _region(grid: GridMap, border: VirtualBorder, params: IntegrationParams) -> Tuple[Optional[Region], str]:
+def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
     """Returns what a border restricts, or None and why it restricts nothing."""
     try:
-        return Region.of(restricted_area(grid, border, params)), ""
+        return Region.of(restricted_area(grid, border)), ""
     except IntegrationError as error:
         return None, error.code
 

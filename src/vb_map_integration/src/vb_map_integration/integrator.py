@@ -210,7 +210,6 @@ class MapIntegrator:
             grid,
             self._database.borders(self._recognition.place),
             self._recognizer.locate,
-            self.params,
             self.params.robot_name,
             now,
             self._in_force,

@@ -10,9 +10,8 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.grid.layered_map import Region
-from vb_map_integration.integration import IntegrationParams, restricted_area
+from vb_map_integration.integration import restricted_area
 from vb_map_integration.places.local_fit import LocalFit
 from vb_map_integration.places.registration import Transform
 
@@ -49,13 +48,10 @@ class BorderPlace:
         """Returns whether a person drew or accepted it on this very map."""
         return self.accepted is None
 
-    def region_before(self, grid: GridMap, params: IntegrationParams) -> Optional[Region]:
+    def region_before(self, grid: GridMap) -> Optional[Region]:
         """Returns the free floor of this map that it restricted where it was accepted; None if there is none."""
         assert self.accepted is not None and self.accepted_on is not None
-        try:
-            area = restricted_area(self.accepted_on, self.accepted, params)
-        except IntegrationError:  # accepted with other parameters
-            return None
+        area = restricted_area(self.accepted_on, self.accepted)
         rows, columns = area.window
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) + (columns.start, rows.start)
         here = grid.world_to_grid(self.transform.apply(self.accepted_on.grid_to_world(corners)))

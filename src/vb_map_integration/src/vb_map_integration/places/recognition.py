@@ -3,8 +3,8 @@
 The idea: fail closed. A map is recognised by its exact fingerprint; else by the name that a person gave it, and by
 registration against the maps at which the borders were drawn, never against the last one seen. What is proposed is the
 transform that no other comes near; without one the borders of the likeliest place stay where they are. In that place each
-border is then looked for by the walls round it. Nobody is asked which place it is if these walls answer that: real maps of
-one place agree in 50 to 97 % of their walls, as floors with the same outer walls may, but not so round the borders.
+border is then looked for by the walls round it. Nobody is asked which place it is if these walls answer that: two maps of one
+place agree in 50 to 97 % of their walls, as floors with the same outer walls may, but not so round most of the borders.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ class PlaceRecognizer:
             likeliest = max(plausible, key=_rank)
             others = [one.registration.agreement for one in plausible if one is not likeliest]  # type: ignore[union-attr]
             found = likeliest.registration
-            likely = found.is_likely and found.agreement >= max(others, default=0.0) + _DOUBT  # type: ignore[union-attr]
+            likely = found.is_unique and found.agreement >= max(others, default=0.0) + _DOUBT  # type: ignore[union-attr]
             return replace(likeliest, certain=False, likely=likely)
         last = self._database.get_value("last_place")
         place = int(last) if last.isdigit() and int(last) in candidates else max(candidates)

@@ -51,7 +51,6 @@ MIN_OVERLAP = 0.7  # of the smaller map's free floor that the other map knows
 MIN_WALL_LENGTH = 15.0  # [m] long walls that both maps know
 MIN_MARGIN = 0.3  # how much less the next hypothesis explains
 _UNIQUE_MARGIN = 0.5  # the same, for one that is proposed
-_LIKELY_AGREEMENT = 0.6  # and for one of which only the borders' own walls are to be asked
 
 
 class Transform(NamedTuple):
@@ -125,11 +124,6 @@ class Registration:
     def is_unique(self) -> bool:
         """Returns whether no other transform comes near, however well the maps agree: then it is what is proposed."""
         return self.margin >= _UNIQUE_MARGIN and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALL_LENGTH
-
-    @property
-    def is_likely(self) -> bool:
-        """Returns whether it is right if the walls round the borders say so, too: real maps of one place differ much."""
-        return self.is_unique and self.agreement >= _LIKELY_AGREEMENT
 
     @property
     def is_unambiguous(self) -> bool:
