@@ -35,7 +35,7 @@ def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_cl
     partition = ((0.0, 2.4), (3.1, 2.4))
     keeper = integrator(tmp_path, with_walls(flat(), partition))
     keeper.add(DOOR, 1.0)
-    accepted = keeper.area_m2("b1")
+    accepted = keeper.in_force.area_m2("b1")
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0) and not keeper.needs_confirmation
     keeper.set_map(flat(seed=1), 2.0)
     assert keeper.status(keeper.borders[0]) == (True, "to_be_confirmed") and keeper.needs_confirmation
@@ -49,7 +49,7 @@ def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_cl
     assert keeper.confirm(True, "", 3.0).ids == ()
     assert keeper.status(keeper.borders[0]) == (True, "") and not keeper.needs_confirmation
     assert all(len(one) == 0 for one in keeper.in_force.outlines("b1"))
-    assert closed_at(keeper, 1.0, 5.0) and keeper.area_m2("b1") > 2.0 * accepted
+    assert closed_at(keeper, 1.0, 5.0) and keeper.in_force.area_m2("b1") > 2.0 * accepted
     cells = keeper.map_with_borders.data.copy()
     keeper.close()
     again = integrator(tmp_path, flat(seed=1))  # what was accepted is kept
@@ -62,14 +62,14 @@ def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_cl
 def test_a_line_that_cannot_be_put_on_the_map_keeps_closed_what_it_closed():
     keeper = integrator(grid=flat())
     keeper.add(DOOR, 1.0)
-    before = keeper.area_m2("b1")
+    before = keeper.in_force.area_m2("b1")
     furnished = flat(seed=1)
     low, high = furnished.world_to_cell([(2.2, 1.3), (2.9, 1.9)])
     furnished.data[low[0] : high[0], low[1] : high[1]] = 100  # on the marked point
     keeper.set_map(furnished)
     assert keeper.status(keeper.borders[0]) == (True, "to_be_confirmed")
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 5.0, 1.0)
-    assert keeper.area_m2("b1") == pytest.approx(before, rel=0.1)
+    assert keeper.in_force.area_m2("b1") == pytest.approx(before, rel=0.1)
     # nobody can accept it: it is drawn again, or removed
     assert next(one for one in keeper.notices if one.border_id).values["why"] == "seed_on_obstacle"
     keeper.confirm(True, "", 2.0)
@@ -159,7 +159,7 @@ def test_a_limit_that_the_map_of_limits_cannot_hold_is_refused():
     assert caught.value.code == "bad_speed"
     keeper = integrator(grid=flat())
     keeper.add(keep_out(zone="slow", max_speed=1.27), 1.0)
-    assert keeper.speed_limits.data.max() == 127
+    assert keeper.in_force.speed_limits.data.max() == 127
 
 
 def test_the_map_on_which_a_border_was_accepted_is_kept_as_long_as_the_border(tmp_path):
