@@ -225,9 +225,9 @@ def test_invariants_on_noisy_maps(seed, occupancy, closed):
     assert not (result.region & (data >= 65)).any()
     unknown = result.region & (data < 0)
     assert closed or not unknown.any()
-    assert (after[unknown] == (result.value if result.value >= 65 else -1)).all()
+    assert (after[unknown] == (border.value if border.value >= 65 else -1)).all()
     known = result.region & (data >= 0)
-    assert np.array_equal(after[known], np.maximum(data[known], result.value))
+    assert np.array_equal(after[known], np.maximum(data[known], border.value))
     assert result.area_m2 == pytest.approx(result.region.sum() * 0.05**2)
 
 
