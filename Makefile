@@ -7,8 +7,6 @@ WORLD    ?=
 SEED     ?= 1
 NAVIGATION ?= standin
 QUICK    ?=
-SIZE     ?= default
-FRESH    ?=
 CONFIG   ?=
 OUT      ?= out/study
 CAMERA   ?=
@@ -52,8 +50,8 @@ docs: ## the documentation as a site, into out/site
 	@out/mkdocs/bin/python scripts/reference --site
 	@out/mkdocs/bin/mkdocs build --quiet --strict
 
-study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 SIZE=default|full FRESH=1 CONFIG=file OUT=folder PROCESSES=number
-	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" --size $(if $(QUICK),quick,$(SIZE)) $(if $(FRESH),--fresh) \
+study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 CONFIG=file OUT=folder PROCESSES=number
+	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" $(if $(QUICK),--quick) \
 	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
 	    && python3 -m vb_evaluation.study_kit report "$(OUT)"

@@ -31,7 +31,6 @@ SAMPLES = {
     "maps/crashes.py": "--crashes 3",
     "maps/integration.py": "--sizes 320x200 --borders 2 --rounds 1",
     "mutants.py": "--modules vb_core.geometry --each 1",
-    "robots/runs.py": "--scenarios room --methods nrs --seeds 1",
     "detection/training.py": "--scenes grey --share 0.02 --examples {folder}/examples --out {folder}/made.json",
 }
 

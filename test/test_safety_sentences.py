@@ -10,26 +10,27 @@ import yaml
 TOP = Path(__file__).resolve().parents[1]
 TABLE = yaml.safe_load((TOP / "test" / "safety_sentences.yaml").read_text(encoding="utf-8"))
 FILES, EXPLAINS = TABLE.pop("files"), TABLE.pop("explains")
-# where each page promises something: between these two
+# where each page promises something: from here to there
 SECTIONS = {
-    "README.md": ("- **When in doubt, the robot", "\n## "),
-    "docs/explanation/robots.md": ("## The driver\n", "\n## "),
+    "README.md": [("- **When in doubt, the robot", "\n## ")],
+    "docs/explanation/robots.md": [("## What is connected\n", "## Robot types"), ("## Borders and loc", "## Limits")],
 }
 
 
 def sentences_of(page):
-    """Splits a page's part into sentences and rows of tables."""
-    text = (TOP / page).read_text(encoding="utf-8")
-    begin, end = SECTIONS[page]
-    text = text[text.index(begin) :]
-    text = text[len(begin) if begin.startswith("#") else 0 : text.index(end, 3)]
+    """Splits a page's parts into sentences and rows of tables."""
+    whole, text = (TOP / page).read_text(encoding="utf-8"), ""
+    for begin, end in SECTIONS[page]:
+        start = whole.index(begin)
+        text += re.sub(r"^#.*$", "", whole[start : whole.index(end, start + 3)], flags=re.M) + "\n\n"
     found = []
     for block in re.split(r"\n\s*\n", text):
         if block.lstrip().startswith("|"):
             found += [row.strip("| ") for row in block.strip().splitlines()[2:]]
         else:
-            block = re.sub(r"^- ", "", " ".join(block.split()))
-            found += re.split(r"(?<=[.:])\s+(?=[A-Z*`\[])", block) if block else []
+            for item in re.split(r"^- ", block, flags=re.M):
+                item = " ".join(item.split())
+                found += re.split(r"(?<=[.:])\s+(?=[A-Z*`\[])", item) if item else []
     return found
 
 

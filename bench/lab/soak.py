@@ -126,7 +126,7 @@ class Soak(People):
     def recover(self) -> None:
         """Starts from what the stack has now, after a broken invariant, so that one fault counts once."""
         self.localized = True
-        self.losing_pose, self.plugged = False, dict.fromkeys(CAMERAS, True)
+        self.plugged = dict.fromkeys(CAMERAS, True)
         self.command("cancel")
         self.idle(5.0)
         message = self.newest.get("borders")

@@ -67,18 +67,18 @@ class Trouble(Stack):
             return None
 
     def unplug(self) -> None:
-        """Unplugs a camera for a while: people must be told, and told again when it is back."""
+        """Unplugs the computer of a camera for a while: people must be told, and told again when it is back."""
         camera = str(self.rng.choice(CAMERAS))
         self.plugged[camera] = False
-        self.notice_delays.append(self._until_told("camera_silent", camera))
+        self.notice_delays.append(self._until_told("detector_missing", camera))
         self.plugged[camera] = True
-        self._until_told("camera_silent", camera, told=False)
+        self._until_told("detector_missing", camera, told=False)
         self.counts["unplugged"] += 1
 
     def _until_told(self, code: str, camera: str, told: bool = True) -> float:
         """Waits until people are told of a fault, or that it is over; returns after how long [s] of simulated time."""
         began = self.now
-        while ((code, camera) in self.notices.get("/lab_monitor", ())) != told:
+        while ((code, camera) in self.notices.get("/camera_poses", ())) != told:
             self.tick(0.1)
             time.sleep(0.01)
             if self.now - began > 3 * NOTICED_S:

@@ -140,13 +140,9 @@ class People(Trouble):
         self.counts["lights: saved" if self.counts["saved"] > before else "lights: not saved"] += 1
 
     def lose_poses(self) -> None:
-        """Transforms stop: the robot's, and one camera's. The next interaction must not wait for them."""
+        """The robot's transforms stop. The next interaction must not wait for them."""
         self.localized = False
         self.kill("map_integrator")  # which now knows no place of the robot
-        self.losing_pose = True
-        self.notice_delays.append(self._until_told("camera_no_pose", CAMERAS[0]))
-        self.losing_pose = False
-        self._until_told("camera_no_pose", CAMERAS[0], told=False)
         self.interaction()
         self.localized = True
         self.counts["transforms lost"] += 1

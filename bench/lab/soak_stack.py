@@ -27,10 +27,10 @@ RESOLUTION = 0.05
 CAMERAS = ("red", "green")
 TIMEOUT = 40.0  # [s] of wall time for an answer on a busy machine; a killed node needs some seconds to come back
 NOTICED_S = 5.0  # [s] of simulated time within which a fault must be told
-NODES = ("interaction_manager", "border_fusion", "map_integrator", "lab_monitor")
+NODES = ("interaction_manager", "border_fusion", "map_integrator", "camera_poses")
 
 PARTS = TOP / "launch" / "parts"
-MONITOR = """<launch><node pkg="vb_bringup" type="lab_monitor" name="lab_monitor" respawn="true" respawn_delay="1">
+MONITOR = """<launch><node pkg="vb_laser_detect" type="camera_poses" name="camera_poses" respawn="true" respawn_delay="1">
   <param name="cameras" value="{cameras}"/></node></launch>"""
 
 
@@ -65,7 +65,7 @@ class Stack:
         self.codes: collections.Counter = collections.Counter()
         self.faults: List[str] = []
         self.notice_delays: List[float] = []
-        self.localized, self.losing_pose = True, False  # the robot is; the first camera does
+        self.localized = True  # the robot is
         self.received, self.plugged = dict.fromkeys(CAMERAS, 0), dict.fromkeys(CAMERAS, True)
         self.now, self.lived = 1_000_000.0, 0.0
         self.newest: Dict[str, Any] = {}
@@ -136,15 +136,10 @@ class Stack:
         stamp = rospy.Time.from_sec(self.now)
         for camera in CAMERAS:
             self.received[camera] += 25 if self.plugged[camera] else 0
-            fault = "camera_no_pose" if self.losing_pose and camera == CAMERAS[0] else ""
-            status = DetectorStatus(
-                camera=camera,
-                received=self.received[camera],
-                rate_hz=25.0 * self.plugged[camera],
-                fault=fault if self.plugged[camera] else "camera_silent",
-            )
+            status = DetectorStatus(camera=camera, received=self.received[camera], rate_hz=25.0)
             status.header.stamp = stamp
-            self.statuses.publish(status)
+            if self.plugged[camera]:
+                self.statuses.publish(status)
         if self.localized:
             self.tf.publish(TFMessage([message_from_transform(np.eye(4), "map", "base_link", stamp)]))
 

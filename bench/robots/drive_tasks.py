@@ -33,7 +33,7 @@ def places(scenario: str, seed: int):
     posterior = integrate(grid, Border(np.array(what.border), np.array(what.seed), 1.0, what.closed)).posterior
     restricted = posterior.data > np.maximum(grid.data, 0)
     rng = np.random.default_rng([seed, SCENARIOS.index(scenario)])
-    clearance_map = ClearanceMap(posterior, RADIUS, travel_margin=PATH_MARGIN + 0.03)
+    clearance_map = ClearanceMap(posterior, RADIUS + PATH_MARGIN)
     cells = posterior.cell_to_world(np.argwhere(clearance_map.clearance >= RADIUS + STOP_MARGIN))
     yaws = rng.integers(-180, 180, 1000)
     chain = [(*cells[rng.integers(len(cells))], 0)]

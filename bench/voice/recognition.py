@@ -3,23 +3,24 @@
 
     python3 bench/voice/recognition.py FOLDER --half development     the speakers that choices were made with
     python3 bench/voice/recognition.py FOLDER --half judging         the other speakers
+    python3 bench/voice/recognition.py FOLDER --talk                 hours of talk: what is taken for a command
 
-FOLDER has people's recordings of "stop" in stop/, of other words and sentences in other folders, in any format that sox
-reads, and a kitchen's noise in kitchen.flac. Speakers are told by their file's name and split by its checksum. All of it
-goes through one CommandListener as a microphone's samples do: in pieces, with a clock, beside our own sounds, and never
-reset. The last rows are what was taken for a command that was not meant.
+FOLDER has people's recordings of "stop" in stop/, of other words and sentences in other folders, and a kitchen's noise in
+kitchen.flac; with --talk, recordings in which nobody says a command, at any depth. Speakers are told by their file's name
+and split by its checksum. All of it goes through one CommandListener as a microphone's samples do: in pieces, with a clock,
+beside our own sounds, and never reset. The last rows are what was taken for a command that was not meant.
 """
 
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 import zlib
 from collections import Counter
 from pathlib import Path
 from typing import Dict, Iterable, List, NamedTuple
 
+import av
 import numpy as np
 import soxr
 
@@ -52,9 +53,10 @@ class Clip(NamedTuple):
 
 def load(path: Path) -> np.ndarray:
     """Reads a recording as (N,) float64 at 16 kHz."""
-    command = ["sox", str(path), "-t", "raw", "-e", "signed", "-b", "16", "-r", str(RATE), "-c", "1", "-"]
-    done = subprocess.run(command, stdout=subprocess.PIPE, check=True)
-    return np.frombuffer(done.stdout, "<i2").astype(float)
+    resampler = av.AudioResampler(format="s16", layout="mono", rate=RATE)
+    with av.open(str(path), format="g722" if path.suffix == ".g722" else None) as file:
+        frames = [one for frame in [*file.decode(audio=0), None] for one in resampler.resample(frame)]
+    return np.concatenate([frame.to_ndarray()[0] for frame in frames]).astype(float)
 
 
 def speaker(path: Path) -> str:
@@ -74,6 +76,13 @@ def read_people(folder: Path, half: str) -> List[Clip]:
     ]
 
 
+def trimmed(pcm: np.ndarray) -> np.ndarray:
+    """Returns a recording without the silence before and after it."""
+    loudness = np.convolve(np.abs(pcm), np.ones(320) / 320, "same")
+    loud = np.flatnonzero(loudness > 0.08 * loudness.max())
+    return pcm[loud[0] : loud[-1] + 1]
+
+
 def power(pcm: np.ndarray) -> float:
     """Computes the mean power of where there is speech: of frames that are not 15 dB below the loudest."""
     frames = pcm[: len(pcm) // 320 * 320].reshape(-1, 320)
@@ -88,7 +97,7 @@ class Room:
         self._listener = CommandListener(recognizer)
         self._noise = list(noise)
         self._random = np.random.default_rng(seed)
-        self._now = 0.0
+        self._now = self.seconds = 0.0  # of what was played, without pauses between
 
     def hear(self, clips: Iterable[np.ndarray], before: float = 0.5, sound: str = "", at: float = 0.0) -> List[Heard]:
         """Streams recordings without a pause between them, then quiet; returns what became of each utterance.
@@ -98,6 +107,7 @@ class Room:
             sound: one of ours that plays too, [s] `at` from the beginning of the recordings, half as loud as they are.
         """
         spoken = np.concatenate([clip * (PEAK / max(1.0, np.abs(clip).max())) for clip in clips])
+        self.seconds += len(spoken) / RATE
         pcm = np.concatenate([np.zeros(int(before * RATE)), spoken, np.zeros(int(AFTER * RATE))])
         pcm += self._background(len(pcm), power(spoken))
         plays = {}
@@ -168,6 +178,8 @@ def judge_people(folder: Path, half: str, tally: Tally) -> None:
         for where, room in (("quiet", quiet), ("kitchen", noisy)):
             tally.other(where, between, room.hear([between.pcm]))
             tally.count(f"stop, {where}", "stop" in commands(room.hear([clip.pcm])))
+            after = [trimmed(between.pcm), np.zeros(RATE // 10), trimmed(clip.pcm)]
+            tally.count(f"stop, 0.1 s after other speech, {where}", "stop" in commands(room.hear(after)))
         sound, at = str(random.choice([name for name in SOUNDS if name != "tick"])), float(random.uniform(-0.8, 1.2))
         beside = "stop" in commands(quiet.hear([clip.pcm], before=1.0, sound=sound, at=at))
         if "stop" in commands(quiet.hear([clip.pcm], before=1.0)):
@@ -181,13 +193,26 @@ def judge_people(folder: Path, half: str, tally: Tally) -> None:
         tally.other("kitchen", clip, noisy.hear([clip.pcm]))
 
 
+def judge_talk(folder: Path, tally: Tally) -> float:
+    """Plays recordings one after the other, with short pauses; returns how long they are [h]."""
+    room, random = Room(CommandRecognizer()), np.random.default_rng(1)
+    for path in sorted(path for path in folder.rglob("*") if path.suffix in (".g722", ".flac", ".wav", ".ogg")):
+        clip = Clip(path.parent.name, path.stem, "", load(path))
+        tally.other("talk", clip, room.hear([clip.pcm], before=float(random.uniform(0.0, 0.5))))
+    return room.seconds / 3600.0
+
+
 def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--half", choices=HALVES, default=HALVES[0])
+    parser.add_argument("--talk", action="store_true")
     given = parser.parse_args()
     tally, table = Tally(), Table(given.csv)
-    judge_people(given.folder, given.half, tally)
+    if given.talk:
+        table.add(what="hours of talk", share=judge_talk(given.folder, tally))
+    else:
+        judge_people(given.folder, given.half, tally)
     shares = {figure: share(*counted) for figure, counted in tally.figures.items()}
     for what, value in {**shares, **Counter(tally.wrong)}.items():
         table.add(half=given.half, what=what, share=value)

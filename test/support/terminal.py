@@ -18,11 +18,10 @@ class Terminal:
     """The wizard console in a pseudo-terminal; keeps all it wrote, without escape sequences.
 
     Args:
-        environment: variables beside the test's own.
         size: (columns, rows); the default is the smallest there is over ssh.
     """
 
-    def __init__(self, environment=None, size=(80, 24)):
+    def __init__(self, size=(80, 24)):
         self.master, self.slave = pty.openpty()
         self.resize(*size)
         self.settings = termios.tcgetattr(self.slave)
@@ -33,7 +32,7 @@ class Terminal:
             stdout=self.slave,
             stderr=self.slave,
             close_fds=True,
-            env={**os.environ, "TERM": "xterm", **(environment or {})},
+            env={**os.environ, "TERM": "xterm"},
             start_new_session=True,
         )
         self._reader = threading.Thread(target=self._read, daemon=True)

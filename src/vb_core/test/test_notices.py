@@ -45,7 +45,7 @@ def test_a_sentence_by_language_or_else_the_message():
 def test_a_silent_camera_is_told_once_if_its_detector_knows_why():
     book = ActiveNotices()
     book.update(
-        "lab_monitor", [Notice("camera_silent", Severity.ERROR, camera=name) for name in ("north", "south")], 10.0
+        "a_detector", [Notice("camera_silent", Severity.ERROR, camera=name) for name in ("north", "south")], 10.0
     )
     book.update("spot_detector_north", [Notice("camera_unplugged", Severity.ERROR, camera="north")], 10.0)
     assert {(notice.code, notice.camera) for notice in book.current(10.0)} == {

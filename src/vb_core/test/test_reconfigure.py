@@ -8,7 +8,7 @@ import pytest
 import rospy
 from dynamic_reconfigure.encoding import decode_description, encode_description
 
-from vb_core.errors import CodedError
+from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import reconfigure
 
@@ -25,7 +25,8 @@ class Params(Parameters):
 
     def __post_init__(self):
         super().__post_init__()
-        self.require_order("low", "high")
+        if self.low > self.high:
+            raise ParameterError("low", f"must be at most high = {self.high}, got {self.low}")
 
 
 def test_description_is_made_of_the_fields():

@@ -60,9 +60,9 @@ def run(random, participant, scenario, method, order=1, speed=1.0):
     return row
 
 
-def write(path, columns, rows):
+def write(path, columns, rows, others="raise"):
     with open(str(path), "w", newline="") as stream:
-        writer = csv.DictWriter(stream, columns, restval="")
+        writer = csv.DictWriter(stream, columns, restval="", extrasaction=others)
         writer.writeheader()
         writer.writerows(rows)
 

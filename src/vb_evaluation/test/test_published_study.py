@@ -1,4 +1,4 @@
-"""The published study's indices and tables are those of its own rows and areas; its pages' figures those of its tables."""
+"""The published study's indices are those of its areas, and what its page answers is that of its rows."""
 
 import csv
 import shutil
@@ -7,21 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vb_core.errors import CodedError
 from vb_evaluation.report import charts
-from vb_evaluation.report.page import write_report
+from vb_evaluation.report.answers import write_page
 
-STUDY = Path(__file__).resolve().parents[3] / "docs" / "results" / "study" / "judged"
-
-
-def rows_of(path):
-    with open(path, newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
+STUDY = Path(__file__).resolve().parents[3] / "docs" / "results" / "study"
 
 
 def test_every_index_is_that_of_the_published_areas():
     """With numpy alone, as somebody without this program would."""
-    areas, rows = np.load(STUDY / "areas.npz"), rows_of(STUDY / "runs.csv")
-    saved = [row for row in rows if row["map"]]
+    areas = np.load(STUDY / "judged" / "areas.npz")
+    with open(STUDY / "judged" / "runs.csv", newline="", encoding="utf-8") as stream:
+        saved = [row for row in csv.DictReader(stream) if row["map"]]
     assert len(saved) > 20
     for row in saved:
         drawn, asked = areas[Path(row["map"]).stem], areas[f"truth_{row['scenario']}"]
@@ -31,14 +28,17 @@ def test_every_index_is_that_of_the_published_areas():
         assert index == pytest.approx(float(row["jaccard_enclosed"]), abs=6e-5)
 
 
-def test_every_table_is_that_of_the_published_rows(tmp_path, monkeypatch):
+def test_the_page_answers_what_the_rows_say(tmp_path, monkeypatch):
     monkeypatch.setattr(charts, "_svg", lambda figure: charts.plt.close(figure) or "")
-    folder = tmp_path / "study"
-    folder.mkdir()
-    for path in STUDY.glob("*.*"):
-        shutil.copy(path, folder)
-    write_report(folder)
-    published = sorted((STUDY / "tables").glob("*.csv"))
-    assert len(published) >= 4
-    for path in published:
-        assert rows_of(folder / "tables" / path.name) == rows_of(path), path.name
+    page = shutil.copy(STUDY / "README.md", tmp_path)
+    write_page(STUDY / "judged", Path(page))
+    assert Path(page).read_text(encoding="utf-8") == (STUDY / "README.md").read_text(encoding="utf-8")
+    shutil.copytree(STUDY / "judged", tmp_path / "judged")
+    rows = (tmp_path / "judged" / "runs.csv").read_text(encoding="utf-8").splitlines(True)
+    (tmp_path / "judged" / "runs.csv").write_text("".join(rows[:-1]), encoding="utf-8")
+    write_page(tmp_path / "judged", Path(page))
+    assert Path(page).read_text(encoding="utf-8") != (STUDY / "README.md").read_text(encoding="utf-8")
+    Path(page).write_text("# A page without a place for them\n")
+    with pytest.raises(CodedError) as caught:
+        write_page(STUDY / "judged", Path(page))
+    assert caught.value.code == "no_place"

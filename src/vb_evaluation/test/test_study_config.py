@@ -204,20 +204,12 @@ def test_the_examples_of_the_documentation_work(tmp_path):
     assert [study.world.name for study in studies].count("studio") == 1 and len(studies) > 1
 
 
-def test_each_size_is_part_of_the_next():
-    jobs = {size: plan.jobs(STUDY, size) for size in plan.SIZES}
-    quick, default, full = (
-        {(job.file, *map(str, job.columns(1).values())) for job in of_size} for of_size in jobs.values()
+def test_the_quick_study_is_part_of_the_whole_one():
+    quick, whole = (
+        [(job.file, *map(str, job.columns(1).values())) for job in plan.jobs(STUDY, one)] for one in (True, False)
     )
-    assert quick < default < full
-    assert {row[0] for row in default} == {"runs.csv", "worlds.csv"}
-    # a row's world is the same in each size
-    worlds = [
-        {job.conditions["draw"]: job.changes for job in jobs[size] if job.file == "worlds.csv"}
-        for size in ("default", "full")
-    ]
-    assert (
-        len(worlds[0]) == 20
-        and len(worlds[1]) == 200
-        and all(worlds[1][draw] == changes for draw, changes in worlds[0].items())
-    )
+    assert quick == whole[:6] and len(set(whole)) == len(whole) == 100
+    assert {row[0] for row in whole} == {"runs.csv", "worlds.csv"}
+    # a row's file is in its place
+    names = [job.name for job in plan.jobs(STUDY)]
+    assert names[:60] == sorted(names[:60]) and names[60::2] == sorted(names[60::2])

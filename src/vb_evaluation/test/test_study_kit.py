@@ -507,6 +507,9 @@ def test_every_mishap_is_what_it_is_in_every_table(mishaps):
     # one completed with both, five only with the robot alone, nobody only with the network: exact p of 0 of 5
     (pairs,) = tables["who_completed"]
     assert [pairs[name] for name in ("both", "first", "second", "neither", "p")] == ["1", "0", "5", "0", ".062"]
+    # nobody who was helped is in the repetition
+    whole, without = tables["summary"][0], tables["summary_without_help"][0]
+    assert (whole["pairs"], without["pairs"], tables["not_completed"][0]["outcome"]) == ("6", "5", "not_saved")
     # accuracy: only who completed, so that no index of a wrong seed is in it
     accuracy = {row["method"]: row for row in tables["accuracy"]}
     assert accuracy["Network robot system"]["runs"] == "1" and float(accuracy["Network robot system"]["least"]) == 1.0

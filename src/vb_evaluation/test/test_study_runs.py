@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from vb_core.errors import CodedError
+from vb_evaluation.report.data import META, read_meta
 from vb_evaluation.study import campaign, config, plan
 from vb_evaluation.study.__main__ import main
 from vb_evaluation.study.result import RunTask
@@ -26,7 +27,7 @@ def moments(seconds, **changes):
 
 def test_robot_only_is_led_there():
     result = run(moments(10.0), RunTask(1, "carpet", "robot_only"))
-    assert result.spots and all(spot.mobile for spot in result.spots) and result.left_out > 0
+    assert result.spots and all(spot.mobile for spot in result.spots)
     # time was up while the robot was being led
     assert result.records[0]["guide_s"] > 3.0 and result.records[0]["border_s"] == 0.0
     assert np.linalg.norm(result.path[-1] - result.path[0]) > 0.5
@@ -47,7 +48,7 @@ def make_row(document, sources, job):
     """What a worker of these tests does instead of a run: a row that depends on job and configuration."""
     study = config.study_from_mapping(document, sources)
     varied = study.changed(job.changes) if job.changes else study
-    row = {name: 0 for name in campaign.columns(job.file)}
+    row = {name: 0 for name in campaign.columns(job.file) if name != "revision"}
     row.update(job.columns(study.design.seed), spots=int(varied.hash, 16) % 10**6)
     row.update({"map": ""} if "map" in row else {})
     return campaign.Outcome(job, row)
@@ -59,8 +60,9 @@ def test_the_same_with_any_number_of_processes_and_after_an_interruption(tmp_pat
         assert campaign.run_jobs(STUDY, jobs, tmp_path / folder, processes, console=QUIET, work=make_row) == 0
     one, two = ((tmp_path / folder / "runs.csv").read_bytes() for folder in ("one", "two"))
     assert one == two and one.count(b"\n") == 13
-    # as if the power had failed in the middle of the last row
-    (tmp_path / "one" / "runs.csv").write_bytes(one[: one.rstrip(b"\n").rfind(b"\n") + 12])
+    # as if the power had failed before the last row
+    next((tmp_path / "one" / "rows").glob("*_p0002_6_*")).unlink()
+    (tmp_path / "one" / "runs.csv").unlink()
     assert campaign.run_jobs(STUDY, jobs, tmp_path / "one", 1, console=QUIET, work=make_row) == 0
     assert (tmp_path / "one" / "runs.csv").read_bytes() == one
 
@@ -77,7 +79,7 @@ def work(document, sources, job):
 
 os.environ["CONDUCTOR"] = str(os.getpid())
 campaign._work = work
-sys.exit(command.main(["all", "--size", "quick", "--only", "runs", *sys.argv[1:]]))
+sys.exit(command.main(["all", "--quick", *sys.argv[1:]]))
 """
 
 
@@ -128,7 +130,7 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, capsys, monkeypa
     path = tmp_path / "short.yaml"
     path.write_text("design: {worlds: 2}\n")
     study = config.load(path)
-    job = plan.jobs(study, "full", only=name)[0]
+    job = next(job for job in plan.jobs(study) if job.file == name)
     assert campaign.run_jobs(study, [job], tmp_path, console=QUIET) == 0
     asked = [part for key, value in job.columns(1).items() for part in (f"--{key}", str(value))]
     given = ["run", "--config", str(path), *asked, "--compare", str(tmp_path / name)]
@@ -147,3 +149,41 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, capsys, monkeypa
 def test_a_row_that_no_study_has_is_reported():
     with pytest.raises(CodedError):
         plan.find(plan.main_jobs(STUDY, 1), participant=2, scenario="room", method="nrs")
+
+
+def test_another_configuration_is_refused(tmp_path):
+    campaign.open_folder(tmp_path, "abc", {"seed": 1})
+    campaign.open_folder(tmp_path, "abc", {"seed": 1})
+    with pytest.raises(CodedError, match="OUT=folder"):
+        campaign.open_folder(tmp_path, "def", {})
+    assert read_meta(tmp_path / META) == {"configuration": "abc", "seed": 1}
+
+
+@pytest.mark.parametrize(
+    "meta, words", [(None, "of another configuration"), ("{", "study.json"), ("[1]", "study.json")]
+)
+def test_rows_of_unknown_origin_are_refused(tmp_path, meta, words):
+    (tmp_path / "runs.csv").write_text("participant\n1\n")
+    if meta is not None:
+        (tmp_path / "study.json").write_text(meta)
+    with pytest.raises(CodedError, match=words):
+        campaign.open_folder(tmp_path, "abc", {})
+
+
+def test_a_study_needs_no_ros():
+    blocked = (
+        "rospy",
+        "tf2_ros",
+        "cv_bridge",
+        "roslib",
+        "actionlib",
+        "vb_msgs",
+        "std_msgs",
+        "sensor_msgs",
+        "nav_msgs",
+        "geometry_msgs",
+    )
+    code = (
+        f"import sys; sys.modules.update({{name: None for name in {blocked!r}}}); import vb_evaluation.study.__main__"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -62,12 +62,7 @@ class ProjectorTest(unittest.TestCase):
 
     def test_1_calibration_by_clicks(self):
         node = start(
-            "calibrate_projector",
-            f"_file:={self.file}",
-            f"_width:={SIZE[0]}",
-            f"_height:={SIZE[1]}",
-            "_window:=false",
-            "_check_duration:=0.5",
+            "calibrate_projector", f"_file:={self.file}", f"_width:={SIZE[0]}", f"_height:={SIZE[1]}", "_window:=false"
         )
         clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
         wait_until(lambda: clicks.get_num_connections() and self.pictures, "the first marker")
@@ -94,11 +89,9 @@ class ProjectorTest(unittest.TestCase):
         said = node.stdout.read()
         self.assertEqual(node.returncode, 0, said)
         self.assertIn("not in the frame map", said)
-        self.assertIn("one line", said)
+        self.assertIn("order of the markers", said)
         found = projector_calibration.load(self.file)
         np.testing.assert_allclose(found.footprint()[0], floor_of(0, 0), atol=1e-3)
-        # the grid: the map's lines at whole metres
-        self.assertGreater(self.at(2.0, 2.25), 200)
 
     def test_2_borders_drawing_and_preview(self):
         node = start("floor_projector", f"_calibration:={self.file}", "_max_rate:=20.0")

@@ -16,3 +16,8 @@ def text_boxes(shapes):
         elif shape.kind == PLATE:
             boxes.append(Box.centered(x, y, *shape.size))
     return boxes
+
+
+def contains(outer, inner, tolerance=1e-9):
+    """Returns whether one box is within another."""
+    return min(inner.x0 - outer.x0, inner.y0 - outer.y0, outer.x1 - inner.x1, outer.y1 - inner.y1) >= -tolerance

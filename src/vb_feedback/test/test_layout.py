@@ -19,6 +19,7 @@ from vb_feedback.display.layout import (
     text_width,
     wrap,
 )
+from shape_boxes import contains
 from vb_feedback.display.rviz_fonts import is_drawn, overlay_fonts
 
 sizes = st.floats(0.5, 200.0)
@@ -31,10 +32,10 @@ aspects = st.floats(1.0, 3.0)
 def test_the_map_is_whole_and_nothing_overlaps_it(x, y, width, height, aspect):
     extent = Box(x, y, x + width, y + height)
     layout = fit_view(extent, aspect)
-    assert layout.view.contains(extent, 1e-6)
+    assert contains(layout.view, extent, 1e-6)
     assert math.isclose(layout.view.width / layout.view.height, aspect, rel_tol=1e-9)
     for part in (layout.panel, layout.strip):
-        assert layout.view.contains(part, 1e-6) and not part.overlaps(layout.map)
+        assert contains(layout.view, part, 1e-6) and not part.overlaps(layout.map)
     assert not layout.panel.overlaps(layout.strip)
     # no smaller view would do: the map touches its room's margin in one direction
     across = layout.panel.x0 - layout.view.x0
@@ -145,7 +146,7 @@ def test_labels_lie_on_the_map_and_not_on_each_other(wanted):
     within = Box(0.0, 0.0, 8.0, 6.0)
     placed = place_labels(wanted, within)
     for number, box in enumerate(placed):
-        assert within.contains(box, 1e-6)
+        assert contains(within, box, 1e-6)
         assert math.isclose(box.width, wanted[number].width) and math.isclose(box.height, wanted[number].height)
         assert not any(box.overlaps(other) for other in placed[:number])
 

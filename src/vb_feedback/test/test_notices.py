@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from vb_core.grid_map import GridMap
 from vb_core.notices import Notice
 from vb_core.notices import Severity
 from vb_core.ros.messages import values_from_mapping
-from vb_feedback.display.display_messages import preview_notices
-from vb_feedback.display.notices import coverage_notices, select_others
+from vb_feedback.display.display_messages import preview_notices, select_notices
 from vb_msgs.msg import BorderIssue, BorderPreview
 
 
@@ -44,40 +40,10 @@ def test_what_others_say_is_said_whatever_its_words():
         Notice("stopped", Severity.WARNING, robot="b"),
         Notice("robot_coming_along", Severity.INFO, message="It comes."),
     ]
-    assert texts(select_others(held, "en")) == [
+    assert texts(select_notices(held, "en")) == [
         ("Der Roboter steht im Teppich.", True),
         ('Stopped: no robot drives until you say "resume".', True),
         ("It comes.", False),
     ]
-    assert "Angehalten" in texts(select_others(held, "de"))[1][0]
-    assert len(select_others([Notice(f"code_{number}") for number in range(9)], "en")) == 3
-
-
-def test_a_spot_that_nobody_sees():
-    covered = GridMap(np.ones((50, 80), np.int8), 0.1)
-    corner = covered.data.copy()
-    corner[:10, :10] = 0
-    partly = covered.with_data(corner)
-    assert (
-        coverage_notices("default", (), (1.0, 1.0), partly, True, (), "en")
-        == coverage_notices("border", ("red",), (1.0, 1.0), partly, True, (), "en")
-        == []
-    )
-    assert coverage_notices("border", (), None, partly, True, (), "en") == []
-    assert texts(coverage_notices("border", (), (1.2, 0.5), partly, True, (), "en")) == [
-        ("No camera sees this place: a robot will be sent.", True)
-    ]
-    # where cameras see all the floor it was switched off
-    assert (
-        coverage_notices("seed", (), (1.2, 0.5), covered, True, (), "en")
-        == coverage_notices("seed", (), (6.0, 4.0), partly, True, (), "en")
-        == []
-    )
-    assert texts(coverage_notices("seed", (), (1.2, 0.5), None, True, (), "en")) == [
-        ("No camera sees a spot. Keep pointing: a robot is coming.", False)
-    ]
-    for coverage in (None, partly):
-        assert "robot" not in texts(coverage_notices("seed", (), (1.2, 0.5), coverage, False, (), "en"))[0][0]
-    # others that say so themselves know better
-    for code in ("spot_not_seen_robot_looks", "spot_not_seen_check_laser"):
-        assert coverage_notices("border", (), (1.2, 0.5), partly, True, [Notice(code)], "en") == []
+    assert "Angehalten" in texts(select_notices(held, "de"))[1][0]
+    assert len(select_notices([Notice(f"code_{number}") for number in range(9)], "en")) == 3

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import threading
 import time
 
 import cv2
@@ -61,8 +60,8 @@ GOOD = [(0.0, 2.0), (3.0, 2.0), (3.0, 0.0), (0.0, 0.0)]
     [
         (GOOD[:3], "four clicks"),
         ([GOOD[0], GOOD[1], GOOD[2], (np.nan, 0.0)], "finite"),
-        ([GOOD[0], GOOD[1], GOOD[1], GOOD[3]], "2, 3 are at the same place"),
-        ([(0, 0), (1, 0), (2, 0), (0, 2)], "1, 2, 3 are on one line"),
+        ([GOOD[0], GOOD[1], GOOD[1], GOOD[3]], "order"),
+        ([(0, 0), (1, 0), (2, 0), (0, 2)], "order"),
         ([GOOD[0], GOOD[2], GOOD[1], GOOD[3]], "order"),
         ([(0.0, 2.0), (3.0, 2.0), (1.0, 1.2), (0.0, 0.0)], "order"),
         ([(0.0, 2.0), (3.0, 2.0), (1.7, 0.0), (1.3, 0.0)], "horizon"),
@@ -187,8 +186,6 @@ def test_the_calibrations_own_pictures():
     for number in range(len(markers(*SIZE))):
         shown = floor_image.draw_calibration_image(*SIZE, number)
         assert [shown[row, column].max() for column, row in np.rint(markers(*SIZE)).astype(int)].index(255) == number
-    grid = floor_image.draw_grid_image(CALIBRATION)
-    assert at(grid, 4.0, 2.0).max() > 200 and at(grid, 4.25, 2.25).max() == 0
 
 
 # ----------------------------------------------------------------- the window
@@ -226,28 +223,6 @@ def test_the_window_shows_each_pixel_where_it_belongs(screen, monkeypatch, tmp_p
         raise AssertionError("the window does not show the picture")
     finally:
         window.close()
-
-
-def test_a_fault_in_the_window_ends_its_thread_and_is_not_swallowed(screen, monkeypatch):
-    pytest.importorskip("tkinter")
-    monkeypatch.setenv("DISPLAY", screen)
-    faults = []
-
-    def start(work):
-        def run():
-            try:
-                work()
-            except Exception as error:
-                faults.append(error)
-
-        thread = threading.Thread(target=run, daemon=True)
-        thread.start()
-        return thread
-
-    window = ProjectorWindow(0, 0, *SIZE, start=start)
-    window.show(np.zeros((0, 0, 3), np.uint8))  # no picture for Tk
-    window._thread.join(60.0)
-    assert not window._thread.is_alive() and len(faults) == 1
 
 
 def test_without_a_screen_there_is_a_reason(monkeypatch):

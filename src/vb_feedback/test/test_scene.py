@@ -11,7 +11,7 @@ from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, draw_restrictions
 from vb_feedback.display.text_panel import PanelContent, words
 
-from shape_boxes import text_boxes
+from shape_boxes import contains, text_boxes
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
@@ -57,16 +57,16 @@ def test_labels_of_borders_stay_on_the_map():
     plates = [box for box in text_boxes([shape for shape in shapes if shape.kind == scene.PLATE])]
     for one, other in itertools.combinations(plates, 2):
         assert not one.overlaps(other)
-    assert all(layout.map.contains(plate) for plate in plates)
+    assert all(contains(layout.map, plate) for plate in plates)
     texts = text_boxes([shape for shape in shapes if shape.kind == scene.TEXT])
-    assert all(any(plate.contains(text) for plate in plates) for text in texts)
+    assert all(any(contains(plate, text) for plate in plates) for text in texts)
 
 
 def test_long_names_are_cut_and_stay_on_the_map():
     layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     for name in ("Carpet in front of the fireplace and behind the sofa where the dog sleeps at night", "X" * 200, ""):
         shapes = scene.borders(layout, [border(name=name, seed=(7.9, 0.1))])
-        assert all(layout.map.contains(box) for box in text_boxes(shapes))
+        assert all(contains(layout.map, box) for box in text_boxes(shapes))
         assert any(shape.text for shape in shapes)
 
 
@@ -85,15 +85,14 @@ def test_spots_fade_and_go():
         scene.TrailPoint("red", 1.1, 1.0, 11.0),
         scene.TrailPoint("blue", 2.0, 2.0, 10.9),
     ]
-    shapes = {shape.key: shape for shape in scene.trails(layout, seen, 11.0)}
+    shapes = {shape.key: shape for shape in scene.live_spots(layout, seen, 11.0)}
     trail = shapes[("spots/red/trail", 0)]
     assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colors[0]) > sum(trail.colors[1])
     assert trail.colors[1] == colors.camera_color("red") != colors.camera_color("blue")
-    discs = {shape.key: shape for shape in scene.live_spots(layout, seen, 11.0)}
-    assert discs[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in discs
+    assert shapes[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in shapes
     # long ago; and time that jumped back: what seems to come from the future is left out
     for now in (20.0, 0.0):
-        assert scene.trails(layout, seen, now) == scene.live_spots(layout, seen, now) == []
+        assert scene.live_spots(layout, seen, now) == []
 
 
 def test_drawing_needs_no_camera_names():

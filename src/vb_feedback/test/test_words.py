@@ -12,7 +12,7 @@ from vb_feedback.display.layout import Box, fit_view
 from vb_feedback.display.scene import PLATE, TEXT
 from vb_feedback.display.text_panel import PanelNotice, PanelContent, words
 
-from shape_boxes import text_boxes
+from shape_boxes import contains, text_boxes
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
@@ -35,7 +35,7 @@ def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
             for one, other in itertools.combinations(boxes, 2):
                 assert not one.overlaps(other)
             for box in boxes:
-                assert layout.view.contains(box) and not box.overlaps(layout.map)
+                assert contains(layout.view, box) and not box.overlaps(layout.map)
 
 
 def arc_minutes(size, layout):
@@ -118,7 +118,7 @@ def test_a_refusal_stands_out_for_every_eye():
     answer = [shape for shape in bad if shape.namespace == "words/answer"]
     assert plate.colors == (colors.YELLOW,) and all(shape.colors == (colors.BLACK,) for shape in answer)
     box = text_boxes([plate])[0]
-    assert all(box.contains(text) for text in text_boxes(answer))
+    assert all(contains(box, text) for text in text_boxes(answer))
 
 
 def test_a_usual_sentence_is_not_cut():

@@ -217,9 +217,7 @@ class CalibrateCameraTest(unittest.TestCase):
 
     def check_camera_poses(self, pose):
         """The pose that the file holds is what launch/parts/perception.launch publishes, and what replaces it later."""
-        rospy.set_param(
-            "/camera_poses", {"calibration_dir": self.folder.name, "cameras": "red green", "check_period": 0.2}
-        )
+        rospy.set_param("/camera_poses", {"calibration_dir": self.folder.name, "cameras": "red green"})
         poses = subprocess.Popen(["rosrun", "vb_laser_detect", "camera_poses"])
         self.addCleanup(poses.wait)
         self.addCleanup(poses.terminate)

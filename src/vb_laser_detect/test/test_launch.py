@@ -31,8 +31,8 @@ def placed(config):
 
 def test_all_is_here_unless_said_otherwise():
     config = load("cameras:=red green")
-    assert placed(config) == {"spot_detector_red": None, "spot_detector_green": None, "lab_monitor": None}
-    assert placed(load("cameras:=")) == {"lab_monitor": None}
+    assert placed(config) == {"spot_detector_red": None, "spot_detector_green": None, "camera_poses": None}
+    assert placed(load("cameras:=")) == {}
 
 
 @pytest.mark.parametrize("names", ["true", "on off", "7"])
@@ -42,7 +42,7 @@ def test_names_that_yaml_and_roslaunch_take_for_something_else_stay_names(names)
     # camera
     cameras = [name.capitalize() if name == "true" else name for name in names.split()]
     assert [config.params[f"/spot_detector_{name}/camera"].value for name in cameras] == cameras
-    assert config.params["/lab_monitor/cameras"].value == names
+    assert config.params["/camera_poses/cameras"].value == names
 
 
 def test_each_detector_is_on_its_cameras_machine(machines):
@@ -51,7 +51,7 @@ def test_each_detector_is_on_its_cameras_machine(machines):
         "spot_detector_red": None,
         "spot_detector_green": "loft",
         "spot_detector_blue": "hall",
-        "lab_monitor": None,
+        "camera_poses": None,
     }
     assert {name: machine.address for name, machine in config.machines.items() if name in ("loft", "hall")} == {
         "loft": "10.0.0.2",

@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from scenes import GREEN, RED, Scene, tinted
+from vb_core.errors import CodedError
 from vb_core.image_format import PixelReader
 from vb_laser_detect.detection import features
 from vb_laser_detect.detector import DetectorParams, Spot
@@ -200,34 +201,39 @@ def test_config_files_hold_the_presets(name, preset):
     ProjectionParams.from_mapping(config["projection"])
 
 
+def fault(watch, now):
+    found = watch.fault(float(now))
+    return "" if found is None else found.code
+
+
 @pytest.mark.parametrize(
-    "missing, told", [("no_transform", "camera_no_pose"), ("no_camera_info", "camera_no_lens"), ("shared_frame", "")]
+    "missing, told", [("no_transform", "camera_no_pose"), ("no_camera_info", "camera_no_lens"), ("shared_frame",) * 2]
 )
 def test_what_images_lack_is_told_once_it_lasts(missing, told):
-    watch = InputWatch()
-    for now in range(31):
-        assert watch.fault(float(now)) == (told if now > 15 else ""), "cameras and poses start one by one"
+    watch, missing = InputWatch(0.0), CodedError(missing)
+    for now in range(60):
+        assert fault(watch, now) == (told if now > 30 else ""), "cameras and poses start one by one"
         watch.see_image(float(now), missing)
-    watch.see_image(31.0, "")
-    assert watch.fault(33.0) == ""
-    watch.see_image(33.0, missing)
-    watch.see_image(37.0, missing)
-    assert watch.fault(37.5) == told, "what was there before is missed sooner"
+    watch.see_image(60.0, None)
+    assert fault(watch, 62) == ""
+    watch.see_image(62.0, missing)
+    watch.see_image(66.0, missing)
+    assert fault(watch, 66.5) == told, "what was there before is missed sooner"
 
 
 def test_images_without_a_pose_that_are_over_are_no_alarm_however_late_they_are_reported():
     """A detector whose first images came before the poses, on a computer that starts slowly."""
-    watch = InputWatch()
+    watch = InputWatch(0.0)
     for now in np.arange(20.0, 22.0, 0.1):
-        watch.see_image(now, "no_transform")
-    watch.see_image(22.0, "")
-    assert watch.fault(22.1) == ""
+        watch.see_image(now, CodedError("no_transform"))
+    watch.see_image(22.0, None)
+    assert fault(watch, 22.1) == ""
 
 
-def test_an_unplugged_camera_is_told_and_one_that_never_sent_anything_is_left_to_check_lab():
-    watch = InputWatch()
-    assert watch.fault(100.0) == ""
-    watch.see_image(100.0, "")
-    assert watch.fault(102.0) == "" and watch.fault(104.0) == "camera_silent"
-    watch.see_image(105.0, "")
-    assert watch.fault(105.5) == ""
+def test_an_unplugged_camera_is_told_and_one_that_never_sent_anything_once_the_lab_has_started():
+    watch = InputWatch(50.0)
+    assert fault(watch, 100) == "" and fault(watch, 111) == "camera_silent"
+    watch.see_image(112.0, None)
+    assert fault(watch, 114) == "" and fault(watch, 116) == "camera_silent"
+    watch.see_image(117.0, None)
+    assert fault(watch, 117.5) == ""

@@ -3,27 +3,28 @@
 import gc
 import threading
 import weakref
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
 import pytest
 import rospy
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_updater import DiagnosticStatusWrapper
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
+from vb_core.notices import Severity
 from vb_core.ros import cameras
 from vb_core.ros.images import compressed_encoding, array_from_compressed_image
 from vb_laser_detect import calibrate_camera_node, spot_detector_node
 from vb_laser_detect.detection.detector_counts import DetectorCounts
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect import camera_geometry
+from vb_laser_detect import camera_geometry, detector_diagnostics
 from vb_laser_detect.camera_geometry import is_rectified
-from vb_laser_detect.detector_diagnostics import DetectorDiagnostics, _Fault
+from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 from vb_msgs.msg import DetectorStatus
 
 
@@ -33,7 +34,7 @@ class Faults:
     def __init__(self):
         self.codes = []
 
-    def fault(self, error, missing=False):
+    def fault(self, error):
         self.codes.append(error.code)
 
     def require_own_frame(self, frame_id):
@@ -111,31 +112,87 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
     report_of(True).require_own_frame("head_camera")
 
 
+@pytest.fixture
+def report(monkeypatch):
+    """A detector's report of a camera, at a time that the test sets, which sends nothing."""
+    monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
+    monkeypatch.setattr(rospy, "Timer", lambda *_, **__: None)
+    monkeypatch.setattr(detector_diagnostics, "NoticePublisher", lambda: SimpleNamespace(set=lambda notices: None))
+    monkeypatch.setattr(detector_diagnostics.diagnostic_updater, "Updater", MagicMock)
+    clock = [rospy.Time(100)]
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: clock[0]))
+    monkeypatch.setattr(rospy, "get_time", lambda: clock[0].to_sec())
+
+    def make(mobile=False, own_source=False):
+        found = DetectorDiagnostics("red", None, mobile, own_source)
+        found.at = lambda seconds: clock.__setitem__(0, rospy.Time.from_sec(seconds))
+        found.told = lambda: [(one.code, one.severity, one.camera) for one in found._current(rospy.Time.now())]
+        return found
+
+    return make
+
+
+def play(report, began, ends, rate=10.0, age=0.02, search=0.01, grey=100, content="color"):
+    """Images that a detector searched; ends at that time [s]."""
+    for now in np.arange(began, ends, 1.0 / rate):
+        report.at(now)
+        report.see_picture(Picture(np.full((48, 64), grey, np.uint8), content))
+        report.set_missing_input(None)
+        report.count_image(rospy.Time.from_sec(now - age - search), search, 0, 0, "red_frame")
+
+
 @pytest.mark.parametrize(
-    "mobile, color, said", [(False, True, ""), (True, True, ""), (False, False, ""), (True, False, "no_color")]
+    "kinds, images, told",
+    [
+        ({}, {}, []),
+        ({}, {"content": "mono"}, []),
+        ({"mobile": True}, {"content": "mono"}, [("no_color", Severity.WARNING)]),
+        ({}, {"rate": 2.0}, [("camera_slow", Severity.WARNING)]),
+        ({}, {"grey": 255}, [("camera_too_bright", Severity.WARNING)]),
+        ({}, {"age": 60.0}, [("camera_clock", Severity.ERROR)]),
+        ({}, {"age": -4.0}, [("camera_clock", Severity.ERROR)]),
+        ({}, {"search": 2.0}, []),  # a busy computer is no wrong clock
+        ({"own_source": True}, {"age": 3.0}, []),  # its delay is known, and its clock is ours
+    ],
 )
-def test_a_robots_camera_without_colour_is_not_called_well(monkeypatch, mobile, color, said):
-    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
-    report = DetectorDiagnostics.__new__(DetectorDiagnostics)
-    report._camera, report._mobile, report._frame_id, report._lock = "red", mobile, "red_frame", threading.Lock()
-    report._missing_input, report._faults, report._started = "", {}, rospy.Time(1)
-    report._status, report.color = DetectorStatus(rate_hz=2.0), color
-    status = report._diagnose(DiagnosticStatusWrapper())
-    assert status.level == (DiagnosticStatus.WARN if said else DiagnosticStatus.OK)
-    assert not said or f"[{said}]" in status.message
+def test_what_is_wrong_with_images_is_told(report, kinds, images, told):
+    red = report(**kinds)
+    play(red, 100.0, 108.0, **images)
+    assert red.told() == [(code, severity, "red") for code, severity in told]
 
 
-def test_a_missing_pose_is_logged_once_it_has_lasted_then_on_change_and_ever_more_rarely():
-    fault, logged = _Fault(), []
-    for now in np.append(np.arange(0.0, 220.0, 0.1), np.arange(290.0, 300.0, 0.1)):
-        text = "no transform from 'a'" if now < 20.0 else "no transform from 'b'"
-        if fault.meet(text, rospy.Time(5), now, 3.0):
-            logged.append((round(now), text[-3:]))
-    assert logged == [(3, "'a'"), (20, "'b'"), (80, "'b'"), (200, "'b'"), (293, "'b'")]  # at last: it had been gone
-    # what is met once, as camera_info that is no camera's, is logged at once; a pose that was only late is not
-    assert _Fault().meet("bad", rospy.Time(5), 7.0, 0.0)
-    late = _Fault()
-    assert not any(late.meet("no transform", rospy.Time(5), now, 3.0) for now in (0.0, 1.0, 30.0, 31.0))
+def test_a_camera_that_the_detector_reads_says_why_it_is_silent_and_nothing_else(report):
+    red = report(own_source=True)
+    red.set_source_fault(CodedError("camera_unplugged", source="/dev/video0"), is_silent=True)
+    red.at(200.0)
+    assert red.told() == [("camera_unplugged", Severity.ERROR, "red")]
+    red.set_source_fault(CodedError("control_refused", source="/dev/video0", why="gain"), is_silent=False)
+    play(red, 200.0, 208.0)
+    assert red.told() == [("control_refused", Severity.WARNING, "red")]
+    red.set_source_fault(None, is_silent=False)
+    assert red.told() == []
+    red.at(220.0)
+    assert red.told() == [("camera_silent", Severity.ERROR, "red")]
+
+
+def test_a_fault_is_told_for_as_long_as_it_is_met(report):
+    red = report()
+    play(red, 100.0, 108.0)
+    red.fault(CodedError("bad_image", "the image is empty"))
+    [told] = red._current(rospy.Time.now())
+    assert (told.code, told.severity, told.sentence()) == ("bad_image", Severity.WARNING, "the image is empty")
+    play(red, 108.0, 116.0)
+    assert red.told() == []
+
+
+def test_a_robots_camera_is_not_to_be_calibrated_because_the_robot_is_lost(report):
+    for mobile, code in ((False, "camera_no_pose"), (True, "camera_robot_lost")):
+        red = report(mobile=mobile)
+        for now in range(100, 140):
+            red.at(float(now))
+            red.set_missing_input(CodedError("no_transform", "no transform from 'red_frame'"))
+        assert red.told() == [(code, Severity.ERROR, "red")]
+        assert "red_frame" in red._current(rospy.Time.now())[0].sentence()
 
 
 def test_an_image_without_a_place_is_freed_at_once():

@@ -116,7 +116,6 @@ class FaultyMoveBase:
                 return
             with self.body.lock:
                 x, y, _ = self.body.pose
-                x, y = x + self.body.offset[0], y + self.body.offset[1]  # it believes its localisation
                 distance = math.hypot(self._target[0] - x, self._target[1] - y)
                 if distance < 0.05:
                     self.body.velocity = (0.0, 0.0)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The dispatcher against a small move_base action server."""
+"""The dispatcher against the move_base action servers of two robots, which have faults."""
 
 import math
 import os
@@ -7,147 +7,208 @@ import signal
 import unittest
 from xmlrpc.client import ServerProxy
 
-import actionlib
 import numpy as np
 import rospy
 import rostest
-from move_base_msgs.msg import MoveBaseAction
 
-from stimulus import Stimulus, assert_bad_parameter_is_named
+from faulty_move_base import FaultyMoveBase
+from move_base_msgs.msg import MoveBaseActionGoal
+from stimulus import Body, Stimulus, assert_bad_parameter_is_named, room
 from vb_testing import wait_until
 
+from vb_core import names
 from vb_core.poses import to_base
-from vb_core.ros.messages import pose2d_from_message
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d
+from vb_msgs.msg import NoticeArray
 from vb_robot import robot_dispatcher_node
 from vb_robot.floor_view import FloorView
 
-DEFAULT, BORDER, SEED, GUIDE = range(4)
-
-
-class MoveBase:
-    """Accepts goals and aborts, reaches or holds them, as told."""
-
-    def __init__(self, stimulus):
-        self.stimulus = stimulus
-        self.goals = []  # (time, pose)
-        self.preempted = 0
-        self.behavior = "hold"
-        self.server = actionlib.SimpleActionServer("move_base", MoveBaseAction, self._execute, auto_start=False)
-        self.server.start()
-
-    def _execute(self, goal):
-        pose = pose2d_from_message(goal.target_pose.pose)
-        self.goals.append((rospy.Time.now().to_sec(), pose))
-        while not rospy.is_shutdown():
-            if self.server.is_preempt_requested():
-                self.preempted += 1
-                self.server.set_preempted()
-                return
-            if self.behavior == "abort":
-                self.server.set_aborted()
-                return
-            if self.behavior == "reach":
-                with self.stimulus.lock:
-                    self.stimulus.pose = pose
-                self.server.set_succeeded()
-                return
-            rospy.rostime.wallsleep(0.02)
+DEFAULT, BORDER, GUIDE = 0, 1, 3
+SPOT = (2.0, 2.5)
 
 
 class DispatcherTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("test_robot_dispatcher")
-        cls.stimulus = Stimulus(pose=(5.0, 0.7, 0.0))
+        cls.ada, cls.bob = Body((5.0, 2.5, 0.0), "ada"), Body((5.4, 0.6, 0.0), "bob")
+        cls.stimulus = Stimulus(pose=(0.5, 0.5, 0.0), others=(cls.ada, cls.bob))
         cls.stimulus.set_state(DEFAULT)
-        cls.navigation = MoveBase(cls.stimulus)
+        cls.bases = {body.name: FaultyMoveBase(body) for body in (cls.ada, cls.bob)}
+        cls.words = []
+        rospy.Subscriber(names.NOTICES, NoticeArray, lambda message: cls.words.extend(n.code for n in message.notices))
+        cls.maps = {
+            name: rospy.Publisher(f"/{name}/virtual_borders/map", OccupancyGridArray, queue_size=1, latch=True)
+            for name in cls.bases
+        }
         wait_until(lambda: cls.stimulus.spots.get_num_connections() > 0, "the dispatcher to listen")
 
     def setUp(self):
+        self.stop_drawing()
+        for base in self.bases.values():
+            base.recover()
+        self.publish_maps(room())
+        self.ada.pose, self.bob.pose = (5.0, 2.5, 0.0), (5.4, 0.6, 0.0)
+        self.stimulus.spot_frame = "map"
+        self.words.clear()
+
+    def publish_maps(self, grid, *robots):
+        """The maps of some robots; without a name that of all, and the one without borders."""
+        if not robots:
+            self.stimulus.publish_map(grid)
+        for name in robots or self.maps:
+            self.maps[name].publish(message_from_grid(grid, rospy.Time.now()))
+
+    def draw(self, first="ada", spot=SPOT):
+        """Draws, again and again until this robot is the first to be sent, and gives its goal if it was read.
+
+        Maps, transforms and what navigation says of itself reach the dispatcher each in its own time. A drawing may
+        begin before it has heard what a test has just said, and then another robot is rightly sent.
+        """
+        poses = [(base.body, base.body.pose) for base in self.bases.values()]
+
+        def is_first():
+            self.draw_once(spot)
+            wait_until(lambda: any(base.asked for base in self.bases.values()), "a robot to be asked")
+            asked = {name: base.asked[0] for name, base in self.bases.items() if base.asked}
+            if asked and min(asked, key=asked.get) == first:
+                return True
+            self.stop_drawing()
+            for body, pose in poses:
+                body.pose = pose
+            return False
+
+        wait_until(is_first, lambda: f"{first} to be sent first", 180.0)
+
+    def draw_once(self, spot=SPOT):
+        self.stimulus.set_state(BORDER)
+        self.stimulus.spot = (*spot, "red", False)
+
+    def stop_drawing(self):
         self.stimulus.spot = None
-        self.stimulus.spot_frame = "map"
         self.stimulus.set_state(DEFAULT)
-        # whatever an earlier test left running is cancelled by the state
-        wait_until(lambda: not self.navigation.server.is_active(), "no goal")
-        self.stimulus.pose = (5.0, 0.7, 0.0)
-        self.navigation.goals.clear()
-        self.navigation.preempted = 0
+        wait_until(lambda: not any(base.active for base in self.bases.values()), "no goal")
+        for base in self.bases.values():
+            base.rest()
 
-    def assert_sees(self, pose, spot):
-        self.assertTrue(FloorView.usual().sees(to_base(np.array([spot]), pose), 0.1)[0], f"{pose} and {spot}")
+    def goals(self, name):
+        return self.bases[name].goals
 
-    def test_waits_for_a_stationary_camera_then_sends_once_and_cancels(self):
-        self.navigation.behavior = "hold"
+    def is_sent(self, name, count=1):
+        wait_until(lambda: len(self.goals(name)) >= count, lambda: f"{count} goals of {name}; {self.goals(name)}")
+        return self.goals(name)[-1][1]
+
+    # ------------------------------------------------------------- who goes
+    def test_waits_for_a_stationary_camera_then_sends_one_once_and_cancels(self):
+        self.bases["ada"].behavior = "hold"
         self.stimulus.set_state(BORDER)
-        self.stimulus.spot = (2.0, 2.5, "robot", True)
-        count = []
-        gather = rospy.Subscriber("/virtual_borders/spots", rospy.AnyMsg, count.append)
-        wait_until(lambda: len(count) >= 20, "twenty spots")
-        self.assertEqual(self.navigation.goals, [], "a robot's own camera alone sends no robot")
-        self.stimulus.spot = (2.0, 2.5, "red", False)
-        wait_until(lambda: self.navigation.goals, "a goal")
-        self.assert_sees(self.navigation.goals[0][1], (2.0, 2.5))
-        seen = len(count)
-        wait_until(lambda: len(count) >= seen + 30, "thirty more spots")
-        self.assertEqual(len(self.navigation.goals), 1, "a spot that stays needs one goal")
-        gather.unregister()
-        self.stimulus.set_state(DEFAULT)
-        wait_until(lambda: self.navigation.preempted == 1, "the goal to be cancelled with the state")
-
-    def test_aborted_goal_is_followed_by_another_place(self):
-        self.navigation.behavior = "abort"
-        self.stimulus.set_state(SEED)
-        self.stimulus.spot = (2.0, 2.5, "red", False)
-        wait_until(lambda: len(self.navigation.goals) >= 2, "a second goal")
-        (_, first), (_, second) = self.navigation.goals[:2]
-        self.assertGreater(math.dist(first[:2], second[:2]), 0.25)
-        self.navigation.behavior = "reach"
-        reached = len(self.navigation.goals)
-        wait_until(
-            lambda: len(self.navigation.goals) > reached or self._robot_sees((2.0, 2.5)),
-            "another goal, or a robot that sees the spot",
-        )
-
-    def _robot_sees(self, spot):
-        return FloorView.usual().sees(to_base(np.array([spot]), self.stimulus.pose), 0.05)[0]
-
-    def test_spot_that_moves_on_is_followed(self):
-        self.navigation.behavior = "reach"
-        self.stimulus.set_state(BORDER)
-        self.stimulus.spot = (2.0, 2.5, "red", False)
-        wait_until(lambda: self._robot_sees((2.0, 2.5)), "a robot that sees the spot")
-        self.stimulus.spot = (4.6, 4.0, "green", False)
-        wait_until(lambda: self._robot_sees((4.6, 4.0)), "a robot that sees the spot at its new place")
-
-    def test_guide_sends_no_robot_and_wrong_frames_do_no_harm(self):
-        self.navigation.behavior = "hold"
-        self.stimulus.set_state(BORDER)
-        self.stimulus.spot_frame = "odom"
-        self.stimulus.spot = (2.0, 2.5, "red", False)
-        count = []
-        gather = rospy.Subscriber("/virtual_borders/spots", rospy.AnyMsg, count.append)
-        wait_until(lambda: len(count) >= 15, "fifteen spots")
-        self.assertEqual(self.navigation.goals, [])
+        self.stimulus.spot = (*SPOT, "ada", True)
+        self.hear_spots(20)
+        self.stimulus.spot_frame, self.stimulus.spot = "odom", (*SPOT, "red", False)
+        self.hear_spots(20)
+        sent = [self.goals(name) for name in self.bases]
+        self.assertEqual(sent, [[], []], "neither for a robot's own camera alone, nor for a place in another frame")
         self.stimulus.spot_frame = "map"
-        wait_until(lambda: self.navigation.goals, "a goal")
+        pose = self.is_sent("ada")
+        self.assertTrue(FloorView.usual().sees(to_base(np.array([SPOT]), pose), 0.1)[0], f"{pose} and {SPOT}")
+        self.hear_spots(30)
+        self.assertEqual([len(self.goals(name)) for name in self.bases], [1, 0], "a spot that stays needs one goal")
         self.stimulus.set_state(GUIDE)
-        wait_until(lambda: self.navigation.preempted == 1, "the goal to be cancelled")
-        gather.unregister()
+        wait_until(lambda: self.bases["ada"].stopped, "the goal to be cancelled with the state")
+
+    def hear_spots(self, count):
+        seen = []
+        listener = rospy.Subscriber(names.SPOTS, rospy.AnyMsg, seen.append)
+        wait_until(lambda: len(seen) >= count, f"{count} spots")
+        listener.unregister()
 
     def test_goal_of_a_killed_dispatcher_is_cancelled(self):
-        self.navigation.behavior = "hold"
-        self.stimulus.set_state(BORDER)
-        self.stimulus.spot = (2.0, 2.5, "red", False)
-        wait_until(lambda: self.navigation.goals, "a goal")
+        self.bases["ada"].behavior = "hold"
+        self.draw()
         self.stimulus.spot = None
-        uri = rospy.get_master().lookupNode("/robot_dispatcher")[2]
-        pid = ServerProxy(uri).getPid(rospy.get_name())[2]
-        os.kill(pid, signal.SIGKILL)
+        os.kill(ServerProxy(rospy.get_master().lookupNode("/robot_dispatcher")[2]).getPid("/test")[2], signal.SIGKILL)
         self.stimulus.set_state(DEFAULT)
-        wait_until(lambda: self.navigation.preempted == 1, "a dispatcher that comes back and cancels its goal", 120.0)
+        wait_until(lambda: self.bases["ada"].stopped, "a dispatcher that comes back and cancels its goal", 120.0)
 
     def test_bad_parameter_is_named(self):
         assert_bad_parameter_is_named(self, robot_dispatcher_node.build, "robots", ["ada", "ada"])
+
+    def test_two_never_take_the_same_place(self):
+        self.draw()
+        best = self.is_sent("ada")
+        self.setUp()
+        # somebody else has sent bob to just there
+        self.bob.pose = (best[0], best[1], 0.0)
+        goal = MoveBaseActionGoal()
+        goal.goal_id.id = "somebody"
+        goal.goal.target_pose.header.frame_id = "map"
+        goal.goal.target_pose.pose = message_from_pose2d(*best)
+        self.bases["bob"].behavior = "hold"
+        self.addCleanup(self.bases["bob"].rest)  # nobody else ends this goal
+        somebody = rospy.Publisher("/bob/move_base/goal", MoveBaseActionGoal, queue_size=1)
+        wait_until(lambda: somebody.get_num_connections() >= 2, "all who hear of goals")
+        somebody.publish(goal)
+        wait_until(lambda: self.bases["bob"].active, "bob to set out")
+        self.draw_once()
+        place = self.is_sent("ada")
+        self.assertGreaterEqual(math.dist(place[:2], best[:2]), 2 * 0.18 + 0.10)
+        self.assertEqual(len(self.goals("bob")), 1, "a free robot comes first")
+
+    def test_borders_for_one_robot_do_not_hold_the_other(self):
+        grid = room()
+        data = grid.data.copy()
+        data[:, 10:75] = 100  # bob is to keep out of where the spot is
+        self.publish_maps(grid.with_data(data), "bob")
+        self.ada.pose, self.bob.pose = (5.0, 4.4, 0.0), (4.2, 2.5, math.pi)
+        self.draw("ada", (2.0, 1.2))
+        self.is_sent("ada")
+        self.assertEqual(self.goals("bob"), [])
+
+    # ------------------------------------------------------------- faults
+    def test_abort_another_takes_over(self):
+        self.bases["ada"].behavior = "abort"
+        self.draw()
+        self.is_sent("bob")
+        wait_until(lambda: math.dist(self.bob.pose[:2], SPOT) < 1.6 and not self.bases["bob"].active, "bob to arrive")
+
+    def test_navigation_that_dies_while_driving(self):
+        self.draw()
+        self.is_sent("ada")
+        wait_until(lambda: self.ada.velocity[0] > 0.0, "ada to drive")
+        self.bases["ada"].die()
+        self.is_sent("bob")
+
+    def test_navigation_that_is_slow_to_answer(self):
+        self.bases["ada"].be_deaf(True)
+        self.draw()
+        self.is_sent("bob")
+        self.assertEqual(self.goals("ada"), [])
+
+    def test_navigation_that_never_comes_and_then_does(self):
+        for base in self.bases.values():
+            base.die()
+        self.draw_once()
+        # the interaction goes on; when the spot is lost people are told how things are
+        self.hear_spots(25)
+        self.stimulus.spot = None
+        wait_until(lambda: "spot_not_seen_no_robot" in self.words, lambda: f"people to be told; {self.words}")
+        self.stimulus.spot = (*SPOT, "red", False)
+        self.bases["bob"].revive()
+        self.is_sent("bob")
+
+    def test_cancel_while_driving_stops_the_robot(self):
+        self.draw()
+        self.is_sent("ada")
+        wait_until(lambda: self.ada.velocity[0] > 0.3, "ada to drive")
+        cancelled = rospy.Time.now().to_sec()
+        self.stimulus.spot = None
+        self.stimulus.set_state(DEFAULT)
+        wait_until(lambda: self.bases["ada"].stopped, "ada to be stopped")
+        print(f"cancel to stop: {1e3 * (self.bases['ada'].stopped[0] - cancelled):.0f} ms")
+        self.assertEqual(self.ada.velocity, (0.0, 0.0))
+        # and the next interaction is like any other
+        self.draw_once((3.0, 3.5))
+        self.is_sent("ada", 2)
 
 
 if __name__ == "__main__":

@@ -30,15 +30,12 @@ def room(width=6.0, height=5.0, resolution=0.05):
 
 
 class Body:
-    """A robot: its pose (x, y, yaw) in the map frame, moved by `velocity` (v, w), and published to tf.
-
-    `offset` (x, y) is by how much the localisation is wrong.
-    """
+    """A robot: its pose (x, y, yaw) in the map frame, moved by `velocity` (v, w), and published to tf."""
 
     def __init__(self, pose, name=""):
         self.lock = threading.Lock()
         self.name, self.prefix = name, f"{name}/" if name else ""
-        self.pose, self.velocity, self.offset = pose, (0.0, 0.0), (0.0, 0.0)
+        self.pose, self.velocity = pose, (0.0, 0.0)
         self.view = FloorView.usual()
         self.info = rospy.Publisher(f"{self.prefix}camera/rgb/camera_info", CameraInfo, queue_size=1)
         self._time = None
@@ -54,9 +51,8 @@ class Body:
                 x, y, yaw = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), yaw + w * dt
                 self.pose = (x, y, yaw)
             self._time = now
-        error = geometry.transform_from_pose2d(*self.offset, 0.0)
         return [
-            message_from_transform(error, "map", self.prefix + "odom", now),
+            message_from_transform(np.eye(4), "map", self.prefix + "odom", now),
             message_from_transform(
                 geometry.transform_from_pose2d(x, y, yaw), self.prefix + "odom", self.prefix + "base_link", now
             ),
@@ -72,6 +68,7 @@ class Stimulus(Body):
         self.others = others  # Bodies
         self.spot = None  # (x, y, camera, mobile): published at 20 Hz while set
         self.spot_frame = "map"
+        self.scan_frame = "base_laser_link"
         self.scan_range = None  # [m] what a scanner in the robot's middle sees straight ahead; None: no scans
         self._broadcaster = tf2_ros.TransformBroadcaster()
         self._map = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, queue_size=1, latch=True)
@@ -130,7 +127,7 @@ class Stimulus(Body):
             spot, frame = self.spot, self.spot_frame
         if self.scan_range is not None:
             scan = LaserScan(angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0)
-            scan.header.stamp, scan.header.frame_id = now, "base_laser_link"
+            scan.header.stamp, scan.header.frame_id = now, self.scan_frame
             scan.range_min, scan.range_max = 0.1, 8.0
             # a flat obstacle 0.4 m wide ahead
             angles = scan.angle_min + scan.angle_increment * np.arange(361)

@@ -1,7 +1,6 @@
 """Who drives, and whether it may; and the closed loop of following, on a unicycle without ROS."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.poses import to_base
-from vb_core.robot_profile import Driving, RobotProfile
+from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import HeldStops, StopLatch
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_robot.driving.arbiter import ACCELERATION, Arbiter
@@ -49,31 +48,21 @@ def with_border(grid, x0, y0, x1, y1):
 class Rig:
     """An arbiter on a unicycle in an empty room; what is `silent` does not come any more."""
 
-    def __init__(
-        self,
-        pose=(2.0, 2.5, 0.0),
-        fov=360,
-        grid=None,
-        camera="robot",
-        cameras=("robot",),
-        exit_borders=False,
-        stops=None,
-    ):
+    def __init__(self, pose=(2.0, 2.5, 0.0), fov=360, grid=None, camera="robot", cameras=("robot",), stops=None):
         self.now, self.pose, self.silent = 100.0, pose, set()
-        profile = replace(PROFILE, driving=Driving(exit_borders=exit_borders))
-        self.arbiter = Arbiter(profile, camera, cameras, stops)
+        self.arbiter = Arbiter(PROFILE, camera, cameras, stops)
         self.arbiter.follower.view = VIEW
         self.set_grid(grid or empty())
         self.camera, self.fov, self.state, self.latch = camera, fov, (DEFAULT, "", 0.0), StopLatch()
         self.spot, self.confidence, self.navigation, self.teleop = None, 0.9, None, None
         self.ranges = np.full(fov, math.inf)
-        self.commands, self.cancelled = [], 0
+        self.commands, self.cancelled, self.listeners = [], 0, 1
         self.goal = False  # whether navigation has one
         self.off = 0.0  # [m] by which the localisation believes to be farther back than it is
         self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
 
     def set_grid(self, grid):
-        self.arbiter.set_maps(Workspace(grid, empty(), PROFILE.radius, uncertainty=PoseUncertainty().meters))
+        self.arbiter.gate.workspace = Workspace(grid, empty(), PROFILE.radius, uncertainty=PoseUncertainty().meters)
 
     def set_state(self, state, interaction="a"):
         self.state, self._said = (state, interaction if state != DEFAULT else "", self.now), -math.inf
@@ -114,8 +103,7 @@ class Rig:
         self.arbiter.gate.clock_age = self._stood
         if "goal" not in self.silent and self.goal:
             self.arbiter.set_goal(True, self.now)
-        self.arbiter.plan_exit(self.now)
-        command = self.arbiter.step(self.now)
+        command = self.arbiter.step(self.now, self.listeners)
         self.cancelled += command.cancel
         self.commands.append(command)
         middle = self.pose[2] + 0.5 * command.w * DT
@@ -292,6 +280,8 @@ def test_within_a_border_a_person_may_drive_it_and_navigation_may_not():
     assert rig.step(0.2).code == "inside_border" and rig.commands[-1].v == 0.0
     rig.teleop = (0.3, 0.0)
     assert rig.step(0.2).source == "teleop" and rig.commands[-1].v > 0.0
+    rig.teleop = None
+    rig.follows()
 
 
 def test_contact_lets_it_only_back_up():

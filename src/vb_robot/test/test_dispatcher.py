@@ -160,6 +160,17 @@ def test_what_people_are_told():
     assert lab.dispatcher.notice is None
 
 
+def test_that_nobody_sees_the_spot_and_no_robot_comes_is_told_once_it_lasts():
+    lab = Lab()
+    lab.dispatcher.maps[""].view = None  # so that none can be sent
+    lab.draw_until(EDGE + 0.05, robot_sees=False)
+    lost, told = lab.now, []
+    while not told and lab.now < lost + 10.0:
+        lab.step(robot_sees=False)
+        told += [lab.now - lost] if lab.dispatcher.notice else []
+    assert lab.dispatcher.notice.code == "spot_not_seen_no_robot" and 2.0 <= told[0] <= 3.5
+
+
 def look(grid, drawing, robot):
     grounds = RobotMap(0.18)
     grounds.set_map(grid)

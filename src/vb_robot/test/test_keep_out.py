@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
@@ -63,6 +63,7 @@ def test_route_is_tight_and_keeps_off_obstacles():
 
 @settings(max_examples=10, deadline=None)
 @given(st.floats(0.4, 7.6), st.floats(0.4, 4.6), st.floats(0, 6.28), st.integers(0, 3), st.booleans())
+@example(5.625, 2.0, 0.0, 0, True)  # past a corner, while the seed is shown
 def test_paths_never_enter_the_polygon(x, y, yaw, corner, seeding):
     polygon = Polygon(CARPET)
     assume(polygon.distance(Point(x, y)) > 0.25)

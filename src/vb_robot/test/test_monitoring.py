@@ -60,7 +60,7 @@ ROLLING = {"plugins": [{"name": "obstacle_layer", "type": "costmap_2d::ObstacleL
 def test_whether_a_robot_plans_round_borders(maps, parameters, plans):
     seen = wiring.observe(graph(maps), "", parameters)
     assert seen.plans_round_borders == plans and seen.move_base == "/move_base" and not seen.missing_maps
-    assert (seen.path, seen.planner, seen.wheels) == ("/move_base/NavfnROS/plan", "DWAPlannerROS", ("/cmd_vel",))
+    assert (seen.path, seen.planner) == ("/move_base/NavfnROS/plan", "DWAPlannerROS")
 
 
 def test_a_robot_with_a_name_may_plan_on_its_own_map_or_on_that_of_all():

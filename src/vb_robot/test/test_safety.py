@@ -54,10 +54,13 @@ def test_nearer_than_the_scanner_can_measure_is_an_obstacle(value):
     assert scan(ranges).free_distance(-0.2, 0.0, RADIUS, KEEP) == math.inf
 
 
-def test_a_scanner_that_says_0_for_no_echo():
-    ranges = np.zeros(360)
-    assert scan(ranges, no_return="zero").free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
-    assert scan(ranges, no_return="zero").sees_path(0.2, 0.0, RADIUS, 0.05)
+@pytest.mark.parametrize("said, told", [(0.0, "zero"), (math.nan, "nan")])
+def test_a_scanner_says_otherwise_that_nothing_came_back_if_its_profile_tells(said, told):
+    ranges = np.full(360, said)
+    assert scan(ranges, no_return=told).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
+    assert scan(ranges, no_return=told).sees_path(0.2, 0.0, RADIUS, 0.05)
+    untold = scan(ranges)
+    assert untold.free_distance(0.2, 0.0, RADIUS, KEEP) <= 0.0 or not untold.sees_path(0.2, 0.0, RADIUS, 0.05)
 
 
 def test_free_distance_to_a_wall_and_round_a_post():
@@ -70,12 +73,6 @@ def test_free_distance_to_a_wall_and_round_a_post():
     post[178:182] = 0.6  # straight ahead
     assert scan(post).free_distance(0.2, 0.0, RADIUS, KEEP) < 0.35
     assert scan(post).free_distance(0.2, 0.4, RADIUS, KEEP) == math.inf, "an arc of 0.5 m leads past it"
-
-
-def test_the_robots_own_parts_are_no_obstacle():
-    ranges = np.full(360, math.inf)
-    ranges[180] = 0.085
-    assert scan(ranges, range_min=0.05).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
 
 
 def test_speed_limits_count_where_the_robot_is_and_where_it_drives_to():

@@ -199,13 +199,6 @@ def test_unreachable_spot_has_no_viewpoint():
     assert list(offers(shut, (1.0, 1.0, 0.0), DrawingState(np.array([7.0, 2.0]), NO_CHAIN))) == []
 
 
-def test_stays_out_of_what_is_being_enclosed():
-    chain = np.array([[5.0, 1.0], [7.0, 1.0], [7.0, 3.0], [5.2, 3.0]])
-    drawing = DrawingState(np.array([5.0, 2.9]), chain, np.array([-0.2, -1.0]) / math.hypot(0.2, 1.0))
-    best = list(offers(CLEARANCE_MAP, (6.0, 4.5, 0.0), drawing))[0]
-    assert not (5.0 < best.pose[0] < 7.0 and 1.0 < best.pose[1] < 3.0)
-
-
 def test_seed_side_is_left():
     door = np.array([[4.0, 3.65], [4.0, 4.35]])
     # the seed lies in the right room, the robot stands there too: it must come out

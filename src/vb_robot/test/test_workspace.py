@@ -78,10 +78,9 @@ def test_a_map_lets_a_robot_out_but_not_further_in():
     data[:, 160:] = 100  # x = 4 m and more
     empty = GridMap(np.zeros_like(data), 0.025)
     ground = Workspace(empty.with_data(data), empty, 0.18)
-    assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.0, 0.05, False) == pytest.approx(1.0 - 0.18 - 0.05, abs=0.04)
-    assert ground.free_distance((3.9, 2.5, 0.0), 0.2, 0.0, 0.05, False) <= 0.04
-    assert ground.free_distance((3.9, 2.5, 0.0), -0.2, 0.0, 0.05, False) == math.inf
-    assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.1, 0.05, exiting=True) == math.inf
+    assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.0, 0.05) == pytest.approx(1.0 - 0.18 - 0.05, abs=0.04)
+    assert ground.free_distance((3.9, 2.5, 0.0), 0.2, 0.0, 0.05) <= 0.04
+    assert ground.free_distance((3.9, 2.5, 0.0), -0.2, 0.0, 0.05) == math.inf
 
 
 def test_what_the_localisation_may_be_off_is_kept_off_borders_and_not_off_walls():
@@ -89,7 +88,7 @@ def test_what_the_localisation_may_be_off_is_kept_off_borders_and_not_off_walls(
     uncertain = Workspace(plain.borders, plain.physical, 0.18, [CARPET], uncertainty=0.1)
     beside_border, beside_wall = (2.0, 1.0, math.pi), (2.4, 4.0, 0.0)
     for pose, less in ((beside_border, 0.1), (beside_wall, 0.0)):
-        before, after = (here.free_distance(pose, 0.2, 0.0, 0.0, False) for here in (plain, uncertain))
+        before, after = (here.free_distance(pose, 0.2, 0.0, 0.0) for here in (plain, uncertain))
         assert before - after == pytest.approx(less, abs=0.03)
     # what people are told does not depend on it
     assert uncertain.contact_at((1.73, 1.0)) is plain.contact_at((1.73, 1.0)) is BorderContact.FREE

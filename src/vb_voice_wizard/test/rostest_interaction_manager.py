@@ -352,7 +352,7 @@ class InteractionManagerTest(unittest.TestCase):
         notices = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=1)
         # notices hold for as long as they are repeated
         timer = rospy.Timer(
-            rospy.Duration(0.2), lambda _event: notices.publish(NoticeArray(source="/lab_monitor", notices=told))
+            rospy.Duration(0.2), lambda _event: notices.publish(NoticeArray(source="/camera_poses", notices=told))
         )
         try:
             self.command("define_border")
@@ -513,12 +513,7 @@ class InteractionManagerTest(unittest.TestCase):
         del self.state.all[:]
         notices = Newest("/virtual_borders/notices", NoticeArray)
         impatient = Process(
-            "vb_voice_wizard",
-            "interaction_manager",
-            "__name:=interaction_manager",
-            *ARGUMENTS,
-            "_idle_timeout:=3",
-            "_idle_warning:=2.5",
+            "vb_voice_wizard", "interaction_manager", "__name:=interaction_manager", *ARGUMENTS, "_idle_timeout:=3"
         )
         try:
             self.state.wait(lambda message: message.stopped, "a stop in doubt")
@@ -543,8 +538,7 @@ class InteractionManagerTest(unittest.TestCase):
         finally:
             impatient.stop()
             # what a node was given stays on the parameter server, for the next one of this name too
-            for name in ("idle_timeout", "idle_warning"):
-                rospy.delete_param(f"/interaction_manager/{name}")
+            rospy.delete_param("/interaction_manager/idle_timeout")
             self.node.start()
 
     def test_a_bad_parameter_is_one_line(self):

@@ -39,7 +39,6 @@ class VoiceCommandsTest(unittest.TestCase):
             "_sounds/success:=10.0",
             "_sounds/recognized:=0.0",
             "_sounds/error:=0.0",
-            "_mute_margin:=0.0",
         )
         cls.heard = Newest(HEARD, SpeechCommand)
         cls.sounds = Newest("/virtual_borders/sound", Sound)
@@ -159,7 +158,7 @@ class VoiceCommandsTest(unittest.TestCase):
 
     def test_a_bad_parameter_is_one_line(self):
         # limits and choices are tested where parameters are checked; each node here costs a second
-        cases = [(["_source:=topic", "_recognizer/treshold:=0.5"], "treshold"), (["_source:=wav"], "source")]
+        cases = [(["_source:=topic", "_recognizer/phrase:={}"], "phrase"), (["_source:=wav"], "source")]
         assert_ends_with_one_line("vb_voice_wizard", "voice_commands", cases)
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core import sentences
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import CodedError
 from vb_core.vocabulary import (
     BORDER,
     CANCEL,
@@ -25,7 +25,7 @@ from vb_core.vocabulary import (
 from vb_core.vocabulary import PAUSE, PAUSED, REDO, RESUME, SAVE, SEED, STOP, UNDO, normalize, spoken_form
 from vb_voice_wizard.confirmation import ANSWERS, CONFIRM_WITHIN
 from vb_voice_wizard.interaction import Interaction
-from vb_voice_wizard.session import ALWAYS, Answer, InteractionParams, NEVER, UNSEEN_AFTER
+from vb_voice_wizard.session import Answer, InteractionParams, UNSEEN_AFTER
 
 ENTERING = {DEFINE_BORDER: BORDER, DEFINE_SEED: SEED, GUIDE_ROBOT: GUIDE}
 
@@ -368,17 +368,10 @@ def drawn(**params) -> Interaction:
 
 
 @pytest.mark.parametrize(
-    "rule, uncertain, doubtful, asked",
-    [
-        (NEVER, True, True, False),
-        ("uncertain", False, False, False),
-        ("uncertain", True, False, True),
-        ("uncertain", False, True, True),
-        (ALWAYS, False, False, True),
-    ],
+    "uncertain, doubtful, asked", [(False, False, False), (True, False, True), (False, True, True)]
 )
-def test_save_is_asked_about_as_the_rule_says(rule, uncertain, doubtful, asked):
-    interaction = drawn(confirm_save=rule)
+def test_save_is_asked_about_if_word_or_border_are_in_doubt(uncertain, doubtful, asked):
+    interaction = drawn()
     answer = interaction.command(SAVE, "voice", 3.0, uncertain, doubtful)
     assert (answer.code == "confirm_save") == asked == interaction.confirm_save == (not interaction.saving)
     if asked:
@@ -389,11 +382,11 @@ def test_save_is_asked_about_as_the_rule_says(rule, uncertain, doubtful, asked):
 
 @pytest.mark.parametrize("between", [DEFINE_BORDER, GUIDE_ROBOT, STOP, "nonsense", ""])
 def test_a_question_is_forgotten_by_another_command_or_after_a_while(between):
-    interaction = drawn(confirm_save=ALWAYS)
-    interaction.command(SAVE, "a", 3.0)
+    interaction = drawn()
+    interaction.command(SAVE, "a", 3.0, False, True)
     if between:
         interaction.command(between, "a", 4.0)
-    again = interaction.command(SAVE, "a", 5.0 if between else 3.1 + CONFIRM_WITHIN)
+    again = interaction.command(SAVE, "a", 5.0 if between else 3.1 + CONFIRM_WITHIN, False, True)
     assert (again.code == "confirm_save") == (between != "nonsense") and interaction.saving == (between == "nonsense")
 
 
@@ -512,17 +505,15 @@ def test_cancel_after_an_unanswered_save_does_not_promise_an_unchanged_map():
 
 
 def test_an_abandoned_interaction_ends_after_a_warning():
-    interaction = machine(idle_timeout=100.0, idle_warning=20.0)
+    interaction = machine(idle_timeout=100.0)
     assert not interaction.end_if_idle(1e6) and interaction.ends_at == 0.0
     interaction.command(DEFINE_BORDER, "a", 1000.0)
-    assert not interaction.end_if_idle(1079.0) and interaction.ends_at == 0.0
-    assert not interaction.end_if_idle(1080.0) and interaction.ends_at == 1100.0
+    assert not interaction.end_if_idle(1039.0) and interaction.ends_at == 0.0
+    assert not interaction.end_if_idle(1050.0) and interaction.ends_at == 1100.0
     interaction.count_spots(1, 0, 0, 1090.0)
     assert not interaction.end_if_idle(1100.0) and interaction.ends_at == 0.0
     # over a restart of the node too: tomorrow's spots must not join today's border
-    interaction = Interaction.from_mapping(
-        interaction.to_mapping(), InteractionParams(idle_timeout=100.0, idle_warning=20.0)
-    )
+    interaction = Interaction.from_mapping(interaction.to_mapping(), InteractionParams(idle_timeout=100.0))
     assert interaction.end_if_idle(90000.0)
     assert (interaction.state, interaction.last_outcome, interaction.last_answer.code) == (
         DEFAULT,
@@ -533,14 +524,9 @@ def test_an_abandoned_interaction_ends_after_a_warning():
 
 
 def test_an_interaction_that_is_being_saved_does_not_end_by_itself():
-    interaction = drawn(idle_timeout=100.0, idle_warning=20.0)
+    interaction = drawn(idle_timeout=100.0)
     interaction.command(SAVE, "a", 3.0)
     assert not interaction.end_if_idle(1000.0) and interaction.saving
-
-
-def test_a_warning_must_come_before_the_end():
-    with pytest.raises(ParameterError):
-        InteractionParams(idle_timeout=30.0, idle_warning=60.0)
 
 
 def test_a_late_command_is_refused_in_a_sentence():

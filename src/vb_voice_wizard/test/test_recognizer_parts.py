@@ -94,7 +94,7 @@ def test_a_long_stream_needs_no_memory():
     endpointer = Endpointer(spoken_at([(0.5, 100.0)]))
     for _ in range(60):
         endpointer.push(numbered(1.0))
-    kept = sum(chunk.size for chunk in [*endpointer._kept, *endpointer._before])
+    kept = sum(chunk.size for chunk in endpointer._heard)
     assert endpointer.speaking and kept < (MAX_UTTERANCE + 2.0) * RATE
 
 

@@ -16,7 +16,6 @@ import rosgraph
 import rospy
 import rostest
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point
 from sensor_msgs.msg import Image
 
@@ -390,14 +389,6 @@ class PageTest(unittest.TestCase):
         self.browser.wait_text("#banners", "All robots are stopped")
         self.browser.run("window.scrollTo(0, 0)")
         self.assertEqual(self.browser.run(place), before)
-        # what is told already, as somebody's stop, is no problem besides
-        diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1, latch=True)
-        stop = DiagnosticStatus(DiagnosticStatus.WARN, "lab: lab", "Stopped.", "lab", [KeyValue("code", "stopped")])
-        diagnostics.publish(
-            DiagnosticArray(status=[stop, DiagnosticStatus(DiagnosticStatus.WARN, "driver", "It is slow.", "", [])])
-        )
-        self.browser.wait_text("#health-sum", "1 problem")
-        diagnostics.unregister()
         # a second tap on Stop is no Resume
         self.browser.run("document.getElementById('toast').dataset.code = ''")
         self.browser.click("#stop")
@@ -734,12 +725,12 @@ class PageTest(unittest.TestCase):
             notices.set(
                 [
                     Notice("interaction_ends_soon", Severity.WARNING),
-                    Notice("robot_exits_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
+                    Notice("robot_touches_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
                 ]
             )
             self.browser.wait_text("#notices", "discarded soon")
-            self.browser.wait_text("#notices", "The robot is leaving Rug by itself.")
-            other.wait_text("#notices", "Der Roboter verlässt Rug von selbst.")
+            self.browser.wait_text("#notices", "The edge of the robot touches Rug.")
+            other.wait_text("#notices", "Der Roboter berührt mit dem Rand Rug.")
             other.wait("document.querySelector('#notices li')", what="the notice")
             self.assertNotIn("discarded soon", other.text("#notices"))
             notices.close()

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
 from vb_web import access
-from vb_web.access import AccessCodes, Limiter, Places, Role, Sessions
+from vb_core.limiter import Limiter
+from vb_web.access import AccessCodes, Places, Role, Sessions
 
 CODES = AccessCodes("view-er22", "oper-at33")
 

@@ -12,6 +12,7 @@ from tornado.httpclient import AsyncHTTPClient, HTTPRequest
 from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from hostile import GOOD_DRAFT, hostile_messages
+from vb_core.limiter import Limiter
 from vb_core.errors import CodedError, ParameterError
 from vb_web import access, action_requests
 from vb_web.access import AccessCodes, Places, Role, Sessions
@@ -67,7 +68,7 @@ class Running:
         self.view.put("state", {"name": "default"})
         self.server = PageServer(params, sessions, self.view, self.images, self.backend, self.faults.append)
         # one address asks for all: what limits it is tested on its own
-        self.server.requests = self.server.connections = access.Limiter(rate=1e9, burst=1e9)
+        self.server.requests = self.server.connections = Limiter(rate=1e9, burst=1e9)
         self.server.start()
         self.host = f"127.0.0.1:{self.server.port}"
 
@@ -443,7 +444,7 @@ def test_who_finds_no_place_is_told_so(network):
 
 
 def test_wrong_codes_of_many_addresses_keep_no_phone_out(network):
-    network.server.logins = access.Limiter(rate=0.0, burst=5.0)
+    network.server.logins = Limiter(rate=0.0, burst=5.0)
     for number in range(80):
         assert network.server.logins.allows(f"10.0.0.{number}", 0.0)
     assert [log_in(network, f"guess{number}").code for number in range(4)] == [401] * 4
@@ -519,12 +520,12 @@ def test_garbage_on_the_socket_ends_only_itself(local):
 
 
 def test_an_address_that_asks_too_often_is_told_so(local):
-    local.server.requests = access.Limiter(rate=0.0, burst=3.0)
+    local.server.requests = Limiter(rate=0.0, burst=3.0)
     assert [local.ask("/session").code for _ in range(4)] == [200, 200, 200, 429]
 
 
 def test_an_address_that_connects_too_often_is_hung_up_on_and_others_are_not(local):
-    local.server.connections = access.Limiter(rate=0.0, burst=3.0)
+    local.server.connections = Limiter(rate=0.0, burst=3.0)
     host = ("127.0.0.1", local.server.port)
     for number in range(8):
         with socket.create_connection(host, source_address=("127.0.5.5", 0)) as connection:

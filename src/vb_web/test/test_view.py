@@ -10,7 +10,7 @@ from geometry_msgs.msg import Point
 from vb_core import sentences
 from vb_msgs.msg import DriverState, VirtualBorder
 from vb_web import ros_view
-from vb_web.view import View, border_changes, coarse_age, mark_borders, rounded
+from vb_web.view import View, coarse_age, mark_borders, rounded
 
 STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
 
@@ -47,34 +47,6 @@ def test_numbers_that_are_none_never_reach_json():
 def test_an_age_that_is_read_out_changes_seldom():
     assert [coarse_age(age) for age in (0.4, 2.9, 3.1, 7.0, 59.0, 119.0, 1e6)] == [0, 0, 3, 5, 50, 60, 3600]
     assert len({coarse_age(tenth / 10.0) for tenth in range(600)}) <= 10
-
-
-def border(**changes):
-    return {
-        "name": "a",
-        "enabled": True,
-        "points": [],
-        "seed": [],
-        "schedule": "",
-        "zone": "keep_out",
-        "max_speed": 0,
-        **changes,
-    }
-
-
-@pytest.mark.parametrize(
-    "after, expected",
-    [
-        ({"1": border()}, []),
-        ({}, [("page_event_removed", "a")]),
-        ({"1": border(name="b")}, [("page_event_renamed", "b")]),
-        ({"1": border(enabled=False)}, [("page_event_disabled", "a")]),
-        ({"1": border(points=[1])}, [("page_event_changed", "a")]),
-        ({"1": border(), "2": border(name="c")}, [("page_event_added", "c")]),
-    ],
-)
-def test_what_happened_between_two_lists_of_borders(after, expected):
-    assert border_changes({"1": border()}, after) == expected
 
 
 def test_a_border_keeps_its_mark_while_it_exists():

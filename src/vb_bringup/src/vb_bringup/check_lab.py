@@ -19,7 +19,6 @@ from vb_core import sentences
 READY, FAULTS, NO_MASTER = 0, 1, 3
 _MARKS = {
     CheckState.OK: "[green]ok[/]",
-    CheckState.UNKNOWN: "?",
     CheckState.WARNING: "[yellow]warning[/]",
     CheckState.ERROR: "[bold red]error[/]",
 }
@@ -49,8 +48,7 @@ def print_camera(camera: str) -> None:
 def to_json(lines: List[CheckLine], language: str) -> str:
     """Formats the lines for programs.
 
-    Each has subject, state, code, values, the sentence for people, and whether a node tells it by itself
-    (`from_notice`).
+    Each has subject, state, code, values, and the sentence for people.
     """
     return json.dumps(
         [
@@ -60,7 +58,6 @@ def to_json(lines: List[CheckLine], language: str) -> str:
                 "code": line.code,
                 "values": {key: str(value) for key, value in line.values.items()},
                 "message": line.sentence(language),
-                "from_notice": line.from_notice,
             }
             for line in lines
         ],
@@ -81,7 +78,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
         epilog="Exit status: 0 ready, 1 something is wrong, 2 wrong call, 3 the ROS master does not answer.",
     )
     parser.add_argument("--json", action="store_true", help="for programs")
-    parser.add_argument("--seconds", type=float, default=4.0, help="how long to listen to cameras and scans (4)")
+    parser.add_argument("--seconds", type=float, default=4.0, help="how long to listen to the nodes (4)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages())
     chosen = parser.parse_args(rospy.myargv(["check_lab", *(sys.argv[1:] if arguments is None else arguments)])[1:])
     if not rosgraph.is_master_online():

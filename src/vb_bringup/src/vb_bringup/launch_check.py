@@ -178,22 +178,9 @@ def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
 Kind = Callable[[str, str], Any]
 _TRUTH: Kind = partial(check_choice, choices=("true", "false", "1", "0"))  # what roslaunch takes as a condition
 _IMAGES = ("raw", "compressed")
+_CONDITIONS = "robot obey record_maps rviz sound projector_window kobuki buttons voice page"
 KINDS: Dict[str, Kind] = {
-    **{
-        name: _TRUTH
-        for name in (
-            "robot",
-            "obey",
-            "record_maps",
-            "rviz",
-            "sound",
-            "projector_window",
-            "kobuki",
-            "buttons",
-            "voice",
-            "page",
-        )
-    },
+    **dict.fromkeys(_CONDITIONS.split(), _TRUTH),
     "cameras": check_names,
     "robots": check_names,
     "robot_types": check_robot_types,

@@ -37,7 +37,6 @@ class ConnectedRobot:
     localized: bool = False
     obeys_stop: bool = False
     obeys_speed: bool = False
-    bypassed: bool = False
     maps: Tuple[str, ...] = ()
     missing_maps: Tuple[str, ...] = ()
 
@@ -174,8 +173,6 @@ def _lines(robot: ConnectedRobot) -> List[Line]:
     # a driver tells by itself that it does not know where the robot is, when it is to drive
     if not robot.localized:
         lines.append(line(Severity.INFO if robot.driver else Severity.WARNING, "robot_not_localized"))
-    if robot.bypassed:
-        lines.append(line(Severity.ERROR, "robot_bypasses_driver"))
     lines.append(line(Severity.INFO, _obedience(robot)))
     return lines
 

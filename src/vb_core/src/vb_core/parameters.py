@@ -88,15 +88,6 @@ class Parameters:
         """Returns the same parameters with some of them changed, checked again."""
         return dataclasses.replace(self, **changes)
 
-    def require_order(self, low: str, high: str) -> None:
-        """Checks that one key's value does not exceed another's; for `__post_init__` of a subclass.
-
-        Raises:
-            ParameterError: names the first key.
-        """
-        if getattr(self, low) > getattr(self, high):
-            raise ParameterError(low, f"must be at most {high} = {getattr(self, high)}, got {getattr(self, low)}")
-
     def describe(self) -> str:
         """Lists each value that is not the default, with its unit, on one line for a node's log; "" if there is none."""
         parts = []

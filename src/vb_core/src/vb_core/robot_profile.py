@@ -99,13 +99,6 @@ class Frames(Parameters):
 
 
 @dataclass(frozen=True)
-class Driving(Parameters):
-    """What the driver may do by itself, without anybody who asks for a drive."""
-
-    exit_borders: bool = param(False, doc="to leave a border that was added where the robot is")
-
-
-@dataclass(frozen=True)
 class RobotProfile:
     """One robot type."""
 
@@ -115,7 +108,6 @@ class RobotProfile:
     base: Base = field(default_factory=Base)
     scanner: Scanner = field(default_factory=Scanner)
     camera: OnboardCamera = field(default_factory=OnboardCamera)
-    driving: Driving = field(default_factory=Driving)
     frames: Frames = field(default_factory=Frames)
     contacts: tuple = ()
 
@@ -134,7 +126,7 @@ class RobotProfile:
         if not isinstance(mapping, Mapping):
             raise ParameterError(where, f"expected keys and values, got {mapping!r}")
         groups = {"shape": RobotShape, "limits": Limits, "base": Base, "scanner": Scanner}
-        groups.update(camera=OnboardCamera, driving=Driving, frames=Frames)
+        groups.update(camera=OnboardCamera, frames=Frames)
         known = {entry.name for entry in fields(cls)}
         for key in mapping:
             if key not in known:

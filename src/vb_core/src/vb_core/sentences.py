@@ -5,8 +5,8 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
 
     seed_missing: "{border} has no seed: point at the side that the robot should keep out of."
 
-A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", reason =
-"$robot_no_exit_path". It gets the same values as the sentence in which it stands. At the beginning of a sentence it gets
+A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", border =
+"$border_without_name". It gets the same values as the sentence in which it stands. At the beginning of a sentence it gets
 a capital letter. The values border and borders are names of borders, see `border_name`.
 
 No program reads a sentence.

@@ -161,9 +161,9 @@ def median(values: np.ndarray) -> Interval:
     return bootstrap(np.median, values, method="percentile")
 
 
-def mean(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+def mean(values: np.ndarray) -> Interval:
     """Computes the mean of values (N,) with a bootstrap interval."""
-    return bootstrap(np.mean, values, confidence=confidence)
+    return bootstrap(np.mean, values)
 
 
 def compare_unpaired(first: np.ndarray, second: np.ndarray) -> Tuple[float, Interval]:
@@ -183,9 +183,7 @@ def compare_unpaired(first: np.ndarray, second: np.ndarray) -> Tuple[float, Inte
     return p, Interval(float(np.median(differences)), float(low), float(high), CONFIDENCE)
 
 
-def bootstrap(
-    statistic: Callable[..., np.ndarray], *samples: np.ndarray, method: str = "BCa", confidence: float = CONFIDENCE
-) -> Interval:
+def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method: str = "BCa") -> Interval:
     """Computes a statistic of one sample, or of paired ones, with a bootstrap interval that is the same every time.
 
     Args:
@@ -209,14 +207,14 @@ def bootstrap(
                     n_resamples=RESAMPLES,
                     vectorized=True,
                     paired=True,
-                    confidence_level=confidence,
+                    confidence_level=CONFIDENCE,
                     method=name,
                     random_state=0,
                 ).confidence_interval,
             )
         if math.isfinite(low) and math.isfinite(high):
-            return Interval(estimate, low, high, confidence)
-    return Interval(estimate, low, high, confidence if len(values[0]) > 1 else math.nan)
+            return Interval(estimate, low, high, CONFIDENCE)
+    return Interval(estimate, low, high, CONFIDENCE if len(values[0]) > 1 else math.nan)
 
 
 def not_worse_p(gains: np.ndarray, margin: float) -> float:
@@ -278,6 +276,22 @@ def people_needed(effect: float, tests: int = 1) -> int:
 
     pairs = TTestPower().solve_power(effect_size=effect, alpha=ALPHA / tests, power=POWER)
     return int(math.ceil(float(pairs) * math.pi / 3.0))
+
+
+def difference_of_shares(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+    """Computes how much larger the first sample's share of 1 is, (N,) and (M,) of 0 and 1, with Newcombe's interval.
+
+    Pairs count as independent, which is on the safe side. Unlike a bootstrap it knows that what nobody of a few people
+    had may still happen.
+    """
+    from statsmodels.stats.proportion import confint_proportions_2indep
+
+    first, second = _sample(first), _sample(second)
+    if not len(first) or not len(second):
+        return UNKNOWN
+    counts = first.sum(), len(first), second.sum(), len(second)
+    low, high = confint_proportions_2indep(*counts, method="newcomb", compare="diff", alpha=1.0 - confidence)
+    return Interval(float(first.mean() - second.mean()), float(low), float(high), confidence)
 
 
 def proportion(successes: int, n: int) -> Interval:

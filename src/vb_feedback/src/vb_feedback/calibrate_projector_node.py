@@ -37,18 +37,17 @@ class CalibrationParams(Parameters):
     window: bool = param(True)
     window_x: int = param(0, "px", low=-32768, high=32767)
     window_y: int = param(0, "px", low=-32768, high=32767)
-    check_duration: float = param(20.0, "s", low=0.0, high=600.0)
 
 
 class CalibrateProjectorNode:
-    """Calibrates a floor projector from four clicks, then shows the map's grid for checking.
+    """Calibrates a floor projector from four clicks, and ends.
 
     Subscribed topics:
         /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", in the map frame, on the map where the
             bright marker is seen on the floor.
 
     Published topics:
-        /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the markers, then a grid of 0.5 m.
+        /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the markers.
 
     Args:
         params: see config/calibrate_projector.yaml.
@@ -109,17 +108,7 @@ class CalibrateProjectorNode:
         content = yaml.safe_dump(calibration.to_mapping(), sort_keys=False)
         head = "# Written by vb_feedback/calibrate_projector: map coordinates [m] to pixels of the projector.\n"
         write_atomically(path, (head + content).encode("utf-8"))
-        rospy.loginfo(
-            "calibrate_projector: wrote %s; the grid now shown has lines every 0.5 m, bright ones every 1 m, "
-            "for %g s",
-            path,
-            params.check_duration,
-        )
-        self._show(floor_image.draw_grid_image(calibration))
-        node.start_thread(self._end)
-
-    def _end(self) -> None:
-        rospy.rostime.wallsleep(self._params.check_duration)
+        rospy.loginfo("calibrate_projector: wrote %s; draw a border to see whether it fits", path)
         rospy.signal_shutdown("calibrated")
 
 

@@ -6,7 +6,7 @@ import collections
 import threading
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -25,18 +25,15 @@ from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSp
 from vb_msgs.msg import VirtualBorderArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from vb_feedback.display import display_messages, notices, restriction_overlay, scene
+from vb_feedback.display import display_messages, restriction_overlay, scene
 from vb_feedback.display.display_messages import marker_from_shape
 from vb_feedback.display.layout import Box, Layout, fit_view
-from vb_feedback.display.text_panel import PanelNotice, words
+from vb_feedback.display.text_panel import words
 
 _REFRESH_PERIOD = 2.0  # [s]
-_PERIOD = 0.1  # [s] between two drawings of everything but live spots: RViz draws 8 frames/s, more would only cost
-_SPOT_PERIOD = 0.04  # [s] between two drawings of live spots: none waits longer than one frame of a camera
+_PERIOD = 0.04  # [s] between two drawings: no spot waits longer than one frame of a camera
 _TRAIL = 60  # spots kept, all cameras together: 1.5 s at 25 frames/s from one to two cameras
 _STRIPE_WIDTH = 0.10  # [m] width of the stripes over restricted areas: visible from 3 m, finer than a doorway
-# [s] a spot that no camera has seen for this long is lost; a hand that hides it briefly does not count
-_LOST_TIMEOUT = 1.0
 
 RESTRICTED = "/virtual_borders/display/restricted"
 
@@ -57,7 +54,6 @@ class _Inputs:
 
     physical: Optional[GridMap] = None
     map_with_borders: Optional[GridMap] = None
-    coverage: Optional[GridMap] = None
     state: Optional[InteractionState] = None
     progress: Optional[BorderProgress] = None
     preview: Optional[BorderPreview] = None
@@ -79,11 +75,10 @@ class DisplayMarkersNode:
         /virtual_borders/spots (vb_msgs/LaserSpot)
         /virtual_borders/notices (vb_msgs/NoticeArray): notices of all nodes.
         /virtual_borders/robots (vb_msgs/RobotStatusArray): commands that would have no effect are not shown
-        /virtual_borders/coverage (nav_msgs/OccupancyGrid): 0 where no stationary camera sees the floor.
 
     Published topics:
-        /virtual_borders/markers (visualization_msgs/MarkerArray): only what changed; live spots as they arrive, at
-            most 25 times a second, the rest 10 times; everything to a new subscriber.
+        /virtual_borders/markers (visualization_msgs/MarkerArray): only what changed, at most 25 times a second;
+            everything to a new subscriber.
         /virtual_borders/display/restricted (nav_msgs/OccupancyGrid, latched): stripes where borders
             restrict the map and where saving now would, for RViz's colour scheme "costmap".
 
@@ -99,8 +94,6 @@ class DisplayMarkersNode:
         }
         self._lock = threading.Lock()
         self._wake = node.WakeTimer(_REFRESH_PERIOD)
-        self._dirty = True  # something but a spot has changed
-        self._urgent = False  # something that a person waits for: an answer, the new map
         self._newcomers: List[Any] = []
         self._known = _Inputs()
         self._spots: Deque[scene.TrailPoint] = collections.deque(maxlen=_TRAIL)
@@ -109,19 +102,15 @@ class DisplayMarkersNode:
         self._made: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
         self._overlaid: Tuple[Any, ...] = (None, None, None)
         self._layout: Layout = fit_view(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
-        self._notice_listener = NoticeListener(self._changed)
+        self._notice_listener = NoticeListener(self._wake.set)
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
-        self._full_due = self._refreshed = 0.0
+        self._refreshed = 0.0
         node.Worker(self._wake, lambda _woken: self._work())
-        for topic, which in (
-            (names.PHYSICAL_MAP, "physical"),
-            (names.MAP_WITH_BORDERS, "map_with_borders"),
-            (names.COVERAGE, "coverage"),
-        ):
+        for topic, which in ((names.PHYSICAL_MAP, "physical"), (names.MAP_WITH_BORDERS, "map_with_borders")):
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, which, queue_size=1)
-        rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
+        rospy.Subscriber(names.STATE, InteractionState, self._store, "state", queue_size=5)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
         rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "preview", queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
@@ -138,29 +127,14 @@ class DisplayMarkersNode:
             def peer_subscribe(self, _topic: str, _publish: Any, peer_publish: Any) -> None:
                 with owner._lock:
                     owner._newcomers.append(peer_publish)
-                owner._changed()
+                owner._wake.set()
 
         return Listener()
 
-    def _changed(self, urgent: bool = False) -> None:
-        self._dirty = True
-        self._urgent |= urgent
-        self._wake.set()
-
-    def _store(self, what: Any, where: str, urgent: bool = False) -> None:
+    def _store(self, what: Any, where: str) -> None:
         with self._lock:
             self._known = replace(self._known, **{where: what})
-        self._changed(urgent)
-
-    def _on_state(self, message: InteractionState) -> None:
-        before = self._known.state
-        # it is repeated constantly: only what a person waits for is urgent
-        news = before is None or (before.last_answered, before.name, before.stopped) != (
-            message.last_answered,
-            message.name,
-            message.stopped,
-        )
-        self._store(message, "state", urgent=news)
+        self._wake.set()
 
     def _on_grid(self, message: OccupancyGrid, which: str) -> None:
         try:
@@ -168,7 +142,7 @@ class DisplayMarkersNode:
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"display_markers: {error}")
             return
-        self._store(grid, which, urgent=True)
+        self._store(grid, which)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._store(tuple(message.borders), "borders")
@@ -193,33 +167,16 @@ class DisplayMarkersNode:
         started = time.monotonic()
         if started - self._refreshed >= _REFRESH_PERIOD:
             # RViz drops markers in a frame that tf does not know yet: robots are sent again and again
-            self._refreshed, self._dirty = started, True
+            self._refreshed = started
             self._shown = {key: shape for key, shape in self._shown.items() if not shape.frame}
-        if started >= self._full_due or self._urgent:
-            self._full_due, self._dirty, self._urgent = started + _PERIOD, False, False
-            if self._draw():
-                self._dirty = True
-        else:
-            self._draw_spots()
-        rospy.rostime.wallsleep(max(0.0, started + _SPOT_PERIOD - time.monotonic()))
-        if self._dirty:
+        fades = self._draw()
+        rospy.rostime.wallsleep(max(0.0, started + _PERIOD - time.monotonic()))
+        if fades:
             self._wake.set()
 
     def close(self) -> None:
         """Ends the worker."""
         self._wake.close()
-
-    def _draw_spots(self) -> None:
-        """Sends the live spots alone."""
-        if self._markers.get_num_connections() == 0:
-            return
-        with self._lock:
-            seen = list(self._spots)
-        shapes = scene.live_spots(self._layout, seen, rospy.get_time())
-        shapes = [shape for shape in shapes if self._shown.get(shape.key) != shape]
-        if shapes:
-            self._shown.update((shape.key, shape) for shape in shapes)
-            self._markers.publish(MarkerArray([marker_from_shape(shape) for shape in shapes]))
 
     def _draw(self) -> bool:
         """Sends what changed; returns whether something goes on changing by itself."""
@@ -287,7 +244,8 @@ class DisplayMarkersNode:
         ):
             progress = None
         cameras_seeing_spot = list(progress.cameras_seeing_spot) if progress is not None else []
-        shown = self._notices(known, cameras_seeing_spot, now)
+        shown = display_messages.select_notices(known.held, params.language)
+        shown += display_messages.preview_notices(self._current_preview(known), params.language)
         content = display_messages.panel_from_state(state, cameras_seeing_spot, shown, has_map, params.language)
         if known.offered is not None:
             content = replace(content, commands=effective(known.offered, content.commands))
@@ -306,31 +264,10 @@ class DisplayMarkersNode:
                 (layout, progress),
                 lambda: scene.drawing(layout, display_messages.drawing_from_progress(progress)),
             )
-        shapes += scene.trails(layout, known.spots, now)
         shapes += scene.live_spots(layout, known.spots, now)
         for number, frame in enumerate(params.robots):
             shapes += scene.robot(str(frame), number, self._radii[frame])
         return shapes
-
-    def _notices(self, known: _Inputs, cameras_seeing_spot: Sequence[str], now: float) -> List[PanelNotice]:
-        preview, lost = self._current_preview(known), None
-        if known.spots and known.state is not None and known.spots[-1].stamp >= known.state.started.to_sec():
-            last = known.spots[-1]
-            lost = (last.x, last.y) if now - last.stamp > _LOST_TIMEOUT else None
-        language = self._params.language
-        shown = notices.select_others(known.held, language)
-        shown += display_messages.preview_notices(preview, language)
-        if lost is not None and preview is None and known.state is not None:
-            shown += notices.coverage_notices(
-                known.state.name,
-                cameras_seeing_spot,
-                lost,
-                known.coverage,
-                bool(self._params.robots),
-                known.held,
-                language,
-            )
-        return shown
 
     def _part(self, name: str, inputs: Tuple[Any, ...], make: Callable[[], List[scene.Shape]]) -> List[scene.Shape]:
         """Shapes of one part, made again only if what they depend on has changed."""

@@ -15,10 +15,8 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
-from vb_core.notices import Notice, Severity
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import message_from_image
-from vb_core.ros.notices import NoticePublisher
 from vb_laser_detect.camera import controls, lens_file
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_device, printable
 from vb_laser_detect.camera_geometry import require_size, sibling_topic
@@ -82,7 +80,6 @@ class CameraFeed:
     Published topics:
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage), camera_info
             (sensor_msgs/CameraInfo): only if listened to
-        /virtual_borders/notices (vb_msgs/NoticeArray): why there are no images
 
     Args:
         camera: its name; frame: its optical frame.
@@ -90,7 +87,7 @@ class CameraFeed:
         image: topic.
         settings: its file, detectors/NAME.yaml, if that is known.
         put: takes each image.
-        report: of faults.
+        report: of faults, and why there are no images.
     """
 
     def __init__(
@@ -105,11 +102,10 @@ class CameraFeed:
         report: DetectorDiagnostics,
     ) -> None:
         self.lens = LensFile(lens_path(settings, camera))
-        self._camera, self._frame, self._put, self._report = camera, frame, put, report
+        self._frame, self._put, self._report = frame, put, report
         self._raw = rospy.Publisher(image, Image, queue_size=1)
         self._compressed = rospy.Publisher(f"{image}/compressed", CompressedImage, queue_size=1)
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
-        self._notices = NoticePublisher()
         self._setting = threading.Lock()
         self._late = 0
         self._source = CameraSource(source, params, self._take, self._tell).start()
@@ -117,7 +113,6 @@ class CameraFeed:
     def close(self) -> None:
         """Sets the camera free."""
         self._source.close()
-        self._notices.close()
 
     def set_params(self, params: CaptureParams) -> None:
         """Changes delay, exposure, gain and white balance while images come.
@@ -157,16 +152,9 @@ class CameraFeed:
         self._put(ReceivedImage(stamp, self._frame, shot.picture, shot.jpeg))
 
     def _tell(self, error: Optional[CodedError]) -> None:
-        severity = Severity.ERROR
         if error is None:
             rospy.loginfo("%s: reads %s", rospy.get_name(), printable(self._source.address))
-            error, severity = self._apply(), Severity.WARNING
-        if error is None:
-            self._notices.set([])
-            return
-        values = {**error.values, "camera": self._camera}
-        self._report.fault(CodedError(error.code, **values))
-        self._notices.set([Notice.from_values(error.code, severity, values)])
+        self._report.set_source_fault(error or self._apply(), is_silent=error is not None)
 
     def _apply(self) -> Optional[CodedError]:
         """Sets exposure and white balance of a camera that was opened; returns why not."""

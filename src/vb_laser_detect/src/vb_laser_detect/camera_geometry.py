@@ -228,6 +228,7 @@ class CameraGeometry:
         report: DetectorDiagnostics,
     ) -> None:
         self._mobile, self._info, self._depth, self._projector = mobile, info, depth, projector
+        self._report = report
         self._transforms = TransformLookup()
         self._robots = Robots(robots, self._transforms, report)
         self._pose: Optional[np.ndarray] = None
@@ -241,6 +242,7 @@ class CameraGeometry:
             CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
         """
         camera, now = self._info.model_for(shape), rospy.Time.now()
+        self._report.focal = float(camera.matrix[0, 0])
         if (
             self._looked_up is None
             or frame_id != self._frame

@@ -1,87 +1,125 @@
-"""Publishes the poses of calibrated ceiling cameras as static transforms."""
+"""Publishes the poses of calibrated ceiling cameras as static transforms, and tells which cameras cannot be relied on."""
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Tuple
+from typing import Any, Dict, List, Tuple, Union
 
 import rospy
 import tf2_ros
 
+from vb_core import names
 from vb_core.errors import CodedError, ParameterError
+from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
-from vb_core.ros import messages, parameters
-from vb_laser_detect.calibration import calibration_file
-from vb_laser_detect.calibration.calibration_file import CameraPose
+from vb_core.ros import messages, node, parameters
+from vb_core.ros.notices import NoticePublisher
+from vb_laser_detect.calibration.calibration_file import CameraPose, calibration_path
+from vb_laser_detect.calibration.camera_watch import CameraWatch, Report, read_files
+from vb_msgs.msg import DetectorStatus, LaserSpot
+
+_COMPARISON_PERIOD = 5  # [s] between two comparisons of the cameras' spots
 
 
 @dataclass(frozen=True)
 class CameraPosesParams(Parameters):
     """The node's parameters."""
 
-    calibration_dir: str = param("", doc="folder of the calibration files, <camera>.yaml")
-    cameras: str = param("", doc="names of the cameras, separated by spaces")
-    check_period: float = param(2.0, "s", above=0.0, high=3600.0)
+    calibration_dir: str = param("", doc="folder of <camera>.yaml; empty: other nodes publish the poses")
+    cameras: str = param("", doc="names of the cameras that should be there, separated by spaces")
 
 
 class CameraPosesNode:
-    """Publishes the camera poses in calibrate_camera's files, and again whenever these change.
+    """Publishes the camera poses in calibrate_camera's files, and again whenever these change; watches the cameras.
 
-    A camera without a file, or with a broken one, is named in a warning; its last good pose stays.
+    Of a file that cannot be used any more the last good pose stays.
 
+    Subscribed topics:
+        /virtual_borders/detectors (vb_msgs/DetectorStatus): whether each detector runs, and fits its calibration
+        /virtual_borders/spots (vb_msgs/LaserSpot): to compare the positions at which overlapping cameras see the laser
     Published topics:
         /tf_static (tf2_msgs/TFMessage): the frames that the files name, usually map -> <camera>_optical_frame
+        /virtual_borders/notices (vb_msgs/NoticeArray): detectors that are gone, files that cannot be used or do not
+            fit, computers whose clocks differ, cameras that disagree
     Parameters:
-        config/camera_poses.yaml
         ~* CameraPosesParams
     """
 
     def __init__(self, params: CameraPosesParams) -> None:
         self._cameras = params.cameras.split()
-        if not params.calibration_dir or not self._cameras:
-            raise ParameterError(
-                rospy.resolve_name("~calibration_dir"), "a folder and the names of cameras must be set"
-            )
-        self._calibration_dir = params.calibration_dir
+        if not self._cameras:
+            raise ParameterError(rospy.resolve_name("~cameras"), "the names of cameras must be set")
+        self._folder = params.calibration_dir
         self._versions: Dict[str, Tuple[int, int]] = {}
+        self._files: Dict[str, Union[CameraPose, CodedError]] = {}
+        # as they are published, and from which versions of the files
         self._poses: Dict[str, CameraPose] = {}
+        self._adopted: Dict[str, Tuple[int, int]] = {}
+        self._disagreements: List[Notice] = []
+        self._ticks = 0
+        self._lock = threading.Lock()
+        node.wait_for_clock()
+        self._watch = CameraWatch(self._cameras, rospy.get_time())
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
+        self._notices = NoticePublisher()
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
         self._look()
-        self._timer = rospy.Timer(rospy.Duration(params.check_period), self._look, reset=True)
+        self._timer = rospy.Timer(rospy.Duration(1.0), self._look, reset=True)
+
+    def close(self) -> None:
+        """Withdraws its notices."""
+        self._timer.shutdown()
+        self._notices.close()
+
+    def _on_status(self, message: DetectorStatus) -> None:
+        now = rospy.get_time()
+        with self._lock:
+            self._watch.report(
+                message.camera, Report(now, message.frame_id, message.focal_px, now - message.header.stamp.to_sec())
+            )
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        if not message.mobile:
+            with self._lock:
+                at = message.position
+                self._watch.add_spot(message.camera, message.header.stamp.to_sec(), at.x, at.y)
 
     def _look(self, _event: Any = None) -> None:
-        """Reads the files that changed, then checks all of them together, so that their order does not matter."""
-        paths = {camera: calibration_file.calibration_path(self._calibration_dir, camera) for camera in self._cameras}
-        before = self._versions
-        self._versions = {camera: _version(path) for camera, path in paths.items()}
-        changed = [camera for camera, version in self._versions.items() if before.get(camera) != version]
-        for camera in changed:
-            try:
-                self._poses[camera] = calibration_file.load(paths[camera])
-            except CodedError as error:
-                # of a camera that was never calibrated lab_monitor says what comes first: its frame, its lens, or its
-                # pose
-                new = error.code == "no_calibration" and camera not in self._poses
-                (rospy.loginfo if new else rospy.logwarn)("%s: no pose of %s: %s", rospy.get_name(), camera, error)
-        frames = {camera: pose.frame for camera, pose in self._poses.items()}
-        valid = []
-        for camera, pose in self._poses.items():
-            try:
-                calibration_file.require_own_frame(camera, pose.frame, frames)  # a shared one can be right for neither
-            except CodedError as error:
-                if changed:
-                    rospy.logwarn("%s: %s", rospy.get_name(), error)
-                continue
-            valid.append(messages.message_from_transform(pose.T, pose.parent, pose.frame, rospy.Time.now()))
-            if camera in changed:
-                place = " ".join(f"{value:.3f}" for value in pose.T[:3, 3])
-                rospy.loginfo(
-                    "%s: %s is at %s in %s (%s)", rospy.get_name(), pose.frame, place, pose.parent, paths[camera]
-                )
-        if changed and valid:
-            # all of them: a latched topic keeps its last message only
-            self._broadcaster.sendTransform(valid)
+        if self._folder:
+            self._read()
+        with self._lock:
+            now = rospy.get_time()
+            if self._ticks % _COMPARISON_PERIOD == 0:
+                self._disagreements = self._watch.disagreements(now)
+            self._ticks += 1
+            misfits = self._watch.misfits(self._files, list(self._poses))
+            wrong = [*self._watch.missing(now), *misfits, *self._watch.wrong_clocks(), *self._disagreements]
+            self._notices.set(wrong)
+
+    def _read(self) -> None:
+        """Reads the files if one changed, all of them together, so that their order does not matter."""
+        versions = {camera: _version(calibration_path(self._folder, camera)) for camera in self._cameras}
+        if versions == self._versions:
+            return
+        self._versions = versions
+        self._files = read_files(self._folder, self._cameras)
+        for camera, file in self._files.items():
+            if isinstance(file, CameraPose) and self._adopted.get(camera) != versions[camera]:
+                self._poses[camera], self._adopted[camera] = file, versions[camera]
+                with self._lock:
+                    self._watch.forget_spots(camera, rospy.get_time())
+                    self._ticks = 0
+                place = " ".join(f"{value:.3f}" for value in file.T[:3, 3])
+                rospy.loginfo("%s: %s is at %s in %s", rospy.get_name(), file.frame, place, file.parent)
+        # all of them: a latched topic keeps its last message only
+        now = rospy.Time.now()
+        if self._poses:
+            self._broadcaster.sendTransform(
+                [messages.message_from_transform(one.T, one.parent, one.frame, now) for one in self._poses.values()]
+            )
 
 
 def _version(path: Path) -> Tuple[int, int]:

@@ -53,7 +53,8 @@ class SpotDetectorNode:
         /diagnostics (diagnostic_msgs/DiagnosticArray)
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage), <camera>/camera_info
             (sensor_msgs/CameraInfo): with ~source, while somebody listens
-        /virtual_borders/notices (vb_msgs/NoticeArray): with ~source, why there are no images
+        /virtual_borders/notices (vb_msgs/NoticeArray): what is wrong with the camera: no images and why, no lens, no
+            pose, another one's frame, too bright, too slow, clocks that differ
         ~debug_image (sensor_msgs/Image): spots, and candidates with the reason for rejection; only if listened to
     Parameters:
         config/stationary.yaml: for a ceiling camera. All parameters below ~detector, ~projection and ~capture except
@@ -85,7 +86,7 @@ class SpotDetectorNode:
         self._stamps: Deque[rospy.Time] = deque(maxlen=256)
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()
-        self._report = DetectorDiagnostics(params.camera, self._mailbox, self._mobile)
+        self._report = DetectorDiagnostics(params.camera, self._mailbox, self._mobile, bool(params.source))
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=20, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
@@ -126,9 +127,10 @@ class SpotDetectorNode:
         return CameraGeometry(self._mobile, info, depth, self._projector, self._params.robots, self._report)
 
     def close(self) -> None:
-        """Stops the worker, and sets the camera free."""
+        """Stops the worker, sets the camera free, and withdraws the notices."""
         self._mailbox.close()
         self._feed.close()
+        self._report.close()
 
     def _on_map(self, message: Any) -> None:
         try:
@@ -163,7 +165,7 @@ class SpotDetectorNode:
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
         picture = received.read()
-        self._report.color = picture.content != "mono"
+        self._report.see_picture(picture)
         self._stamps.append(stamp)
         geometry, unplaced = self._place(frame_id, stamp, picture)
         late, lamps = self._detector.late, self._detector.lamps
@@ -180,9 +182,6 @@ class SpotDetectorNode:
                 self._report.count(candidate.rejection)
         if geometry is not None:
             unplaced = geometry.unplaced  # the pose was asked for and is missing
-        # camera_info may come late: that is worth a word once a spot is lost by it
-        if unplaced is not None and (spots or unplaced.code != "no_camera_info"):
-            self._report.fault(unplaced, missing=unplaced.code != "shared_frame")
         self._report.set_missing_input(unplaced)
         located = [spot for spot in spots if spot.place is not None]
         for spot in located:

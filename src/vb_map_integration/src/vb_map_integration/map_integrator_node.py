@@ -102,8 +102,6 @@ class MapIntegratorNode:
         self._lock = threading.RLock()
         self._notices = NoticePublisher()
         self._notices.set(self._integrator.notices)
-        for notice in self._integrator.notices:
-            rospy.logwarn("%s: %s [%s]", rospy.get_name(), notice.sentence(), notice.code)
         self._last_stamp = rospy.Time(0)
         self._transforms = TransformLookup() if params.robot_frames else None
 

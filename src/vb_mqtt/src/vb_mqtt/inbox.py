@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from typing import Any, Dict, Optional
 
 from vb_core.errors import CodedError
+from vb_core.limiter import Limiter
 from vb_core.vocabulary import COMMANDS, STOP, spoken_form
 
 # and the answers to the question whether one was meant
@@ -67,22 +68,6 @@ class Request:
     age: float = 0.0
 
 
-class Bucket:
-    """Lets BURST through at once, then RATE a second."""
-
-    def __init__(self) -> None:
-        self._tokens, self._filled = BURST, 0.0
-
-    def allows(self, now: float) -> bool:
-        """Uses up a token at a time [s]; returns False if there is none."""
-        self._tokens = min(BURST, self._tokens + RATE * max(0.0, now - self._filled))
-        self._filled = now
-        if self._tokens < 1.0:
-            return False
-        self._tokens -= 1.0
-        return True
-
-
 class Inbox:
     """Remembers what was taken. Not thread safe.
 
@@ -93,7 +78,7 @@ class Inbox:
     def __init__(self, started: float) -> None:
         self._started = started
         self._taken: "OrderedDict[str, None]" = OrderedDict()
-        self._bucket = Bucket()
+        self._limiter = Limiter(RATE, BURST)
 
     def take(self, payload: bytes, retained: bool, now: float) -> Optional[Request]:
         """Returns the request in a message; None if it was taken before, or the message is empty.
@@ -126,7 +111,7 @@ class Inbox:
         request = self._checked(found, f"mqtt:{given}" if given else digest, given, now)
         if request.id in self._taken:
             return None
-        if not self._bucket.allows(now):
+        if not self._limiter.allows("", now):
             raise Refusal("mqtt_too_fast")
         self._taken[request.id] = None
         while len(self._taken) > _KEPT:

@@ -17,6 +17,7 @@ from vb_msgs.srv import SetBorderEnabled, SetBorderEnabledRequest
 
 from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
+from vb_core.limiter import Limiter
 from vb_core.notices import Notice, Severity
 from vb_core.offer import Offer, effective, offer
 from vb_core.parameters import Parameters, param
@@ -41,7 +42,7 @@ from vb_mqtt.entities import (
     Lab,
     key_of,
 )
-from vb_mqtt.inbox import Bucket, Inbox, Request
+from vb_mqtt.inbox import BURST, RATE, Inbox, Request
 
 SOURCE = "home_assistant"
 SWITCH = "switch_border"  # what it is called among the commands: all are carried out in the order they were given
@@ -90,7 +91,7 @@ class MqttNode:
         self._language = params.language
         self._lab = Lab(params.device, params.title, params.language, tuple(params.cameras))
         self._lock = threading.Lock()
-        self._inbox, self._shown = Inbox(time.time()), Bucket()
+        self._inbox, self._shown = Inbox(time.time()), Limiter(RATE, BURST)
         self._refused: Dict[str, int] = {}  # how often, by code
         self._described: Set[str] = set()  # topics on the broker that describe entities of this lab
         self._borders: Dict[str, VirtualBorder] = {}  # by key
@@ -300,7 +301,7 @@ class MqttNode:
         what = request.command or request.border
         rospy.loginfo_throttle_identical(1.0, f"{rospy.get_name()}: {what or 'a message'}: {text} [{code}]")
         # what was taken is limited as it is; refusals that are not shown are counted
-        if request.id or self._shown.allows(time.time()):
+        if request.id or self._shown.allows("", time.time()):
             value = states.answer_value(request.sender_id, what, success, code, text)
             self._broker.send(self._lab.topic(ANSWER), _json(value))
 

@@ -16,10 +16,11 @@ from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.clearance_map import BLOCKED_THRESHOLD
 from vb_robot.coverage import floor_seen
+from vb_robot.inputs import subscribe_map
 
 START_DELAY = rospy.Duration(10.0)
 CHECK_PERIOD = 2.0  # [s] between two looks whether a camera has come or was moved: one costs a millisecond
@@ -54,9 +55,8 @@ class CameraCoverageNode:
     """
 
     def __init__(self, params: CameraCoverageParams) -> None:
-        self._map_message: Any = None
-        self._map_taken: Any = None
         self._map: Optional[GridMap] = None
+        self._computed_on: Optional[GridMap] = None
         self._infos: Dict[str, Any] = {}  # as they came: at image rate unpacking them would cost time for nothing
         self._seen: Dict[str, Tuple[Any, np.ndarray]] = {}  # by camera: what it was computed from, (H, W) bool
         self._published: Any = None
@@ -66,7 +66,7 @@ class CameraCoverageNode:
         self._timer = node.WakeTimer(CHECK_PERIOD)
         self._worker = node.Worker(self._timer, lambda _woken: self._update())
         self._subscribers = [
-            rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, queue_size=1),
+            subscribe_map(names.PHYSICAL_MAP, self._on_map),
             *(
                 rospy.Subscriber(
                     f"{name}/camera_info", rospy.AnyMsg, functools.partial(self._infos.__setitem__, name), queue_size=1
@@ -79,29 +79,29 @@ class CameraCoverageNode:
         """Ends the worker."""
         self._timer.close()
 
-    def _on_map(self, message: Any) -> None:
-        self._map_message = message
+    def _on_map(self, grid: GridMap) -> None:
+        self._map = grid
         self._timer.set()
 
     def _update(self) -> None:
         """Computes what has changed since the last look."""
-        if self._map_message is not self._map_taken:
-            self._map_taken = self._map_message
-            self._map = grid_from_message(self._map_taken)
-            self._seen.clear()
-        if self._map is None:
+        grid = self._map
+        if grid is None:
             return
+        if grid is not self._computed_on:
+            self._computed_on, self._published = grid, None
+            self._seen.clear()
         for name, packed in list(self._infos.items()):
             try:
-                self._update_camera(name, CameraInfo().deserialize(packed._buff), self._map)
+                self._update_camera(name, CameraInfo().deserialize(packed._buff), grid)
             except CodedError as error:
                 # during start-up a transform may be missing for a moment
                 if rospy.Time.now() - self._started > START_DELAY:
                     rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: camera '{name}': {error}")
-        key = (id(self._map), tuple(sorted((name, entry[0]) for name, entry in self._seen.items())))
+        key = sorted((name, entry[0]) for name, entry in self._seen.items())
         if key != self._published:
             self._published = key
-            self._publish(self._map, {name: entry[1] for name, entry in self._seen.items()})
+            self._publish(grid, {name: entry[1] for name, entry in self._seen.items()})
 
     def _update_camera(self, name: str, info: CameraInfo, grid: GridMap) -> None:
         camera = camera_from_info(info)

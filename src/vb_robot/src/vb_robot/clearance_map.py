@@ -44,26 +44,17 @@ class ClearanceMap:
 
     Args:
         grid: the map with borders: physical obstacles and borders.
-        radius: [m] of the robot; on its paths it keeps `travel_margin` [m] more.
+        radius: [m] of the robot.
         physical: the map without borders, which decides what blocks the view; a border does not. None: `grid`.
         edge: whether the map's edge is blocked; a window's is not.
-        occupied: [%] from this occupancy on a cell is blocked.
     """
 
-    def __init__(
-        self,
-        grid: GridMap,
-        radius: float,
-        physical: Optional[GridMap] = None,
-        edge: bool = True,
-        travel_margin: float = TRAVEL_MARGIN,
-        occupied: int = BLOCKED_THRESHOLD,
-    ) -> None:
-        self.grid, self.radius, self.travel_margin, self.edge = grid, radius, travel_margin, edge
-        self.blocked = (grid.data >= occupied) | (grid.data < 0)
+    def __init__(self, grid: GridMap, radius: float, physical: Optional[GridMap] = None, edge: bool = True) -> None:
+        self.grid, self.radius, self.edge = grid, radius, edge
+        self.blocked = (grid.data >= BLOCKED_THRESHOLD) | (grid.data < 0)
         self.clearance = clearance_grid(self.blocked, grid.resolution, edge)
         seen_through = physical if physical is not None and physical.same_geometry(grid) else grid
-        self.opaque = seen_through.data >= occupied
+        self.opaque = seen_through.data >= BLOCKED_THRESHOLD
         self._mark_passable()
 
     # ------------------------------------------------------------- places
@@ -100,7 +91,7 @@ class ClearanceMap:
         rows, columns = (size // step for size in self.grid.shape)
         blocks = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
         # the largest clearance of a block: the smallest would close doorways that are wide enough
-        self.passable = blocks.max(axis=(1, 3), initial=0.0) >= self.radius + self.travel_margin
+        self.passable = blocks.max(axis=(1, 3), initial=0.0) >= self.radius + TRAVEL_MARGIN
 
     def shortest_paths(self, start, others=()) -> "ShortestPaths":
         """Searches the shortest paths from a start (2,) [m] to every place, around other robots (K, 2) [m] of the same size."""
@@ -157,7 +148,7 @@ class ShortestPaths:
         cells = np.argwhere(free)
         if len(others):
             gaps = np.linalg.norm(self._centers(cells)[:, None] - others[None], axis=2).min(axis=1)
-            free[tuple(cells[gaps < 2.0 * clearance_map.radius + clearance_map.travel_margin].T)] = False
+            free[tuple(cells[gaps < 2.0 * clearance_map.radius + TRAVEL_MARGIN].T)] = False
         lengths, before = dijkstra(self._graph(free), directed=False, indices=free.size, return_predecessors=True)
         self._lengths = lengths[:-1].reshape(free.shape)
         self._before = np.where((before[:-1] < 0) | (before[:-1] == free.size), -1, before[:-1])
@@ -226,7 +217,7 @@ class ShortestPaths:
         clearance_map = self._clearance_map
         # a cell of the path grid is as free as its freest part
         slack = 0.75 * clearance_map.step * clearance_map.grid.resolution
-        needed = clearance_map.radius + clearance_map.travel_margin - slack
+        needed = clearance_map.radius + TRAVEL_MARGIN - slack
         apart = needed + clearance_map.radius
         kept, last = [0], len(points) - 1
         while kept[-1] < last:

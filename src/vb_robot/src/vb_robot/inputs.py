@@ -1,8 +1,8 @@
-"""Inputs of driver and dispatcher: spots, the floor that a robot's camera sees, and the messages of contact sensors."""
+"""Inputs that several nodes share: maps, borders, spots, the floor that a robot's camera sees, contact sensors."""
 
 from __future__ import annotations
 
-from typing import Any, Callable, Optional
+from typing import Any, Callable, List, Optional
 
 import numpy as np
 import rospy
@@ -11,12 +11,43 @@ from sensor_msgs.msg import CameraInfo
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
+from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Contact
 from vb_core.ros.cameras import camera_from_info
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
 from vb_core.ros.transforms import TransformLookup
-from vb_msgs.msg import LaserSpot
+from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
+from vb_robot.driving.workspace import KnownBorder
 from vb_robot.floor_view import FloorView
 from vb_robot.spots import Sighting
+
+
+def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscriber:
+    """Passes every map of a topic to `take`; one that is malformed is refused, and logged."""
+
+    def on_map(message: OccupancyGridArray) -> None:
+        try:
+            grid = grid_from_message(message)
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
+        else:
+            take(grid)
+
+    return rospy.Subscriber(topic, OccupancyGridArray, on_map, queue_size=1, buff_size=2**24)
+
+
+def borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
+    """Returns the borders that are in force for a robot."""
+    return [
+        KnownBorder(
+            border.name or border.id,
+            array_from_points(border.points),
+            np.array([border.seed.x, border.seed.y]),
+            border.kind == VirtualBorder.POLYGON,
+        )
+        for border in message.borders
+        if border.in_force and len(border.points) and (not border.robots or robot in border.robots)
+    ]
 
 
 class SpotListener:

@@ -11,12 +11,12 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 
 from vb_core import names
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_pose2d
+from vb_core.ros.messages import array_from_points, message_from_pose2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import state_of
@@ -25,7 +25,7 @@ from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.drawing import UnseenFloor
 from vb_robot.dispatching.robot_client import RobotClient
 from vb_robot.floor_view import FloorView
-from vb_robot.inputs import SpotListener
+from vb_robot.inputs import SpotListener, subscribe_map
 
 PERIOD = 0.25  # [s] between two decisions: the spot moves 0.1 m at most in that time
 
@@ -87,12 +87,7 @@ class RobotDispatcherNode:
             *((f"{name}{names.MAP_WITH_BORDERS}", known.set_map) for name, known in dispatcher.maps.items()),
         ]
         self._subscribers = [
-            *(
-                rospy.Subscriber(
-                    topic, OccupancyGridArray, functools.partial(self._queue_input, self._take_grid, take), queue_size=1
-                )
-                for topic, take in grids
-            ),
+            *(subscribe_map(topic, functools.partial(self._queue_input, take)) for topic, take in grids),
             rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10),
             SpotListener(functools.partial(self._queue_input, dispatcher.sightings.add)),
             rospy.Subscriber(
@@ -118,12 +113,6 @@ class RobotDispatcherNode:
 
     def _take_view(self, robot: str, view: FloorView) -> None:
         self._dispatcher.maps[robot].view = view
-
-    def _take_grid(self, take: Callable[..., None], message: OccupancyGridArray) -> None:
-        try:
-            take(grid_from_message(message))
-        except CodedError as error:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
 
     def _take_state(self, message: InteractionState) -> None:
         if self._dispatcher.sightings.set_state(

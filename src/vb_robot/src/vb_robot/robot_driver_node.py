@@ -30,22 +30,22 @@ from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.graph import find_commanders
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_grid
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
 from vb_core.vocabulary import state_of
-from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop, VirtualBorderArray
 from vb_robot.driving.arbiter import Arbiter, Command
-from vb_robot.driving.gate import EXIT_BORDER, NAVIGATION, RATE, STOP, TELEOP
+from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan, SpeedLimits
-from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace
-from vb_robot.inputs import FloorViewListener, SpotListener, message_class
+from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace, quoted
+from vb_robot.inputs import FloorViewListener, SpotListener, borders_for, message_class, subscribe_map
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
-WIRING_PERIOD, PLANNING_PERIOD, LOOK_PERIOD = 1.0, 0.1, 0.3  # [s] wall time
+WIRING_PERIOD, LOOK_PERIOD = 1.0, 0.3  # [s] wall time
 LOOKS = 40  # [updates] after which AMCL has found its pose, or will not
 PLAN_LIFETIME = rospy.Duration(5.0)  # a robot on its way plans once a second
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
@@ -91,7 +91,7 @@ class RobotDriverNode:
         /tf, /tf_static (tf2_msgs/TFMessage): map -> odom -> base_link, and where the sensors are on the robot
     Published topics:
         cmd_vel (geometry_msgs/Twist): or the profile's base/topic; while the robot is driven, then one zero command; zeros
-            while it is stopped, and for some seconds after the start
+            while it is stopped, and for some seconds to each one that begins to listen
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
         /virtual_borders/drivers (vb_msgs/DriverState): which source drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
@@ -142,10 +142,9 @@ class RobotDriverNode:
         self._subscribe(profile, contacts)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
-        self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, PLANNING_PERIOD, LOOK_PERIOD))
+        self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, LOOK_PERIOD))
         node.Worker(self._beats[0], lambda _woken: self._look_for_commanders())
-        node.Worker(self._beats[1], lambda _woken: self._arbiter.plan_exit(rospy.get_time()))
-        node.Worker(self._beats[2], lambda _woken: self._look_around())
+        node.Worker(self._beats[1], lambda _woken: self._look_around())
 
     def close(self) -> None:
         """Stops the robot."""
@@ -174,9 +173,9 @@ class RobotDriverNode:
                 lambda message: self._arbiter.add_contributors(message.interaction_id, message.cameras),
                 queue_size=1,
             ),
-            listen(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map, "borders", queue_size=1),
-            listen(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, "physical", queue_size=1),
-            listen(names.SPEED_LIMITS, OccupancyGridArray, self._on_map, "speed", queue_size=1),
+            subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, "borders")),
+            subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical")),
+            subscribe_map(names.SPEED_LIMITS, self._on_speed_limits),
             listen(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1),
             listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1),
             listen("initialpose", PoseWithCovarianceStamped, self._on_shown, queue_size=1),
@@ -267,18 +266,13 @@ class RobotDriverNode:
         marker.points = [entry.pose.position for entry in message.poses]
         self._plans.publish(MarkerArray(markers=[marker]))
 
-    def _on_map(self, message: OccupancyGridArray, which: str) -> None:
-        try:
-            grid = grid_from_message(message)
-        except CodedError as error:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
-            return
-        if which == "speed":
-            self._arbiter.gate.speed_limits = SpeedLimits(grid)
-            return
+    def _on_map(self, which: str, grid: GridMap) -> None:
         with self._lock:
             self._maps[which] = grid
             self._use_maps()
+
+    def _on_speed_limits(self, grid: GridMap) -> None:
+        self._arbiter.gate.speed_limits = SpeedLimits(grid)
 
     def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
         with self._lock:
@@ -309,23 +303,14 @@ class RobotDriverNode:
     def _use_maps(self) -> None:
         borders, physical = self._maps.get("borders"), self._maps.get("physical")
         if borders is None or physical is None or not physical.same_geometry(borders):
-            self._arbiter.set_maps(None)  # what is a border, and where, is not known
+            self._arbiter.gate.workspace = None  # what is a border, and where, is not known
             return
         workspace = Workspace(borders, physical, self._profile.radius, self._borders, self._uncertainty.meters)
-        self._arbiter.set_maps(workspace)
+        self._arbiter.gate.workspace = workspace
         self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._borders = [
-            KnownBorder(
-                border.name or border.id,
-                array_from_points(border.points),
-                np.array([border.seed.x, border.seed.y]),
-                border.kind == VirtualBorder.POLYGON,
-            )
-            for border in message.borders
-            if border.enabled and len(border.points) and (not border.robots or self._params.robot in border.robots)
-        ]
+        self._borders = borders_for(self._params.robot, message)
         if self._arbiter.gate.workspace is not None:
             self._arbiter.gate.workspace.known = self._borders
 
@@ -340,7 +325,7 @@ class RobotDriverNode:
                     last, moved = now, time.monotonic()
                 self._arbiter.gate.clock_age = time.monotonic() - moved
                 self._update_pose()
-                self._execute(self._arbiter.step(now.to_sec()), now)
+                self._execute(self._arbiter.step(now.to_sec(), self._cmd_vel.get_num_connections()), now)
             except rospy.ROSException:
                 if not rospy.is_shutdown():
                     raise
@@ -405,12 +390,7 @@ class RobotDriverNode:
             inside = contact is BorderContact.INSIDE
             code = "robot_inside_border" if inside else "robot_touches_border"
             severity = Severity.ERROR if inside and lethal else Severity.WARNING
-            found.append(self._notice(code, severity, border=_quoted(name)))
-            if command.source == EXIT_BORDER:
-                found.append(self._notice("robot_exits_border", Severity.INFO, border=_quoted(name)))
-            elif self._arbiter.exit.failed:
-                reason = f"$robot_{self._arbiter.exit.failed}"
-                found.append(self._notice("robot_cannot_exit", Severity.WARNING, border=_quoted(name), reason=reason))
+            found.append(self._notice(code, severity, border=quoted(name)))
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._stopped_since = {command.code: self._stopped_since.get(command.code, now)}
@@ -433,10 +413,6 @@ class RobotDriverNode:
             robot=self._params.robot,
             values={"who": sentences.robot_value(self._params.robot), **values},
         )
-
-
-def _quoted(name: str) -> str:
-    return f"'{name}'" if name else "$border_without_name"
 
 
 def build() -> RobotDriverNode:

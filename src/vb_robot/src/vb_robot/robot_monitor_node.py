@@ -19,22 +19,14 @@ from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.graph import read_graph
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, values_from_mapping
+from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.robots import connections_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
-from vb_msgs.msg import (
-    DetectorStatus,
-    DriverState,
-    InteractionState,
-    RobotStatusArray,
-    Stop,
-    VirtualBorder,
-    VirtualBorderArray,
-)
+from vb_msgs.msg import DetectorStatus, DriverState, InteractionState, RobotStatusArray, Stop, VirtualBorderArray
 from vb_msgs.srv import SendRobot, SendRobotResponse
-from vb_robot.driving.workspace import KnownBorder
+from vb_robot.inputs import borders_for, subscribe_map
 from vb_robot.monitoring.navigation_limits import limit_around
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.wiring import within
@@ -125,8 +117,7 @@ class RobotMonitorNode:
 
     def _subscribe(self) -> None:
         def on_map(name: str, which: str, robots: List[WatchedRobot]) -> None:
-            callback = functools.partial(self._on_map, robots, which)
-            rospy.Subscriber(name, OccupancyGridArray, callback, queue_size=1, buff_size=2**24)
+            subscribe_map(name, functools.partial(self._on_map, which, robots))
 
         everyone = list(self._robots.values())
         on_map(names.PHYSICAL_MAP, "physical", everyone)
@@ -150,12 +141,7 @@ class RobotMonitorNode:
             self._limit(robot, math.inf)
 
     # ------------------------------------------------------------- callbacks
-    def _on_map(self, robots: List[WatchedRobot], which: str, message: Any) -> None:
-        try:
-            grid = grid_from_message(message)
-        except CodedError as error:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
-            return
+    def _on_map(self, which: str, robots: List[WatchedRobot], grid: GridMap) -> None:
         with self._lock:
             if which == "speed":
                 self._speed_limits = grid
@@ -165,11 +151,11 @@ class RobotMonitorNode:
     def _on_borders(self, message: VirtualBorderArray) -> None:
         with self._lock:
             for robot in self._robots.values():
-                robot.set_borders([_known(one) for one in message.borders if _is_for(one, robot.name)])
+                robot.set_borders(borders_for(robot.name, message))
 
     def _on_driver(self, message: DriverState) -> None:
         if message.robot in self._robots:
-            self._robots[message.robot].hear_driver(message._connection_header["callerid"], rospy.get_time())
+            self._robots[message.robot].hear_driver(message, rospy.get_time())
 
     def _on_detector(self, message: DetectorStatus) -> None:
         self._cameras[message.camera] = None
@@ -214,8 +200,8 @@ class RobotMonitorNode:
         goal = robot.goal
         with self._lock:
             refusal = robot.judge(goal)
-        if goal == robot.goal and robot.refuse(refusal):
-            rospy.logwarn("%s: %s [%s]", rospy.get_name(), refusal.sentence(), refusal.code)
+        if goal == robot.goal:
+            robot.refuse(refusal)
         self._tell()
 
     def _send(self, request: Any) -> SendRobotResponse:
@@ -283,30 +269,16 @@ class RobotMonitorNode:
         return [fault for fault in faults if now - self._faulty_since[(fault.code, fault.robot)] >= SETTLING_TIME]
 
     def _log(self, now: float) -> None:
-        """Prints what is connected once the lab has started, and again what of it changes."""
+        """Prints what is connected once the lab has started, and again what of it changes; faults are notices."""
         lines = self._offer.lines
         if now - self._started < SETTLING_TIME or lines == self._logged:
             return
         if self._faulty_since and min(now - since for since in self._faulty_since.values()) < SETTLING_TIME:
             return
-        logs = {Severity.INFO: rospy.loginfo, Severity.WARNING: rospy.logwarn, Severity.ERROR: rospy.logerr}
         for line in lines:
-            if line not in self._logged:
-                logs[line.severity]("%s: %s", rospy.get_name(), line.notice().sentence())
+            if line not in self._logged and line.severity is Severity.INFO:
+                rospy.loginfo("%s: %s", rospy.get_name(), line.notice().sentence())
         self._logged = lines
-
-
-def _is_for(border: VirtualBorder, robot: str) -> bool:
-    return border.in_force and len(border.points) > 0 and (not border.robots or robot in border.robots)
-
-
-def _known(border: VirtualBorder) -> KnownBorder:
-    return KnownBorder(
-        border.name or border.id,
-        array_from_points(border.points),
-        np.array([border.seed.x, border.seed.y]),
-        border.kind == VirtualBorder.POLYGON,
-    )
 
 
 def _answer(success: bool, notice: Notice) -> SendRobotResponse:

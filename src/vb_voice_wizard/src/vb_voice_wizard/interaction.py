@@ -34,7 +34,7 @@ from vb_core.vocabulary import (
 from vb_core.vocabulary import PAUSED, REDO, RESUME, SAVE, STATES, STOP, UNDO, State, normalize, spoken_form
 
 from vb_voice_wizard.confirmation import ANSWERS, would_matter
-from vb_voice_wizard.session import ALWAYS, CANCELLED, NEVER, SAVED, UNANSWERED, Answer, Session
+from vb_voice_wizard.session import CANCELLED, SAVED, UNANSWERED, Answer, Session
 
 
 class Interaction(Session):
@@ -167,10 +167,7 @@ class Interaction(Session):
             return Answer(False, "nothing_asked", {"command": spoken_form(name)})
         drawing, entered = len(self.missing()) < 2, self._target(name)
         ask = uncertain and would_matter(name, drawing, self.stopped, self.laser_is_on(now) and entered != self.state)
-        if name == SAVE:
-            rule = self._params.confirm_save
-            ask = rule == ALWAYS or (rule != NEVER and (ask or doubtful_border))
-        if not ask:
+        if not ask and not (name == SAVE and doubtful_border):
             return None
         self.question.ask(name, source, now)
         answer = spoken_form(name if not uncertain else "yes_" + name)

@@ -6,10 +6,11 @@ import threading
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Mapping, Optional, Tuple
+from typing import List, Mapping, Optional
 
 import rospy
 from vb_core import names
+from vb_core.border_changes import ADDED, DISABLED, ENABLED, REMOVED, border_changes
 from vb_core.errors import CodedError
 from vb_core.files import append_line
 from vb_core.notices import Notice, Severity
@@ -40,6 +41,8 @@ from vb_voice_wizard.dialogue.previewer import Previewer
 
 # [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
 _REPEATED_AFTER = 0.1
+# what undo and redo made of borders; anything else is a change that was undone or made again
+_CODES = {REMOVED: "border_removed", ADDED: "border_restored", ENABLED: "border_enabled", DISABLED: "border_disabled"}
 _STORE_PERIOD = 2.0  # [s] a disk that was full may have room again
 
 
@@ -349,34 +352,11 @@ def _what_changed(command: str, before: Mapping[str, VirtualBorder], after: Mapp
 
     It names the borders if one thing happened to all.
     """
-    both = [key for key in before if key in after]
-    switched = [key for key in both if before[key].enabled != after[key].enabled]
-    found = {
-        "border_removed": [border for key, border in before.items() if key not in after],
-        "border_restored": [border for key, border in after.items() if key not in before],
-        "border_enabled": [after[key] for key in switched if after[key].enabled],
-        "border_disabled": [after[key] for key in switched if not after[key].enabled],
-        "change_undone" if command == UNDO else "change_redone": [
-            after[key] for key in both if key not in switched and _drawn(before[key]) != _drawn(after[key])
-        ],
-    }
-    kinds = [code for code, borders in found.items() if borders]
-    if len(kinds) != 1:
+    other = "change_undone" if command == UNDO else "change_redone"
+    changes = [(_CODES.get(kind, other), border) for kind, border in border_changes(before, after)]
+    if len({code for code, _ in changes}) != 1:
         return Answer(True, "borders_changed")
-    return Answer(True, kinds[0], {"borders": ", ".join(border.name or border.id for border in found[kinds[0]])})
-
-
-def _drawn(border: VirtualBorder) -> Tuple:
-    """Lists what a person can change about a border, apart from its switch."""
-    return (
-        border.name,
-        [(point.x, point.y) for point in border.points],
-        border.seed.x,
-        border.seed.y,
-        border.zone,
-        border.max_speed,
-        border.schedule,
-    )
+    return Answer(True, changes[0][0], {"borders": ", ".join(border.name or border.id for _, border in changes)})
 
 
 def _await_clock(timeout: float = 3.0) -> None:

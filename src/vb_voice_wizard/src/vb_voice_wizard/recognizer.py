@@ -3,8 +3,9 @@
 The idea: endpointing finds the speech, and a network that knows people's speech says how much more probable the
 utterance makes each command than silence does (speech_model). Even odds against a word that sounds like it are enough
 to take a command, but not to be certain of it: what would move a robot, change the map or lose a drawing is then asked
-about, and answered with another phrase, "yes, save" (interaction.py). Nothing is trained; bench/voice/recognition.py
-measures.
+about, and answered with another phrase, "yes, save" (interaction.py). Who talks and then shouts *stop* makes one
+utterance of both: the end of what is no command is a *stop*, too, if it is one beyond doubt. Nothing is trained;
+bench/voice/recognition.py measures.
 
 Use it to tell which command, if any, a piece of speech is; `voice.endpointing` cuts a microphone's stream into pieces.
 
@@ -24,10 +25,10 @@ import numpy as np
 
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
-from vb_core.vocabulary import COMMANDS, spoken_form
+from vb_core.vocabulary import COMMANDS, STOP, spoken_form
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
-from vb_voice_wizard.voice.endpointing import Utterance
+from vb_voice_wizard.voice.endpointing import PADDING, Utterance
 from vb_voice_wizard.confirmation import ANSWERS
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
@@ -40,6 +41,9 @@ EVEN_LOG_ODDS = -3.7
 # Odds from which a command is beyond doubt: eight times those of the most deceptive of the development speakers' other
 # words, a "seven" for *save* (docs/results/voice/README.md).
 CERTAIN_ODDS = 20.0
+THRESHOLD = 0.5  # confidence from which a command is taken: even odds
+# [s] of speech at an utterance's end that may be a "stop", as short and as long as people say it
+_ENDINGS = (0.4, 0.6, 0.8)
 _MIN_LENGTH = 0.2  # [s] with its padding: less is no word
 # Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another
 # shows.
@@ -50,7 +54,6 @@ _SPEEDS = (1.0, 0.94, 1.07)
 class RecognizerParams(Parameters):
     """Parameters of the recogniser; config/voice_commands.yaml says why."""
 
-    threshold: float = param(0.5, "", low=0.0, high=1.0)
     phrases: dict = param({})
 
     def __post_init__(self) -> None:
@@ -101,23 +104,30 @@ class CommandRecognizer:
     """
 
     def __init__(self, params: Optional[RecognizerParams] = None) -> None:
-        self.params = params if params is not None else RecognizerParams()
-        phrases = {**PHRASES, **self.params.phrases}
+        phrases = {**PHRASES, **(params or RecognizerParams()).phrases}
         said = [(command, text) for command, texts in phrases.items() for text in texts]
         self._meanings = np.array([command for command, _ in said])
         self._model = SpeechModel([text.lower() for _, text in said])
 
     def classify(self, utterance: Utterance) -> RecognitionResult:
-        """Classifies one utterance."""
-        if utterance.too_long:
-            return RecognitionResult(reason="too_long")
+        """Classifies one utterance: as a whole, and if that is no command, by its end."""
         if len(utterance.pcm) < _MIN_LENGTH * SAMPLE_RATE:
             return RecognitionResult(reason="too_short")
-        evidence = np.array([self._model.log_likelihood_ratios(_played(utterance.pcm, speed)) for speed in _SPEEDS])
+        result = RecognitionResult(reason="too_long") if utterance.too_long else self._judge(utterance.pcm)
+        if result.command is None:
+            endings = [utterance.pcm[-int((seconds + PADDING) * SAMPLE_RATE) :] for seconds in _ENDINGS]
+            stops = [self._judge(pcm, self._meanings == STOP) for pcm in endings]
+            result = next((stop for stop in stops if stop.certain), result)
+        return result
+
+    def _judge(self, pcm: np.ndarray, which: Optional[np.ndarray] = None) -> RecognitionResult:
+        """Classifies sound as one of the phrases, or of some of them."""
+        evidence = np.array([self._model.log_likelihood_ratios(_played(pcm, speed), which) for speed in _SPEEDS])
         odds = np.mean(np.exp(evidence - EVEN_LOG_ODDS), axis=0)
         number = int(odds.argmax())
-        best, confidence = str(self._meanings[number]), float(odds[number] / (1.0 + odds[number]))
-        if confidence < self.params.threshold:
+        meanings = self._meanings if which is None else self._meanings[which]
+        best, confidence = str(meanings[number]), float(odds[number] / (1.0 + odds[number]))
+        if confidence < THRESHOLD:
             return RecognitionResult(best=best, confidence=confidence, reason="unlike_a_command")
         return RecognitionResult(best, best, confidence, bool(odds[number] >= CERTAIN_ODDS))
 

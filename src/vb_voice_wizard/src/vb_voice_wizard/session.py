@@ -24,6 +24,8 @@ _S = TypeVar("_S", bound="Session")
 
 # [s] without a spot in Border or Seed: a person has begun by then, or draws with a laser that no camera sees
 UNSEEN_AFTER = 10.0
+# [s] before an interaction ends by itself people are warned, at the latest half way
+_WARNED_BEFORE = 60.0
 # [s] since its last spot, a laser is on
 LASER_ON = 1.0
 
@@ -32,21 +34,13 @@ CANCELLED = "cancelled"
 ABANDONED = "abandoned"
 UNANSWERED = "unanswered"
 
-NEVER, UNCERTAIN, ALWAYS = "never", "uncertain", "always"
-
 
 @dataclass(frozen=True)
 class InteractionParams(Parameters):
-    """Parameters of an interaction's confirmations and time limits; config/interaction_manager.yaml explains them."""
+    """Parameters of an interaction; config/interaction_manager.yaml explains them."""
 
     robot: bool = param(True)
-    confirm_save: str = param(UNCERTAIN, choices=(NEVER, UNCERTAIN, ALWAYS))
     idle_timeout: float = param(300.0, "s", low=1.0, high=86400.0)
-    idle_warning: float = param(60.0, "s", low=1.0, high=3600.0)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require_order("idle_warning", "idle_timeout")
 
 
 @dataclass(frozen=True)
@@ -193,7 +187,7 @@ class Session:
         if not self.state.robots_act or self.pending:
             return 0.0
         ends = self._active + self._params.idle_timeout
-        return ends if self._counted_until >= ends - self._params.idle_warning else 0.0
+        return ends if self._counted_until >= ends - min(_WARNED_BEFORE, self._params.idle_timeout / 2.0) else 0.0
 
     def end_if_idle(self, now: float) -> bool:
         """Ends an interaction abandoned for too long; returns whether it did."""

@@ -17,8 +17,9 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from vb_core import sentences, vocabulary, zones
 from vb_core.errors import CodedError
+from vb_core.limiter import Limiter
 from vb_web import access, action_requests
-from vb_web.access import Limiter, Role
+from vb_web.access import Role
 
 # [s] between two messages to a browser: 25 a second look fluid, and cost 20 browsers little
 _SEND_PERIOD = 0.04

@@ -11,12 +11,12 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 import rospy
-from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float32
 from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import RobotStatusArray, StudyEvent, VirtualBorder, VirtualBorderArray
 
 from vb_core import names
+from vb_core.border_changes import border_changes
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import pose2d_from_transform
 from vb_core.grid_map import GridMap
@@ -35,13 +35,12 @@ from vb_web.camera_images import CameraImages
 from vb_web.event_history import EventHistory
 from vb_web.action_requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
-from vb_web.view import View, border_changes, coarse_age, mark_borders, rounded
+from vb_web.view import View, coarse_age, mark_borders, rounded
 
 _POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
 _HEALTH_PERIOD = 0.5  # [s]
 _LEVEL_PERIOD = 0.25  # [s] the microphone's level is shown no more often
 _SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's driver more often
-_MAX_DIAGNOSTICS = 30
 _INVITATION = "page_invitation"
 _SESSIONS = "page_sessions.json"  # beside the codes
 _WRONG_CODES = 20  # then it is told, and again after twice as many: nobody mistypes that often
@@ -72,7 +71,7 @@ class PageNode:
         /virtual_borders/progress (vb_msgs/BorderProgress), /virtual_borders/preview (vb_msgs/BorderPreview)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/notices (vb_msgs/NoticeArray)
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/drivers (vb_msgs/DriverState)
-        /virtual_borders/voice/level (std_msgs/Float32), /diagnostics (diagnostic_msgs/DiagnosticArray)
+        /virtual_borders/voice/level (std_msgs/Float32)
         /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, and so what is offered and claimed
         /tf, /tf_static (tf2_msgs/TFMessage): the robots' and the cameras' poses
         <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): while a browser shows them
@@ -100,12 +99,11 @@ class PageNode:
         self._view, self._images = View(), images.ImageCache()
         self._history = EventHistory(Path(params.events_file).expanduser())
         self._grid: Optional[GridMap] = None
-        self._borders: Dict[str, VirtualBorder] = {}
+        self._borders: Optional[Dict[str, VirtualBorder]] = None  # None: not known yet
         self._border_list: Optional[VirtualBorderArray] = None
         self._offer: Optional[Offer] = None  # None: nobody has said what is connected
         self._stoppable = False  # whether a robot has obeyed Stop since this node was started
         self._frames: Dict[str, str] = {}  # of the robots, by name
-        self._shown_borders: Optional[Dict[str, Dict[str, Any]]] = None
         self._marks: Dict[str, str] = {}
         self._answered: Any = None
         self._state_at = time.monotonic()
@@ -118,13 +116,12 @@ class PageNode:
         self._told = NoticeListener(self._notices_due.set)
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
         self._drivers: Dict[str, Any] = {}  # robot: (heard [s], entry)
-        self._diagnostics: Dict[str, Any] = {}  # name: (heard [s], entry)
         self._transforms = TransformLookup()
         self._camera_images = CameraImages(
             self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
         )
         self._actions = ActionHandler(
-            self._borders.get,
+            lambda border_id: (self._borders or {}).get(border_id),
             lambda: self._connected(names.STATE),
             lambda: self._stoppable or self._connected(names.DRIVERS),
             self._on_study,
@@ -210,7 +207,6 @@ class PageNode:
                 (names.DRIVERS, DriverState, self._on_driver, {"queue_size": 20}),
                 (names.ROBOTS, RobotStatusArray, self._on_robots, {"queue_size": 1, **small}),
                 (names.VOICE_LEVEL, Float32, self._on_level, {"queue_size": 1}),
-                ("/diagnostics", DiagnosticArray, self._on_diagnostics, {"queue_size": 20}),
             )
         }
 
@@ -256,12 +252,10 @@ class PageNode:
             self._marks = mark_borders(self._marks, list(shown))
             for key, border in shown.items():
                 border["mark"] = self._marks[key]
-            self._borders.clear()
-            self._borders.update({border.id: border for border in message.borders})
-            before, self._shown_borders = self._shown_borders, shown
+            before, self._borders = self._borders, {border.id: border for border in message.borders}
         self._view.put("borders", section)
-        for code, name in border_changes(before, shown) if before is not None else ():
-            self._tell(code, {"border": name})
+        for kind, border in border_changes(before, self._borders) if before is not None else ():
+            self._tell(f"page_event_{kind}", {"border": border.name or border.id})
 
     def _on_state(self, message: InteractionState) -> None:
         section = ros_view.state_section(message)
@@ -328,11 +322,6 @@ class PageNode:
         with self._lock:
             return {camera: publisher for camera, (_, publisher, _) in self._detectors.items()}
 
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        with self._lock:
-            for status in message.status:
-                self._diagnostics[status.name] = (time.monotonic(), ros_view.diagnostics_entry(status))
-
     # ------------------------------------------------------------- periodic checks
     def _look_at_robots(self) -> None:
         if not self._server.browsers:
@@ -361,14 +350,8 @@ class PageNode:
             drivers = {
                 robot: {**entry, "there": now - at < _SILENCE_TIMEOUT} for robot, (at, entry) in self._drivers.items()
             }
-            fresh = [entry for heard, entry in self._diagnostics.values() if now - heard < _SILENCE_TIMEOUT]
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
         self._view.put("drivers", drivers)
-        # no words for what is well
-        worst = sorted(
-            (entry for entry in fresh if entry["level"] > 0), key=lambda entry: (-entry["level"], entry["name"])
-        )
-        self._view.put("diagnostics", worst[:_MAX_DIAGNOSTICS])
         self._view.put(
             "health",
             {

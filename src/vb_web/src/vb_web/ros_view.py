@@ -9,7 +9,6 @@ import base64
 from typing import Any, Dict, Iterable, List, Optional
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState
 from vb_msgs.msg import LaserSpot, RobotStatusArray, VirtualBorder, VirtualBorderArray
@@ -187,19 +186,6 @@ def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
         "hz": rounded(message.rate_hz, 0),
         "ms": rounded(message.latency_ms, 0),
         "spots": int(message.spots),
-    }
-
-
-def diagnostics_entry(status: DiagnosticStatus) -> Dict[str, Any]:
-    """Converts one status of a diagnostics message."""
-    values = mapping_from_values(status.values)
-    return {
-        "name": status.name[:80],
-        # rospy's level is a byte or a number, by version
-        "level": status.level if isinstance(status.level, int) else status.level[0],
-        "message": status.message[:200],
-        "code": values.pop("code", ""),
-        "values": values,
     }
 
 

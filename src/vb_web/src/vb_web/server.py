@@ -26,9 +26,10 @@ from tornado.netutil import bind_sockets
 
 from vb_core import sentences
 from vb_core.errors import CodedError, ParameterError
+from vb_core.limiter import Limiter
 from vb_core.parameters import Parameters, param
 from vb_web import access, action_requests, handlers
-from vb_web.access import Limiter, Places, Role, Sessions
+from vb_web.access import Places, Role, Sessions
 from vb_web.images import ImageCache
 from vb_web.view import View
 

@@ -70,25 +70,6 @@ class View:
             return self._revision, self._last[2]
 
 
-def border_changes(before: Dict[str, Dict[str, Any]], after: Dict[str, Dict[str, Any]]) -> List[Tuple[str, str]]:
-    """Compares two lists of borders, each by id, and returns [(code, border's name)] of what happened to them.
-
-    Codes: "page_event_added", "_removed", "_renamed", "_enabled", "_disabled", "_changed".
-    """
-    found = [("page_event_removed", before[key]["name"]) for key in before if key not in after]
-    for key, border in after.items():
-        old = before.get(key)
-        if old is None:
-            found.append(("page_event_added", border["name"]))
-        elif old["name"] != border["name"]:
-            found.append(("page_event_renamed", border["name"]))
-        elif old["enabled"] != border["enabled"]:
-            found.append((f"page_event_{'enabled' if border['enabled'] else 'disabled'}", border["name"]))
-        elif any(old[part] != border[part] for part in ("points", "seed", "schedule", "zone", "max_speed")):
-            found.append(("page_event_changed", border["name"]))
-    return found
-
-
 def mark_borders(before: Dict[str, str], ids: List[str]) -> Dict[str, str]:
     """Gives each border the mark that stands for it where its name has no room, and returns marks by border's id.
 

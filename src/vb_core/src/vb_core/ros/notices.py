@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
-from typing import Callable, Iterable, List
+import time
+from typing import Callable, Dict, Iterable, List, Tuple
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
@@ -13,6 +15,8 @@ from vb_core.notices import REPEAT_PERIOD, Notice, ActiveNotices, Severity
 from vb_core.ros.messages import mapping_from_values, values_from_mapping
 from vb_msgs.msg import Notice as NoticeMessage
 from vb_msgs.msg import NoticeArray
+
+LOG_PERIOD = 60.0  # [s] before what comes and goes is logged again
 
 
 def message_from_notice(notice: Notice) -> NoticeMessage:
@@ -77,11 +81,15 @@ class NoticeListener:
 
 
 class NoticePublisher:
-    """Publishes this node's notices on /virtual_borders/notices, at once and again every second."""
+    """Publishes this node's notices on /virtual_borders/notices, at once and again every second.
+
+    Warnings and errors are also logged, once for as long as they hold: that is all that roslaunch's terminal has to say.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._notices: List[Notice] = []
+        self._logged: Dict[Tuple[str, ...], float] = {}  # [s] of wall time when each held last
         self._publisher = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=10, latch=True)
         self._timer = rospy.Timer(rospy.Duration(REPEAT_PERIOD), lambda _event: self._publish(), reset=True)
         self._publish()
@@ -103,5 +111,19 @@ class NoticePublisher:
     def _publish(self) -> None:
         with self._lock:
             message = NoticeArray(source=rospy.get_name(), notices=[message_from_notice(n) for n in self._notices])
+            new = self._find_new()
         message.header.stamp = rospy.Time.now()
         self._publisher.publish(message)
+        for notice in new:
+            log = rospy.logerr if notice.severity is Severity.ERROR else rospy.logwarn
+            log("%s: %s [%s]", rospy.get_name(), notice.sentence(), notice.code)
+
+    def _find_new(self) -> List[Notice]:
+        """Returns the warnings and errors that did not hold a moment ago: what flickers is logged once."""
+        now, new = time.monotonic(), []
+        for notice in self._notices:
+            key = (notice.code, notice.robot, notice.border_id, notice.camera)
+            if notice.severity >= Severity.WARNING and now - self._logged.get(key, -math.inf) > LOG_PERIOD:
+                new.append(notice)
+            self._logged[key] = now
+        return new

@@ -16,7 +16,6 @@ def robot_from_status(message: RobotStatus) -> ConnectedRobot:
         message.localized,
         message.obeys_stop,
         message.obeys_speed,
-        message.bypassed,
         tuple(message.maps),
         tuple(message.missing_maps),
     )

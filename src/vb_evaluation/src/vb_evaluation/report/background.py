@@ -9,7 +9,7 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effect_sizes, questionnaire
-from vb_evaluation.report.blocks import Block, Bullets, Grid, Text
+from vb_evaluation.report.blocks import Block, Grid, Text
 from vb_evaluation.report.data import WARNINGS, StudyResults, read_sheet
 
 
@@ -45,10 +45,7 @@ def order_section(study: StudyResults) -> List[Block]:
     if not study.people:
         words += " Simulated people neither learn nor tire: an interval without 0 would be chance or a fault."
     columns = {"measure": "Measure", "effect": "Effect", "difference": "Difference", "groups": "People"}
-    return [
-        Text(words, caveat=True),
-        Grid("order", {**columns, "p": "p (Mann-Whitney)"} if study.people else columns, rows),
-    ]
+    return [Text(words), Grid("order", {**columns, "p": "p (Mann-Whitney)"} if study.people else columns, rows)]
 
 
 def _by_first(study: StudyResults, column: str) -> List[np.ndarray]:
@@ -132,5 +129,6 @@ def runs_section(study: StudyResults) -> List[Block]:
         )
     if (study.folder / WARNINGS).is_file():
         found = list(read_sheet(study.folder / WARNINGS, ("warning",)).warning)
-        blocks += [Text(f"What measuring the recordings warned of: {len(found)}.", caveat=True), Bullets(found)]
+        rows = [{"warning": words} for words in found]
+        blocks.append(Grid("warnings", {"warning": f"What measuring the recordings warned of: {len(found)}"}, rows))
     return blocks

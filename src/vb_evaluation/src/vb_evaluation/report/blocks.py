@@ -14,14 +14,6 @@ class Text:
     """A paragraph."""
 
     words: str
-    caveat: bool = False
-
-
-@dataclass(frozen=True)
-class Bullets:
-    """A list of sentences."""
-
-    entries: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -41,14 +33,12 @@ class Grid:
         columns: key to heading; the keys are the file's columns.
         rows: key to a text, a number, or an Interval, which becomes "estimate [low, high]" with the digits of
             `digits` and three columns in the file.
-        folded: whether the page shows it only on demand.
     """
 
     name: str
     columns: Dict[str, str]
     rows: List[Dict[str, Any]]
     digits: Dict[str, int] = field(default_factory=dict)
-    folded: bool = False
     words: str = ""
 
     def text(self, row: Dict[str, Any], key: str) -> str:
@@ -57,6 +47,12 @@ class Grid:
         if isinstance(value, Interval):
             return value.text(digits)
         return format_number(value, digits) if isinstance(value, float) else str(value)
+
+    def markdown(self) -> str:
+        """Writes the table for a Markdown page."""
+        lines = [list(self.columns.values()), ["---"] * len(self.columns)]
+        lines += [[self.text(row, key) for key in self.columns] for row in self.rows]
+        return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
     @staticmethod
     def is_text(row: Dict[str, Any], key: str) -> bool:
@@ -80,4 +76,4 @@ class Grid:
         }
 
 
-Block = Union[Text, Bullets, Figure, Grid]
+Block = Union[Text, Figure, Grid]

@@ -9,7 +9,7 @@ import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report.blocks import Block, Grid
-from vb_evaluation.report.data import StudyResults, pairs, select
+from vb_evaluation.report.data import StudyResults, known, pairs, select
 from vb_evaluation.statistics import Interval
 
 
@@ -38,12 +38,19 @@ def ratio(table: pandas.DataFrame, methods: Tuple[str, str], completed: bool = F
     return statistics.ratio_of_means(second, first)
 
 
-def mean_difference(
-    table: pandas.DataFrame, column: str, methods: Tuple[str, str], confidence: float = statistics.CONFIDENCE
-) -> Interval:
+def mean_difference(table: pandas.DataFrame, column: str, methods: Tuple[str, str]) -> Interval:
     """Computes the mean of the differences, paired by participant, of each participant's mean."""
     first, second = pairs(table, column, methods)
-    return statistics.mean(first - second, confidence)
+    return statistics.mean(first - second)
+
+
+def completed_more(
+    table: pandas.DataFrame, methods: Tuple[str, str], confidence: float = statistics.CONFIDENCE
+) -> Interval:
+    """Computes how many more of the first method's runs were completed [percentage points], of all its runs."""
+    return statistics.difference_of_shares(
+        *(known(select(table, method=method), "completed") for method in methods), confidence
+    ).scaled(100.0)
 
 
 def test_blocks(study: StudyResults, column: str, unit: str, completed: bool) -> List[Block]:

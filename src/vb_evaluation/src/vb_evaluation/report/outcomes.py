@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, List
 
+import pandas
+
 from vb_evaluation import statistics
 from vb_evaluation.report import charts, effect_sizes, maps, paper
-from vb_evaluation.report.blocks import Block, Bullets, Figure, Grid, Text
+from vb_evaluation.report.blocks import Block, Figure, Grid, Text
 from vb_evaluation.report.data import ERRORS, STATES, StudyResults, known, pairs, select
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
@@ -16,15 +18,31 @@ ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest
 MARGINS = {"jaccard": ("Jaccard index", 0.05, 1.0, 3), "error_mean_cm": ("mean boundary error [cm]", 2.5, -1.0, 1)}
 POINTS = 10  # of completeness [percentage points]
 _WHICH = {"scenario": "Scenario", "method": "Method"}
+_WHY = ("outcome", "reason", "pointed_right", "seed_is_right", "note")
 
 
 def summary_section(study: StudyResults) -> List[Block]:
-    """Effects of the method, each with its interval."""
+    """Effects of the method, each with its interval; of people also without the runs in which something was amiss."""
     if len(study.methods) < 2:
         return []
+    names = [paper.method_title(method).lower() for method in study.comparison]
+    words = (
+        f"Differences are {names[0]} minus {names[1]}, paired by participant: Hodges-Lehmann estimate and 95 % interval "
+        "(accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. Completed: of all runs, "
+        "Newcombe's interval. [?]: too few pairs."
+    )
+    blocks = [_summary("summary", study, study.runs, words), *not_worse_blocks(study)]
+    alone = study.runs[~((study.runs.helped > 0) | (study.runs.problems > 0))]
+    if len(alone) < len(study.runs):
+        words = f"The same without the {len(study.runs) - len(alone)} runs with help or a problem of the system."
+        blocks.append(_summary("summary_without_help", study, alone, words))
+    return blocks
+
+
+def _summary(name: str, study: StudyResults, runs: pandas.DataFrame, words: str) -> Grid:
     both, rows = study.comparison, []
     for scenario in study.scenarios:
-        here = select(study.runs, scenario=scenario)
+        here = select(runs, scenario=scenario)
         rows.append(
             {
                 "scenario": study.scenario_title(scenario),
@@ -33,34 +51,19 @@ def summary_section(study: StudyResults) -> List[Block]:
                 "time": effect_sizes.shift(here, "time_total_s", both),
                 "speedup": effect_sizes.ratio(here, both),
                 "jaccard": effect_sizes.shift(here, "jaccard", both, True),
-                "completed": effect_sizes.mean_difference(here, "completed", both).scaled(100.0),
+                "completed": effect_sizes.completed_more(here, both),
             }
         )
-    names = [paper.method_title(method).lower() for method in both]
-    grid = Grid(
-        "summary",
-        {
-            "scenario": "Scenario",
-            "pairs": "Pairs",
-            "error": "Mean boundary error [cm]",
-            "time": "Time [s]",
-            "speedup": "Speed-up",
-            "jaccard": "Jaccard index",
-            "completed": "Completed [points]",
-        },
-        rows,
-        {"error": 1, "time": 1, "jaccard": 3, "completed": 0},
-        words=f"Differences are {names[0]} minus {names[1]}, paired by participant: Hodges-Lehmann estimate and 95 % interval "
-        "(accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. [?]: too few pairs.",
-    )
-    caveat = Text(
-        "Part of the speed-up is an input, not a result: with the robot as the only camera the spot moves at most at the "
-        "robot's 0.2 m/s (paper), with ceiling cameras at what is assumed for a hand, and the robot must first be led to the "
-        "border. The intervals say how people of these assumptions differ; they leave out that the assumptions may be wrong"
-        f"{', which the section on plausible worlds is about' if study.has_worlds else ''}.",
-        caveat=True,
-    )
-    return [grid, *not_worse_blocks(study)] if study.people else [grid, caveat, *not_worse_blocks(study)]
+    columns = {
+        "scenario": "Scenario",
+        "pairs": "Pairs",
+        "error": "Mean boundary error [cm]",
+        "time": "Time [s]",
+        "speedup": "Speed-up",
+        "jaccard": "Jaccard index",
+        "completed": "Completed [points]",
+    }
+    return Grid(name, columns, rows, {"error": 1, "time": 1, "jaccard": 3, "completed": 0}, words=words)
 
 
 def not_worse_blocks(study: StudyResults) -> List[Block]:
@@ -86,16 +89,9 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
             )
     for column in MARGINS if study.people else ():
         effect_sizes.add_holm([row for row in rows if row["measure"] == MARGINS[column][0]])
-    points = effect_sizes.mean_difference(study.runs, "completed", study.comparison, 0.9).scaled(100.0)
+    points = effect_sizes.completed_more(study.runs, study.comparison, 0.9)
     reading = "not worse" if points.low > -POINTS else ("worse" if points.high < -POINTS else "open")
-    rows.append(
-        {
-            "scenario": "all",
-            "measure": "completed [points], by participant",
-            "gain": points.text(0),
-            "margin": f"{POINTS}",
-        }
-    )
+    rows.append({"scenario": "all", "measure": "completed [points]", "gain": points.text(0), "margin": f"{POINTS}"})
     rows[-1].update(
         reading=reading, equivalent="yes" if reading == "not worse" and points.high < POINTS else "no", n=""
     )
@@ -142,7 +138,6 @@ def error_section(study: StudyResults) -> List[Block]:
         ),
         Figure(panels),
         Grid("error", columns, rows, {key: 1 for key in (*ERRORS, "worst")}),
-        Text("The map's cells are 2.5 cm wide, so that single distances come in steps of about one cell.", caveat=True),
         *effect_sizes.test_blocks(study, "error_mean_cm", "cm", True),
     ]
 
@@ -205,8 +200,7 @@ def accuracy_section(study: StudyResults) -> List[Block]:
         Text("Restricted cells against those that were asked for, over completed runs."),
         Text(
             "The index saturates with the area's size: of the same error a large area shows little. A line across the 0.70 m "
-            "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart.",
-            caveat=True,
+            "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart."
         ),
         Figure(panels),
         Grid("accuracy", columns, rows, {"median": 3, "least": 3, "paper": 3}),
@@ -220,7 +214,7 @@ def accuracy_section(study: StudyResults) -> List[Block]:
             ),
             Figure(images),
         ]
-    return [*blocks, Bullets(notes)] if notes else blocks
+    return [*blocks, *map(Text, notes)]
 
 
 def completeness_section(study: StudyResults) -> List[Block]:
@@ -244,15 +238,9 @@ def completeness_section(study: StudyResults) -> List[Block]:
             )
             bars.append((cell, share))
         groups.append((title, bars))
-    caveat = Text(
-        "How often simulated people err (wrong side, slips, wrong words) is assumed, so that the level is an input; only the "
-        "difference between the methods is a result.",
-        caveat=True,
-    )
     columns = {**_WHICH, "completed": "Completed", "share": "Share [%]", "paper": "Paper [%]"}
     return [
         Text("Runs that ended with a saved border and a seed on the side that was asked for; Wilson's 95 % intervals."),
-        *([] if study.people else [caveat]),
         Figure([(charts.rates(groups), "Completed runs")], wide=True),
         Grid("completeness", columns, rows, {"share": 0, "paper": 1}),
         *_who_completed(study),
@@ -297,4 +285,16 @@ def _what_became(study: StudyResults) -> List[Block]:
     columns = {**_WHICH, **{name: name.replace("_", " ").capitalize() for name in there}}
     if study.people:
         columns.update(helped="With help", problems="With a problem of the system")
-    return [Grid("outcomes", columns, rows)]
+    failed = study.runs[study.runs.completed == 0]
+    why = [name for name in _WHY if name in failed and failed[name].notna().any()]
+    listed = [
+        {
+            "participant": row["participant"],
+            "scenario": study.scenario_title(row["scenario"]),
+            "method": paper.method_title(row["method"]),
+            **{name: row[name] if isinstance(row[name], str) else f"{row[name]:g}" for name in why},
+        }
+        for row in failed.to_dict("records")
+    ]
+    names = {"participant": "Person", **_WHICH, **{name: name.replace("_", " ").capitalize() for name in why}}
+    return [Grid("outcomes", columns, rows), Grid("not_completed", names, listed)]

@@ -41,11 +41,6 @@ def paper_comparison_section(study: StudyResults) -> List[Block]:
             f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse."
         ),
         Grid("beside_the_paper", columns, rows),
-        Text(
-            "The paper prints no intervals. Its figures come from 15 people and are uncertain themselves, so fewer figures really "
-            'differ than the table says. With few participants our intervals are wide, too, and "same" says little.',
-            caveat=True,
-        ),
     ]
 
 

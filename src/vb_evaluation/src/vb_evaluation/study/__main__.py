@@ -12,7 +12,6 @@ import datetime
 import os
 import signal
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import List, Optional
 
@@ -59,20 +58,13 @@ def _parser() -> argparse.ArgumentParser:
     out = repository_top() / "out" / "study"
     every = command("all", _all, "every run that has not been done yet")
     every.add_argument("--out", type=Path, default=out)
-    every.add_argument(
-        "--size", choices=plan.SIZES, default="default", help="quick: one person; full: 15 people, and all worlds"
-    )
-    every.add_argument("--only", choices=[Path(file).stem for file in (RUNS, WORLDS)], help="one part alone")
+    every.add_argument("--quick", action="store_true", help="only the first person, to see that all works")
     every.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    every.add_argument("--fresh", action="store_true", help="throws away what is in the folder")
     one = command("run", _run, "one run alone")
     one.add_argument("--participant", type=int, required=True)
     one.add_argument("--scenario", required=True)
     one.add_argument("--method", required=True)
     one.add_argument("--draw", type=int, help="a row of worlds.csv")
-    one.add_argument(
-        "--all-images", action="store_true", help="searches every image: with --compare, what that changes"
-    )
     one.add_argument("--compare", type=Path, help="the study's CSV file: says whether its row is the same")
     return parser
 
@@ -89,16 +81,15 @@ def _all(given: argparse.Namespace, console: Console) -> int:
         # a shell starts what runs in the background with interruptions switched off, and Python leaves them so
         signal.signal(number, _interrupt)
     study = config.load(given.config, given.seed)
-    jobs = plan.jobs(study, given.size, f"{given.only}.csv" if given.only else None)
+    jobs = plan.jobs(study, given.quick)
     counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, WORLDS)}
     console.print(", ".join(f"{count} runs for {file}" for file, count in counts.items()))
     facts = {
         **campaign.made_by(),
         "date": datetime.date.today().isoformat(),
-        "size": given.size,
         "rerun": RERUN + (f" --config {given.config}" if given.config else ""),
     }
-    failed = campaign.run_jobs(study, jobs, given.out, max(1, given.processes), given.fresh, facts, console)
+    failed = campaign.run_jobs(study, jobs, given.out, max(1, given.processes), facts, console)
     console.print(f"written to {given.out}")
     return 1 if failed else 0
 
@@ -107,7 +98,7 @@ def _run(given: argparse.Namespace, console: Console) -> int:
     study = config.load(given.config, given.seed)
     among = plan.main_jobs(study, given.participant) if given.draw is None else plan.world_jobs(study)
     job = plan.find(among, participant=given.participant, scenario=given.scenario, method=given.method, draw=given.draw)
-    row, _ = campaign.row_of(study, replace(job, thorough=given.all_images))
+    row, _ = campaign.row_of(study, job)
     writer = csv.DictWriter(sys.stdout, campaign.columns(job.file), lineterminator="\n")
     writer.writeheader()
     writer.writerow(row)

@@ -7,6 +7,7 @@ the row and the map. So neither the number of workers nor their order nor an int
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import platform
 import sys
@@ -19,27 +20,19 @@ from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Sequence, T
 import joblib
 import numpy as np
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import track
 
 from vb_core.errors import CodedError
+from vb_core.files import write_atomically
 from vb_core.grid_map import FREE, OCCUPIED, GridMap
 from vb_core.map_files import read_map, write_map
 from vb_evaluation.metrics import restricted_cells
 from vb_evaluation.provenance import repository_top, revision
-from vb_evaluation.report.data import CONDITIONS, DRAWS, KEY, REQUIRED, RUNS, WORLDS, write_table
+from vb_evaluation.report.data import CONDITIONS, DRAWS, META, REQUIRED, RUNS, WORLDS, read_meta, write_table
 from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study, study_from_mapping
 from vb_evaluation.study.plan import Job
 from vb_evaluation.study.result import COLUMNS, measure
-from vb_evaluation.study.store import RowFile, open_folder
 from vb_sim.room import floor_plan
 
 # what a run's result depends on
@@ -53,7 +46,7 @@ PACKAGES = (
     "vb_voice_wizard",
     "vb_sim",
 )
-AREAS = "areas.npz"
+AREAS, ROWS = "areas.npz", "rows"
 
 
 @dataclass(frozen=True)
@@ -73,7 +66,7 @@ Work = Callable[[Mapping[str, Any], Mapping[str, Any], Job], Outcome]
 def columns(file: str) -> Tuple[str, ...]:
     """Lists the columns of one of a study's CSV files; what was varied comes first, as readers look for it."""
     order = ("order", "map") if file == RUNS else ()
-    return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order)
+    return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order, "revision")
 
 
 def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
@@ -82,7 +75,7 @@ def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
     from vb_evaluation.study.runner import run
 
     varied = study.changed(job.changes) if job.changes else study
-    result = run(varied, job.task, thorough=job.thorough)
+    result = run(varied, job.task)
     row = {**job.columns(study.design.seed), **measure(result)}
     if job.file == RUNS:
         name = f"maps/p{job.task.participant:02d}_{job.task.scenario}_{job.task.method}.yaml"
@@ -95,7 +88,6 @@ def run_jobs(
     jobs: Sequence[Job],
     folder: Path,
     processes: int = 1,
-    fresh: bool = False,
     facts: Optional[Mapping[str, Any]] = None,
     console: Optional[Console] = None,
     work: Optional[Work] = None,
@@ -103,79 +95,55 @@ def run_jobs(
     """Carries out the remaining runs; returns how many failed because of a fault in the program.
 
     Args:
-        fresh: throws away what is in the folder.
         facts: for study.json.
         work: what a worker does with a job, instead of a run.
 
     Raises:
-        CodedError: "other_study", "other_columns".
+        CodedError: "other_study".
         KeyboardInterrupt: after it was said what is done.
     """
     console = console or Console(highlight=False, soft_wrap=True)
-    open_folder(folder, configuration(study), fresh, {**(facts or {}), **about(study)})
+    open_folder(folder, configuration(study), {**(facts or {}), **about(study)})
     write_truths(study, folder / "maps" / "physical", folder / "maps" / "truth_{}")
     if any(job.file == WORLDS for job in jobs):
         drawn = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
         write_table(
             folder / DRAWS, ["draw", *drawn[0]], [{"draw": draw, **factors} for draw, factors in enumerate(drawn, 1)]
         )
-    results = _Results(study, jobs, folder)
-    waiting = [job for job in jobs if not results.has(job)]
+    waiting = [job for job in jobs if not _row(folder, job).exists()]
     if len(waiting) < len(jobs):
         console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
-    # the study itself first, person by person, so that what an interrupted study has is balanced
-    waiting.sort(key=lambda job: job.file != RUNS)
     failed = 0
+    made_with = revision()
+    outcomes = _carry_out(study, waiting, processes, work or _work)
     try:
-        with _progress(console) as bar:
-            ticker = bar.add_task("study", total=len(waiting))
-            for outcome in _carry_out(study, waiting, processes, work or _work):
-                if outcome.row is None:
-                    failed += 1
-                    console.print(f"failed: {outcome.job.words}: {outcome.fault}", markup=False)
-                else:
-                    results.keep(outcome)
-                bar.update(ticker, advance=1, description=outcome.job.words)
+        for outcome in track(outcomes, "study", len(waiting), console=console):
+            job = outcome.job
+            if outcome.row is None:
+                failed += 1
+                console.print(f"failed: {job.words}: {outcome.fault}", markup=False)
+                continue
+            if outcome.grid is not None and outcome.row.get("map"):
+                write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
+            row = {**outcome.row, "revision": made_with}
+            write_atomically(_row(folder, job), json.dumps(row, default=lambda value: value.item()).encode())
     except KeyboardInterrupt:
-        # what is on the disk: an interruption may come while a row is written
-        there = _Results(study, jobs, folder)
+        done = sum(_row(folder, job).exists() for job in jobs)
         console.print(
-            f"interrupted: {sum(map(there.has, jobs))} of {len(jobs)} runs are done and kept in {folder}; "
-            "the same command goes on from there"
+            f"interrupted: {done} of {len(jobs)} runs are done and kept in {folder}; the same command goes on from there"
         )
         raise
-    results.sort(jobs)
-    pack_areas(folder)
+    finally:
+        for file in dict.fromkeys(job.file for job in jobs):
+            paths = sorted((folder / ROWS).glob(f"{Path(file).stem}_*.json"))
+            write_table(folder / file, columns(file), [json.loads(path.read_text()) for path in paths])
+        pack_areas(folder)
     return failed
 
 
-class _Results:
-    """The CSV files of a study's folder that jobs write to, and the maps of its main runs."""
-
-    def __init__(self, study: Study, jobs: Sequence[Job], folder: Path) -> None:
-        self._seed, self._folder = study.design.seed, folder
-        self._files = {
-            file: RowFile(folder / file, columns(file), (*CONDITIONS[file], *KEY))
-            for file in dict.fromkeys(job.file for job in jobs)
-        }
-
-    def _name(self, job: Job) -> Tuple[str, ...]:
-        return self._files[job.file].name_of(job.columns(self._seed))
-
-    def has(self, job: Job) -> bool:
-        """Returns whether a job's row is there."""
-        return self._name(job) in self._files[job.file].rows
-
-    def keep(self, outcome: Outcome) -> None:
-        """Writes a run's row, and the map of a main run."""
-        if outcome.grid is not None and outcome.row.get("map"):
-            write_map(self._folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
-        self._files[outcome.job.file].append(outcome.row)
-
-    def sort(self, jobs: Sequence[Job]) -> None:
-        """Brings each file's rows into the order of the jobs."""
-        for file, rows in self._files.items():
-            rows.write([self._name(job) for job in jobs if job.file == file])
+def _row(folder: Path, job: Job) -> Path:
+    """Returns the file of a run's row: there is one once the run is done, so that nothing is ever half written."""
+    return folder / ROWS / f"{job.name}.json"
 
 
 def _carry_out(study: Study, jobs: Sequence[Job], processes: int, work: Work) -> Iterator[Outcome]:
@@ -193,21 +161,28 @@ def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> 
         return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())
 
 
-def _progress(console: Console) -> Progress:
-    return Progress(
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("runs, for"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(elapsed_when_finished=False),
-        console=console,
-    )
-
-
 # ---------------------------------------------------------------- metadata of the runs
+def open_folder(folder: Path, configuration: str, facts: Mapping[str, Any]) -> None:
+    """Makes sure that a folder's contents belong to a configuration, and records which.
+
+    Args:
+        configuration: the study's hash.
+        facts: for study.json.
+
+    Raises:
+        CodedError: "other_study".
+    """
+    found = read_meta(folder / META).get("configuration", "unknown")
+    if found != configuration and ((folder / META).exists() or (folder / RUNS).exists()):
+        raise CodedError(
+            "other_study",
+            f"{folder} holds runs of another configuration or program ({found}, this is {configuration}): "
+            "they cannot be mixed. Delete it, or let OUT=folder put the new ones elsewhere",
+        )
+    document = {**facts, "configuration": configuration}
+    write_atomically(folder / META, (json.dumps(document, indent=2, sort_keys=True, default=str) + "\n").encode())
+
+
 def configuration(study: Study) -> str:
     """Returns what identifies studies whose rows must not be mixed: configuration and program.
 

@@ -39,13 +39,10 @@ class Design(Parameters):
     """The study's size: participants, scenarios, methods and worlds."""
 
     seed: int = param(1, low=0)
-    quick_participants: int = param(1, low=1, high=1000)
     participants: int = param(10, low=1, high=1000)
-    full_participants: int = param(15, low=1, high=1000)
     scenarios: list = param(["room", "carpet", "corner"])
     methods: list = param(["nrs", "robot_only"])
-    worlds: int = param(200, low=0, high=100000)
-    usual_worlds: int = param(20, low=0, high=100000)
+    worlds: int = param(20, low=0, high=100000)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from vb_sim.room.world import CeilingCamera, Robot, World
 View = TypeVar("View", CeilingView, RobotView)
 FLOOR_SEED = 1  # everybody draws on the same floor
 _SPOT_MARGIN_PX = 40.0  # a spot whose middle is outside the image by less may still shine into it
-_IDLE_EVERY = 5  # of a robot's images that cannot show the spot: how far it turns so that the next one can be matched
 
 
 class RenderCache:
@@ -84,7 +83,6 @@ class StudyCeilingCameras(CeilingCamerasNode):
         self._seed, self._idle_every = seed, idle_every
         self._idle = [0] * len(cameras)
         self._from_map = [geometry.invert(camera.pose()) for camera in cameras]
-        self.left_out = 0
         views = [cache.view(CeilingView, camera) for camera in cameras]
         self.too_bright = any(
             saturated_share(view.frame(Snapshot(0.0), frame_generator(seed, camera.name, 0.0))) > TOO_BRIGHT
@@ -94,7 +92,6 @@ class StudyCeilingCameras(CeilingCamerasNode):
 
     def _image(self, index: int, snapshot: Snapshot) -> Optional[np.ndarray]:
         if not self._is_relevant(index, snapshot):
-            self.left_out += 1
             return None
         return self._views[index].frame(
             snapshot, frame_generator(self._seed, self._cameras[index].name, snapshot.stamp)
@@ -132,27 +129,22 @@ def _hull(pose: Tuple[float, float, float], radius: float, height: float) -> np.
 class StudyRobotCamera(RobotCameraNode):
     """A robot's camera that skips most images in which no spot can be.
 
-    Of those it sends every n-th, as many as the detector needs to know the floor and how the camera moved.
-
-    Args:
-        whole: sends every image.
+    Of those it sends every `idle_every`-th: as many as the detector needs to know the floor and how the camera moved.
     """
 
-    def __init__(self, cache: RenderCache, robot: Robot, seed: int, tf_prefix: str, whole: bool) -> None:
-        self._seed, self._whole, self._idle = seed, whole, 0
-        self.left_out = 0
+    def __init__(self, cache: RenderCache, robot: Robot, seed: int, tf_prefix: str, idle_every: int) -> None:
+        self._seed, self._idle_every, self._idle = seed, idle_every, 0
         super().__init__(cache.world, cache.models, robot, seed, tf_prefix, cache.view(RobotView, robot))
 
     def _wanted(self, snapshot: Snapshot) -> bool:
         if not self._is_relevant(snapshot):
-            self.left_out += 1
             return False
         self._view.draw_from(frame_generator(self._seed, self._robot.name, snapshot.stamp))
         return True
 
     def _is_relevant(self, snapshot: Snapshot) -> bool:
-        self._idle = (self._idle + 1) % _IDLE_EVERY
-        if self._whole or self._idle == 0:
+        self._idle = (self._idle + 1) % self._idle_every
+        if self._idle == 0:
             return True
         pose = self._view.camera_pose(snapshot)
         if snapshot.laser is None:

@@ -5,7 +5,7 @@ Use it to see what a study consists of before it is run. `runner.run(study, job.
 
 >>> from vb_evaluation.study import config
 >>> study = config.load()                                         # config/study.yaml
->>> quick = jobs(study, "quick")                                  # one participant
+>>> quick = jobs(study, quick=True)                               # one participant
 >>> len(quick), sorted({(job.task.scenario, job.task.method) for job in quick})[0]
 (6, ('carpet', 'nrs'))
 """
@@ -13,7 +13,7 @@ Use it to see what a study consists of before it is run. `runner.run(study, job.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Mapping, Optional
+from typing import Any, Dict, List, Mapping
 
 from vb_core.errors import CodedError
 from vb_evaluation.design import order_runs
@@ -21,8 +21,6 @@ from vb_evaluation.report.data import KEY, RUNS, WORLDS
 from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.result import RunTask
-
-SIZES = ("quick", "default", "full")
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,6 @@ class Job:
         changes: of the configuration, for worlds; see `Study.changed`.
         conditions: columns that say what was changed.
         order: the run's place among its participant's runs, from 1; 0 if there is no such order.
-        thorough: whether every image is rendered and searched as a whole; else only where the true spot can be seen.
     """
 
     task: RunTask
@@ -42,12 +39,18 @@ class Job:
     changes: Mapping[str, Any] = field(default_factory=dict)
     conditions: Mapping[str, Any] = field(default_factory=dict)
     order: int = 0
-    thorough: bool = False
 
     def columns(self, seed: int) -> Dict[str, Any]:
         """Returns the columns that say which run it is."""
         task = self.task
         return {**dict(zip(KEY, (task.participant, task.scenario, task.method, seed))), **self.conditions}
+
+    @property
+    def name(self) -> str:
+        """Names it among its file's runs; the names' order is that of the rows."""
+        task, draw = self.task, self.conditions.get("draw")
+        place = f"d{draw:04d}" if draw else f"p{task.participant:04d}_{self.order}"
+        return f"{self.file[: -len('.csv')]}_{place}_{task.scenario}_{task.method}"
 
     @property
     def words(self) -> str:
@@ -56,23 +59,11 @@ class Job:
         return ", ".join([f"participant {self.task.participant}", self.task.scenario, self.task.method, *changed])
 
 
-def jobs(study: Study, size: str, only: Optional[str] = None) -> List[Job]:
-    """Lists all runs of a study; each size contains the runs of the smaller ones.
-
-    Args:
-        size: "quick" shows that all works; "default" answers the paper's questions with intervals; "full" also says
-            which assumption decides.
-        only: the name of one file.
-    """
-    design = study.design
-    participants, worlds = {
-        "quick": (design.quick_participants, 0),
-        "default": (design.participants, design.usual_worlds),
-        "full": (design.full_participants, design.worlds),
-    }[size]
-    main = main_jobs(study, participants)
-    found = main + world_jobs(study, worlds)
-    return [job for job in found if only in (None, job.file)]
+def jobs(study: Study, quick: bool = False) -> List[Job]:
+    """Lists all runs of a study; or only those of its first participant, which show that all works."""
+    if quick:
+        return main_jobs(study, 1)
+    return main_jobs(study, study.design.participants) + world_jobs(study)
 
 
 def main_jobs(study: Study, participants: int) -> List[Job]:
@@ -87,8 +78,8 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
     ]
 
 
-def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
-    """Lists both methods in each of the first worlds, each world with a different person; scenarios take turns."""
+def world_jobs(study: Study) -> List[Job]:
+    """Lists both methods in each world, each world with a different person; scenarios take turns."""
     scenarios = study.design.scenarios
     return [
         Job(
@@ -97,9 +88,7 @@ def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
             assumptions.changes(study, factors),
             {"draw": draw},
         )
-        for draw, factors in enumerate(
-            assumptions.draw_worlds(study, study.design.worlds, study.design.seed)[:first], 1
-        )
+        for draw, factors in enumerate(assumptions.draw_worlds(study, study.design.worlds, study.design.seed), 1)
         for method in study.design.methods
     ]
 

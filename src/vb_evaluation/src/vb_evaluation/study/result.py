@@ -18,7 +18,7 @@ from vb_sim.room.world import Scenario, World
 MAX_SPOT_ERROR = 0.3  # [m] from the true spot beyond which a reported one is something else
 FURTHER = tuple(
     (
-        "outcome reason seed_is_right tries elapsed_s border_m chain_m vertices spots spots_robot "
+        "outcome reason seed_is_right pointed_right tries elapsed_s border_m chain_m vertices spots spots_robot "
         "false_spots robot_goals robot_way_m robot_collisions jaccard_enclosed too_bright"
     ).split()
 )
@@ -62,10 +62,10 @@ class Result:
         truth: (H, W) bool, the cells to restrict.
         records: of all interactions of the run as the interaction manager logs them, those that were cancelled too.
         border: what was saved; None if nothing was.
+        pointed: (x, y) [m] where the person meant to point at the seed, if it came so far; a drawn mistake is in it.
         outcome, reason, tries: how it went for the person.
         spots: every spot that a camera reported; false_spots: how many of them were farther than MAX_SPOT_ERROR from the true
             one.
-        left_out: images that were not sent.
         path: (N, 2) [m] where the first robot was.
         collisions, goals: of all robots.
         too_bright: whether a ceiling camera was, by the lab's own check, before anybody came.
@@ -80,12 +80,12 @@ class Result:
     truth: np.ndarray
     records: Tuple[Dict[str, Any], ...]
     border: Optional[SavedBorder]
+    pointed: Tuple[float, float]
     outcome: str
     reason: str
     tries: int
     spots: Tuple[SeenSpot, ...]
     false_spots: int
-    left_out: int
     path: np.ndarray
     collisions: int
     goals: int
@@ -99,7 +99,11 @@ class Result:
     @property
     def seed_is_right(self) -> bool:
         """Returns whether the saved seed point is in the region to restrict."""
-        return self.border is not None and bool(Polygon(self.scenario.region).contains(Point(self.border.seed)))
+        return self.border is not None and self.is_asked_for(self.border.seed)
+
+    def is_asked_for(self, place: Tuple[float, float]) -> bool:
+        """Returns whether a place (x, y) [m] is in the region to restrict."""
+        return bool(Polygon(self.scenario.region).contains(Point(place)))
 
 
 def measure(result: Result) -> Dict[str, object]:
@@ -119,6 +123,8 @@ def measure(result: Result) -> Dict[str, object]:
         "outcome": "saved" if result.saved else (result.outcome or "time_is_up"),
         "reason": "" if result.saved else result.reason,
         "seed_is_right": int(result.seed_is_right),
+        # 0: the person was drawn to point at the wrong side
+        "pointed_right": int(result.is_asked_for(result.pointed)),
         "tries": result.tries,
         "elapsed_s": round(records[-1]["ended"] - records[0]["started"], 2) if records else 0.0,
         "border_m": round(chain_length(result.scenario.border, result.scenario.closed), 3),

@@ -49,7 +49,7 @@ OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
 START_NS = 1_000_000_000_000  # no stamp is near zero, which would mean that there is none
 WARM_UP_TIME = 2.0  # [s] until every node has heard of the others; then the person comes in
 # nothing acts on what these publish or store
-WITHOUT = ("display_markers", "feedback", "lab_monitor", "map_recorder")
+WITHOUT = ("display_markers", "feedback", "camera_poses", "map_recorder")
 LAB_NODES = ("lab_simulator", "ceiling_cameras", "robot_camera", "map_server")  # of this run's own making
 _LONGEST_END_NS = 600 * 10**9
 LAUNCH = "launch/simulation.launch"
@@ -102,13 +102,9 @@ class _RunRecorder:
 
 
 class LiveRun:
-    """A lab with one participant, and the live system in it.
+    """A lab with one participant, and the live system in it."""
 
-    Args:
-        thorough: every camera sends every image.
-    """
-
-    def __init__(self, study: Study, task: RunTask, thorough: bool = False) -> None:
+    def __init__(self, study: Study, task: RunTask) -> None:
         self._study, self._task = study, task
         self._traits = study.traits(task.participant)
         self._world = study.world
@@ -122,10 +118,9 @@ class LiveRun:
             study.marks(task.participant, task.scenario),
         )
         self._models: CameraModels = replace(study.cameras, body=self._traits.body)
-        self._cache, self._thorough = _kept_cache(), thorough
+        self._cache = _kept_cache()
         self._lab = Lab(self._world, *(study.models[name] for name in ("robot", "localisation", "scan")), self._seed)
         self._robots = [robot.namespace.strip("/") for robot in self._world.robots]
-        self._camera_nodes: List[Any] = []
         self._too_bright = False
         self._participant: Optional[ParticipantNode] = None
 
@@ -195,20 +190,19 @@ class LiveRun:
 
     # ------------------------------------------------------------- the simulated lab's nodes
     def _lab_nodes(self, cameras: Tuple[str, ...]) -> Dict[str, Callable[[], Any]]:
+        idle_every = self._study.timing.idle_every
+
         def lab_simulator() -> None:
             LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams), self._study.models["localisation"], True)
 
         def ceiling_cameras() -> None:
-            idle_every = 1 if self._thorough else self._study.timing.idle_every
             shown = [self._world.camera(name) for name in cameras]
-            found = StudyCeilingCameras(self._cache, shown, self._seed, idle_every)
-            self._camera_nodes.append(found)
-            self._too_bright = found.too_bright
+            self._too_bright = StudyCeilingCameras(self._cache, shown, self._seed, idle_every).too_bright
 
         def robot_camera() -> None:
             name, prefix = rospy.get_param("~robot", ""), rospy.get_param("~tf_prefix", "")
             robot = self._world.robot(name) if name else self._world.robots[0]
-            self._camera_nodes.append(StudyRobotCamera(self._cache, robot, self._seed, prefix, self._thorough))
+            StudyRobotCamera(self._cache, robot, self._seed, prefix, idle_every)
 
         def map_server() -> None:
             MapServerNode(self._prior)
@@ -237,12 +231,12 @@ class LiveRun:
             floor_plan.ground_truth(self._world, self.scenario),
             records,
             seen.border,
+            tuple(script.person.seed if script else self.scenario.seed),
             script.outcome if script else "",
             script.reason if script else "",
             script.person.tries if script else 0,
             tuple(seen.spots),
             seen.false_spots,
-            sum(node.left_out for node in self._camera_nodes),
             np.array(seen.path),
             sum(robot.collisions for robot in self._lab.robots),
             seen.goals,
@@ -282,6 +276,6 @@ def _kept_cache() -> RenderCache:
     return RenderCache()
 
 
-def run(study: Study, task: RunTask, thorough: bool = False) -> Result:
+def run(study: Study, task: RunTask) -> Result:
     """Carries out one run; the same result for the same arguments, whatever was run before."""
-    return LiveRun(study, task, thorough).run()
+    return LiveRun(study, task).run()

@@ -30,6 +30,7 @@ from vb_evaluation import statistics
 from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, protocol
 from vb_evaluation.study_kit.ground_truth import read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
+from vb_evaluation.report import answers
 from vb_evaluation.report.page import write_report
 from vb_evaluation.report.data import write_table
 
@@ -93,10 +94,9 @@ def _parser() -> argparse.ArgumentParser:
     argument("--images", action="store_true", help="find the spots again in the recorded images")
     argument("--ground-truth", type=_path, help="the picture of what was asked for: says which of both is better")
     argument("--out", type=_path, help="a CSV file for the comparison")
-    argument = command(
-        "report", lambda given: print(write_report(given.folder)), "write the report of a study's folder"
-    )
+    argument = command("report", _report, "write the report of a study's folder")
     argument("folder", type=_path)
+    argument("--page", type=_path, help="a Markdown page that gets the answers between its two marks")
     argument = command("judge", _judge, "write pictures of what was drawn, for somebody who does not know the method")
     argument("results", type=_path)
     argument("--study", type=_path, help="the protocol's folder; default: the one that holds the results")
@@ -116,6 +116,12 @@ def _power(given: argparse.Namespace) -> None:
     )
     for effect in (0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5):
         _console.print(f"  {effect:.1f}: {statistics.people_needed(effect, given.tests)}")
+
+
+def _report(given: argparse.Namespace) -> None:
+    print(write_report(given.folder))
+    if given.page:
+        answers.write_page(given.folder, given.page)
 
 
 def _judge(given: argparse.Namespace) -> None:

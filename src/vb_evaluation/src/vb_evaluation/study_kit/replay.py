@@ -36,7 +36,7 @@ from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderRequest
 
 PARTS = repository_top() / "launch" / "parts"
 # the recording says what people commanded and where the robot was
-WITHOUT = ("interaction_manager", "map_integrator", "map_recorder", "robot_driver", "lab_monitor")
+WITHOUT = ("interaction_manager", "map_integrator", "map_recorder", "robot_driver", "camera_poses")
 TICK_NS = 10_000_000
 BEFORE_NS = 10**9  # nodes listen before the first message comes
 SETTLED_NS = 400_000_000  # spots and progress of the last images are through

@@ -8,6 +8,7 @@ import rospy
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from vb_core import names, sentences
+from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import array_from_points, mapping_from_values
 from vb_msgs.msg import BorderPreview, BorderProgress, BorderIssue, InteractionState, VirtualBorder
 from visualization_msgs.msg import Marker
@@ -15,6 +16,8 @@ from visualization_msgs.msg import Marker
 from vb_feedback.display import scene
 from vb_feedback.display.text_panel import PanelNotice, PanelContent
 
+# more sentences cannot be read from across the room, and letters would get too small
+_MAX_NOTICES = 3
 _KINDS = {
     scene.LINES: Marker.LINE_LIST,
     scene.POINTS: Marker.POINTS,
@@ -121,6 +124,16 @@ def border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH
         tuple(map(tuple, array_from_points(border.before).tolist())),
         tuple(map(tuple, array_from_points(border.after).tolist())),
     )
+
+
+def select_notices(held: Sequence[Notice], language: str) -> List[PanelNotice]:
+    """Selects other nodes' notices, the most severe first; each sentence once, and no more than can be read."""
+    found: List[PanelNotice] = []
+    for notice in held:
+        shown = PanelNotice(notice.sentence(language), notice.severity >= Severity.WARNING)
+        if shown not in found:
+            found.append(shown)
+    return found[:_MAX_NOTICES]
 
 
 def preview_notices(preview: Optional[BorderPreview], language: str) -> List[PanelNotice]:

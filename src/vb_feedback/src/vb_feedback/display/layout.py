@@ -54,15 +54,6 @@ class Box:
         """Returns whether the two share an area; touching edges do not."""
         return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
 
-    def contains(self, other: "Box", tolerance: float = 1e-9) -> bool:
-        """Returns whether the other is within this one."""
-        return (
-            self.x0 - tolerance <= other.x0
-            and self.y0 - tolerance <= other.y0
-            and self.x1 + tolerance >= other.x1
-            and self.y1 + tolerance >= other.y1
-        )
-
     @staticmethod
     def around(points: np.ndarray) -> "Box":
         """Makes the smallest box that holds points (N, 2) [m]."""

@@ -222,8 +222,8 @@ FADE_TIME = 1.5  # [s] how long a spot stays visible: long enough to follow with
 _LIFETIME = 2.0 * FADE_TIME  # [s] after which RViz removes it by itself, should this node have ended
 
 
-def trails(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
-    """Draws for each camera a trail that fades into the floor's white.
+def live_spots(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
+    """Draws for each camera a disc where it saw the spot last, and a trail that fades into the floor's white.
 
     Args:
         seen: the newest last; those older than FADE_TIME, or from the future by more than that, are left out.
@@ -234,23 +234,16 @@ def trails(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape
             by_camera.setdefault(spot.camera, []).append(spot)
     shapes = []
     for camera, trail in by_camera.items():
-        tint = colors.camera_color(camera)
+        tint, points = colors.camera_color(camera), tuple((spot.x, spot.y) for spot in trail)
         faded = tuple(colors.blend(tint, colors.WHITE, 0.85 * max(0.0, now - spot.stamp) / FADE_TIME) for spot in trail)
-        points, width = tuple((spot.x, spot.y) for spot in trail), 0.014 * layout.unit
-        shapes.append(Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (width,), faded, lifetime=_LIFETIME))
-    return shapes
-
-
-def live_spots(layout: Layout, seen: Sequence[TrailPoint], now: float) -> List[Shape]:
-    """Draws for each camera a disc where it saw the spot last; arguments as for `trails`."""
-    newest = {spot.camera: spot for spot in seen if abs(now - spot.stamp) <= FADE_TIME}
-    shapes = []
-    for camera, spot in newest.items():
-        for number, (share, tint) in enumerate(((0.036, colors.BLACK), (0.028, colors.camera_color(camera)))):
-            z, size = Z_SPOT + 0.015 * (number + 1), (share * layout.unit,)
-            shapes.append(
-                Shape(f"spots/{camera}", number, DISC, ((spot.x, spot.y),), z, size, (tint,), lifetime=_LIFETIME)
-            )
+        parts = (
+            (f"spots/{camera}/trail", 0, POINTS, points, 0.014, faded),
+            (f"spots/{camera}", 0, DISC, points[-1:], 0.036, (colors.BLACK,)),
+            (f"spots/{camera}", 1, DISC, points[-1:], 0.028, (tint,)),
+        )
+        for level, (name, number, kind, at, share, tints) in enumerate(parts):
+            z, size = Z_SPOT + 0.015 * level, (share * layout.unit,)
+            shapes.append(Shape(name, number, kind, at, z, size, tints, lifetime=_LIFETIME))
     return shapes
 
 

@@ -114,23 +114,11 @@ class FloorImage:
     def _stripes(self, canvas: np.ndarray, region: GridMap, color: Color, level: float) -> None:
         rows, columns = np.indices(canvas.shape[:2], sparse=True)
         striped = ((rows - columns) // max(1, int(_STRIPE * self._scale))) % 2 == 0
-        corner = region.world_to_grid(np.array([self._low, self._low + 1.0 / self._scale]))
-        step = corner[1] - corner[0]
-        if abs(region.origin[2]) > 1e-9:
-            # a map that is turned: each pixel is asked for alone
-            grid = np.stack(np.meshgrid(np.arange(canvas.shape[1]), np.arange(canvas.shape[0])), axis=-1).reshape(-1, 2)
-            inside = (region.values_at(grid / self._scale + self._low, 0) > 0).reshape(canvas.shape[:2])
-        else:
-            to_canvas = np.array([[step[0], 0, corner[0, 0]], [0, step[1], corner[0, 1]]])
-            inside = (
-                cv2.warpAffine(
-                    (region.data > 0).astype(np.uint8),
-                    to_canvas,
-                    (canvas.shape[1], canvas.shape[0]),
-                    flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
-                )
-                > 0
-            )
+        corners = region.world_to_grid(self._low + np.array([[0, 0], [1, 0], [0, 1]]) / self._scale)
+        to_map = np.column_stack([corners[1] - corners[0], corners[2] - corners[0], corners[0]])
+        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        cells = (region.data > 0).astype(np.uint8)
+        inside = cv2.warpAffine(cells, to_map, (canvas.shape[1], canvas.shape[0]), flags=flags) > 0
         canvas[inside & striped] = self._shade(color, level)
 
     @staticmethod
@@ -151,19 +139,4 @@ def draw_calibration_image(width: int, height: int, number: int) -> np.ndarray:
         cv2.line(image, (x, y - reach), (x, y + reach), (level, level, level), thick)
         if index == number:
             cv2.circle(image, (x, y), reach, (level, level, level), thick)
-    return image
-
-
-def draw_grid_image(calibration: ProjectorCalibration) -> np.ndarray:
-    """Draws lines of the map's grid, half a metre apart, to see whether a calibration fits: (height, width, 3) uint8 rgb."""
-    image = np.zeros((calibration.height, calibration.width, 3), np.uint8)
-    footprint, step = calibration.footprint(), 0.5
-    low, high = np.floor(footprint.min(axis=0) / step) * step, np.ceil(footprint.max(axis=0) / step) * step
-    for axis in (0, 1):
-        for value in np.arange(low[axis], high[axis] + step / 2, step)[:400]:
-            ends = np.array([low, high])
-            ends[:, axis] = value
-            a, b = np.clip(np.rint(calibration.to_pixels(ends)), -(2**20), 2**20).astype(int).tolist()
-            color = (255, 255, 255) if abs(value / step) % 2 < 0.5 else (110, 110, 110)
-            cv2.line(image, tuple(a), tuple(b), color, 2, cv2.LINE_AA)
     return image

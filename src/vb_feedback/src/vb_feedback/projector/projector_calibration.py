@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 
 # the markers' distance from the image's edges, as a share of its sides: near the corners, where they weigh most
 _INSET = 0.12
-# [m] clicks nearer to each other, or three nearer to one line, are mistakes: the markers are decimetres apart
+# [m] a marker nearer than this to the line through its neighbours is a mistake: they are decimetres apart
 _MIN_DISTANCE = 0.10
 
 
@@ -101,16 +101,10 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     points = np.asarray(floor, dtype=float).reshape(-1, 2)
     if len(points) != 4 or not np.isfinite(points).all():
         raise CodedError("bad_click", reason="$clicks_incomplete")
-    for one, other in combinations(range(4), 2):
-        if np.linalg.norm(points[one] - points[other]) < _MIN_DISTANCE:
-            raise CodedError("bad_click", reason="$clicks_at_same_place", points=f"{one + 1}, {other + 1}")
-    for triple in combinations(range(4), 3):
-        a, b, c = points[list(triple)]
-        longest = max(np.linalg.norm(a - b), np.linalg.norm(b - c), np.linalg.norm(c - a))
-        if abs(_turn(a, b, c)) / longest < _MIN_DISTANCE:
-            raise CodedError("bad_click", reason="$clicks_on_one_line", points=", ".join(str(n + 1) for n in triple))
     turns = [_turn(*points[[number, (number + 1) % 4, (number + 2) % 4]]) for number in range(4)]
-    if min(turns) < 0 < max(turns):
+    # seen along its longest side, each corner stands out: no two clicks are one, no three on a line
+    longest = max(float(np.linalg.norm(one - other)) for one, other in combinations(points, 2))
+    if min(map(abs, turns)) < _MIN_DISTANCE * longest or min(turns) < 0 < max(turns):
         raise CodedError("bad_click", reason="$clicks_out_of_order")
     # large coordinates would cost digits: the homography is found about the points' middle
     middle = points.mean(axis=0)

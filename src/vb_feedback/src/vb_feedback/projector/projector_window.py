@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
-from typing import Any, Callable, Optional
+import time
+from typing import Callable, Optional
 
 import numpy as np
 
 from vb_core.errors import CodedError
 
-_LOOK_MS = 40  # how often the window checks for a newer image; a still image costs nothing else
+_LOOK = 0.04  # [s] how often the window checks for a newer image; a still image costs nothing else
 
 
 class ProjectorWindow:
@@ -54,48 +55,27 @@ class ProjectorWindow:
     def _run(self) -> None:
         try:
             import tkinter
-        except ImportError:
-            self._trouble = "the projector's window needs Tk: apt-get install python3-tk, or set window to false"
-            self._ready.set()
-            return
-        try:
+
             root = tkinter.Tk()
-        except tkinter.TclError as error:
-            self._trouble = f"there is no screen for the projector's window: {error}"
+        except Exception as error:  # Tk is not installed, or says that there is no screen
+            self._trouble = f"the projector's window needs a screen and Tk (apt-get install python3-tk): {error}"
             self._ready.set()
             return
-        faults = []
-
-        def on_fault(_kind: Any, fault: BaseException, _trace: Any) -> None:
-            # Tk would print it and go on with a window that never shows anything new
-            faults.append(fault)
-            root.quit()
-
-        root.report_callback_exception = on_fault
-        root.title("floor projector")
         root.overrideredirect(True)
         root.geometry(self._geometry)
         root.configure(background="black", cursor="none")
         label = tkinter.Label(root, borderwidth=0, highlightthickness=0, background="black")
         label.pack(fill="both", expand=True)
-        shown = []  # Tk shows an image only as long as there is a reference to it
-
-        def look() -> None:
+        self._ready.set()
+        shown = None  # Tk shows an image only as long as there is a reference to it
+        while not self._closing:
             with self._lock:
                 data, self._next = self._next, None
             if data is not None:
-                shown[:] = [tkinter.PhotoImage(data=data)]
-                label.configure(image=shown[0])
-            if self._closing:
-                root.destroy()
-            else:
-                root.after(_LOOK_MS, look)
-
-        look()
-        self._ready.set()
-        root.mainloop()
+                shown = tkinter.PhotoImage(data=data)
+                label.configure(image=shown)
+            root.update()
+            time.sleep(_LOOK)
         # Tk's objects must die in the thread that made them
-        shown.clear()
-        label = root = None  # noqa: F841
-        if faults:
-            raise faults[0]
+        root.destroy()
+        shown = label = root = None  # noqa: F841

@@ -4,38 +4,52 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
-from typing import Any, Deque, Dict, Optional, Tuple
+from typing import Any, Deque, Dict, List, Optional, Tuple
 
 import numpy as np
 
+from vb_core.errors import CodedError
+
 _WINDOW = 5.0  # [s]
-_SILENCE, _START = 3.0, 15.0  # [s] what was there and is missed; what never was: cameras and poses start one by one
+# [s] what was there is missed after the first; what never was after the others: cameras and poses start one by one, on
+# a small computer for a minute
+_SILENCE, _POSES_START, _CAMERAS_START = 3.0, 30.0, 60.0
 _FAULTS = {"no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}  # by what an image lacks
+SLOW_RATE = 5.0  # [1/s] a stroke at 0.5 m/s leaves one spot per 10 cm then; slower cameras work, but lines get coarse
+MAX_CLOCK_OFFSET = 0.1  # [s] a pointer moved at 0.5 m/s is 5 cm further on by then
 
 
 class InputWatch:
-    """Tells people's code of what a detector lacks now, by its images. Not thread safe."""
+    """Finds what a detector lacks, by its images. Not thread safe.
 
-    def __init__(self) -> None:
+    Args:
+        now: [s] when the detector was started.
+    """
+
+    def __init__(self, now: float) -> None:
         self._complete = False  # whether an image lacked nothing before
-        self._image_at: Optional[float] = None
-        self._missing: Tuple[str, float] = ("", 0.0)  # what images lack, and since when [s]
+        self._started, self._image_at = now, None
+        self._missing: Tuple[Optional[CodedError], float] = (None, now)  # what images lack, and since when [s]
 
-    def see_image(self, now: float, missing: str) -> None:
-        """Notes an image at a time [s], and the code of what is missing to place its spots; "" for nothing."""
+    def see_image(self, now: float, missing: Optional[CodedError]) -> None:
+        """Notes an image at a time [s], and what is missing to place its spots; None for nothing."""
         self._image_at = now
-        if missing != self._missing[0]:
-            self._missing = missing, now
-        self._complete |= not missing
+        before, since = self._missing
+        same = missing is not None and before is not None and missing.code == before.code
+        self._missing = missing, since if same else now
+        self._complete |= missing is None
 
-    def fault(self, now: float) -> str:
-        """Returns what is wrong at a time [s]; "" also for a camera that never sent an image, which check_lab tells."""
+    def fault(self, now: float) -> Optional[CodedError]:
+        """Returns what people should know at a time [s]: that no images come, or what they lack; `why` in detail."""
         if self._image_at is None:
-            return ""
+            return CodedError("camera_silent") if now - self._started > _CAMERAS_START else None
         if now - self._image_at > _SILENCE:
-            return "camera_silent"
-        lasting = now - self._missing[1] > (_SILENCE if self._complete else _START)
-        return _FAULTS.get(self._missing[0], "") if lasting else ""
+            return CodedError("camera_silent")
+        missing, since = self._missing
+        if missing is None or now - since <= (_SILENCE if self._complete else _POSES_START):
+            return None
+        code = _FAULTS.get(missing.code)
+        return missing if code is None else CodedError(code, why=missing.message)
 
 
 class DetectorCounts:
@@ -66,6 +80,26 @@ class DetectorCounts:
                 self._frames.clear()
             self._frames.append((now, now - stamp, search_s))
             self._sums.update(processed=1, detected=backfilled + int(spots > backfilled), spots=spots)
+
+    def quality(self, foreign_clock: bool) -> List[CodedError]:
+        """Returns what is wrong with the images of the last seconds.
+
+        Args:
+            foreign_clock: the times that they carry come from elsewhere. A busy computer delays some images, clocks
+                that differ shift all of them: the quickest one counts.
+        """
+        with self._lock:
+            frames = np.array(self._frames, dtype=float).reshape(-1, 3)
+        span = float(frames[-1, 0] - frames[0, 0]) if len(frames) else 0.0
+        if span < 0.5 * _WINDOW:
+            return []
+        rate, found = (len(frames) - 1) / span, []
+        if rate < SLOW_RATE:
+            found.append(CodedError("camera_slow", rate=f"{rate:.1f}"))
+        age = min((frames[:, 1] - frames[:, 2]).tolist(), key=abs)
+        if foreign_clock and abs(age) > MAX_CLOCK_OFFSET + 2.0 / rate:
+            found.append(CodedError("camera_clock", age=f"{age:.2f}"))
+        return found
 
     def summary(self, now: float) -> Dict[str, Any]:
         """Returns counts since the start and rates and times over the last seconds, named as in vb_msgs/DetectorStatus.

@@ -14,7 +14,7 @@ import numpy as np
 
 from vb_core.grid_layers import clearance_grid, nearest_cell, sample
 from vb_core.grid_map import GridMap, distance_to
-from vb_robot.clearance_map import ClearanceMap
+from vb_robot.clearance_map import TRAVEL_MARGIN, ClearanceMap
 
 STEP = 0.05  # [m] between places of an extrapolated line
 HORIZON = 2.0  # [m] how far the line is extrapolated to where no stationary camera sees it
@@ -112,20 +112,20 @@ class DrawingState:
     def expected_area(self, clearance_map: ClearanceMap) -> Optional[np.ndarray]:
         """Predicts (H, W) bool what the border will restrict or run through; None if that cannot be told yet.
 
-        While the seed is shown: the seed's side. Before: the line and what it encloses together with the straight line
-        between its ends, since a polygon that is half drawn looks like a curve.
+        The line, and while the seed is shown, the seed's side; before, what the line encloses together with the straight
+        line between its ends, since a polygon that is half drawn looks like a curve.
         """
-        if self.seeding:
-            side = clearance_map.side_of(self.spot, self.chain, self.closed)
-            if side is not None:
-                return side
+        side = clearance_map.side_of(self.spot, self.chain, self.closed) if self.seeding else None
         chain = np.asarray(self.chain, dtype=float).reshape(-1, 2)
-        if len(chain) < 2 or float(np.ptp(chain, axis=0).max()) < MIN_LINE:
+        if side is None and (len(chain) < 2 or float(np.ptp(chain, axis=0).max()) < MIN_LINE):
             return None
         canvas = np.zeros(clearance_map.grid.shape, dtype=np.uint8)
         pixels = np.rint(clearance_map.grid.world_to_grid(chain)).astype(np.int32)
-        if self.ordered:
+        if self.ordered or side is not None:
             cv2.polylines(canvas, [pixels.reshape(-1, 1, 2)], self.closed, 1)
+        if side is not None:
+            canvas[side] = 1
+        elif self.ordered:
             cv2.fillPoly(canvas, [pixels.reshape(-1, 1, 2)], 1)
         else:
             inside = clearance_map.grid.contains_cells(pixels[:, ::-1])
@@ -173,7 +173,7 @@ class KeepOutArea:
         self._gap = clearance_grid(area, clearance_map.grid.resolution, edge=False)
         # along an edge the cells make the gap tremble
         self._tremble = 1.5 * clearance_map.grid.resolution
-        self._needed = clearance_map.radius + clearance_map.travel_margin + self._tremble
+        self._needed = clearance_map.radius + TRAVEL_MARGIN + self._tremble
 
     def allows_ends(self, places: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: at which places (N, 2) [m] a path may end: near the area the border would lock the robot in."""

@@ -1,10 +1,10 @@
 """The arbiter between the sources that want to drive one robot.
 
-The idea: several sources may request motion (a person with a joystick, the spot, the path out of a border, navigation);
+The idea: several sources may request motion (a person with a joystick, the spot, the way off something too near, navigation);
 exactly one drives, and every command passes one gate (gate.py). In doubt the robot stops, and a code says why.
 
-The sources, in order of priority: stop (it holds until resume), teleoperation, following the spot, leaving a border,
-navigation.
+The sources, in order of priority: stop (it holds until resume), teleoperation, following the spot, escape from
+something too near, navigation.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ import numpy as np
 from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import HeldStops
 from vb_core.vocabulary import DEFAULT, State
-from vb_robot.driving.border_exit import BorderExit
-from vb_robot.driving.gate import EXIT_BORDER, FOLLOW, INPUT_TIMEOUT, NAVIGATION, NONE, STOP, TELEOP, Gate
+from vb_robot.driving.escape import Escape
+from vb_robot.driving.gate import ESCAPE, FOLLOW, INPUT_TIMEOUT, NAVIGATION, NONE, STOP, TELEOP, Gate
 from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
-from vb_robot.driving.workspace import Workspace
 from vb_robot.spots import Sighting, Sightings
 
-START_ZEROS = 3.0  # [s] of zeros after the start: a base may still hold the last command of a driver that died
+START_ZEROS = (
+    3.0  # [s] of zeros for each one that begins to listen: a base may still hold the last command of a driver that died
+)
 GOAL_TIMEOUT = 1.0  # [s] after navigation's last status, which comes five times a second, it has no goal any more
 CANCEL_PERIOD = 1.0  # [s] how often navigation's goals are cancelled while another one drives
 STILL = 0.1  # [rad/s] a robot that turns more slowly stands: navigation's slowest turn is twice as fast
-ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of following and leaving a border: gentle beside people
+ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of following and escaping: gentle beside people
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Command:
 
     Attributes:
         v, w: [m/s, rad/s]
-        source: who drives: "none", "stop", "teleop", "follow", "exit_border" or "navigation".
+        source: who drives: "none", "stop", "teleop", "follow", "escape" or "navigation".
         code: "driving", or what stops or slows the robot.
         publish: whether to publish it: a robot that no source drives is left alone.
         cancel: whether to cancel navigation's goals.
@@ -64,7 +65,7 @@ class Arbiter:
 
     Attributes:
         gate: what every command passes; it takes the inputs that decide how fast the robot may drive.
-        follower, exit: the two sources that live in here.
+        follower: the spot's source of commands; it takes the camera's view.
         stops: that hold; while there is one, nothing else drives.
     """
 
@@ -78,10 +79,11 @@ class Arbiter:
         self.gate = Gate(profile)
         self._lock = threading.Lock()
         self._camera = camera
-        self.follower, self.exit = SpotFollower(), BorderExit(profile.radius, profile.driving.exit_borders)
+        self.follower, self._escape = SpotFollower(), Escape(profile.radius)
         self._rotation_shim = RotationShim()
         self._goal_at = -math.inf  # [s] when navigation said last that it has a goal
-        self._silent_after = math.inf  # [s] when it stops to publish zeros after the start
+        self._silent_after = -math.inf  # [s] when it stops to publish zeros to who has begun to listen
+        self._listeners = 0
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self.stops = stops or HeldStops()
         self._cancelled_at = -math.inf
@@ -120,20 +122,6 @@ class Arbiter:
         with self._lock:
             self._rotation_shim.recover(now)
 
-    def plan_exit(self, now: float) -> None:
-        """Plans a path out of a border if one is wanted; to be called from a thread of its own, as it may take a second."""
-        wanted = self.exit.wanted_route()
-        if wanted is not None:
-            route = self.exit.find_route(wanted)
-            with self._lock:
-                self.exit.set_route(wanted, route, now)
-
-    def set_maps(self, workspace: Optional[Workspace]) -> None:
-        """Stores new maps; None: they are not known, or do not belong together."""
-        with self._lock:
-            self.gate.workspace = workspace
-            self.exit.set_maps(workspace)
-
     def set_path(self, path: np.ndarray) -> None:
         """Stores navigation's newest path (N, 2) [m], map frame."""
         with self._lock:
@@ -150,17 +138,15 @@ class Arbiter:
             self._last = Command(0.0, 0.0, self._last.source, code, True)
             return self._last
 
-    def step(self, now: float) -> Command:
-        """Decides the command for a time [s]; called once in 1 / RATE."""
+    def step(self, now: float, listeners: int = 1) -> Command:
+        """Decides the command for a time [s]; called once in 1 / RATE. `listeners`: how many hear the commands now."""
         with self._lock:
             dt = 0.0 if self._stepped_at is None else min(max(now - self._stepped_at, 0.0), 0.2)
-            if self._stepped_at is None:
+            if listeners > self._listeners:
                 self._silent_after = now + START_ZEROS
-            self._stepped_at = now
+            self._stepped_at, self._listeners = now, listeners
             goal = 0.0 <= now - self._goal_at <= GOAL_TIMEOUT
             source, request = self._choose(now, dt, goal)
-            if source not in (EXIT_BORDER, NONE):
-                self.exit.pause()
             if source != FOLLOW:
                 self.follower.stop()
             v, w, code = self.gate.limit(now, source, request)
@@ -184,9 +170,9 @@ class Arbiter:
         # a robot that a person guides stays theirs when the state is lost: the gate then stops it
         if self._spots.should_follow(self._camera, now):
             return FOLLOW, self._ramped(dt, self.follower.compute_request(self.gate.pose(now)))
-        request = self._compute_exit(now, goal)
+        request = self._compute_escape(now, goal)
         if request is not None:
-            return EXIT_BORDER, self._ramped(dt, request)
+            return ESCAPE, self._ramped(dt, request)
         navigation = self._command(NAVIGATION, now)
         if navigation is not None:
             return NAVIGATION, self._rotation_shim.align(navigation, self.gate.pose(now), now)
@@ -197,16 +183,15 @@ class Arbiter:
             self._commands[source] if -0.1 <= now - self.gate.stamps.get(source, -math.inf) <= INPUT_TIMEOUT else None
         )
 
-    def _compute_exit(self, now: float, goal: bool) -> Optional[VelocityRequest]:
-        pose = self.gate.pose(now)
-        if pose is None:
+    def _compute_escape(self, now: float, goal: bool) -> Optional[VelocityRequest]:
+        pose, workspace = self.gate.pose(now), self.gate.workspace
+        if pose is None or workspace is None:
             return None
         last = self._command(NAVIGATION, now)
         # what the gate ends, at a border or beside a wall, moves nothing, whatever navigation believes
         granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
         moves = last is not None and (last.v != 0.0 or last.w != 0.0) and granted
-        held = self._last.code if self._last.source == EXIT_BORDER and self._last.code != "driving" else ""
-        return self.exit.compute_request(now, pose, self._spots.state == DEFAULT, goal, moves, held)
+        return self._escape.compute_request(now, pose, workspace, goal and self._spots.state == DEFAULT, moves)
 
     def _ramped(self, dt: float, request: VelocityRequest) -> VelocityRequest:
         """Bounds the accelerations of a request; slowing down is bounded by the deceleration only."""

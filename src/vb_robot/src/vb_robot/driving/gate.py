@@ -35,7 +35,6 @@ from typing import Deque, Dict, Optional, Tuple
 
 from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driving.border_exit import MAP_MARGIN
 from vb_robot.driving.safety import (
     MAX_POSE_JUMP,
     Clearance,
@@ -59,11 +58,12 @@ POSE_JUMP_HOLD = 1.0  # [s] after a jump of the localisation it is not known whe
 OTHER_PUBLISHER_HOLD = 1.0  # [s] after another node's command nothing is let through: two nodes at one wheel
 BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
 
-NONE, STOP, TELEOP, FOLLOW, EXIT_BORDER, NAVIGATION = "none", "stop", "teleop", "follow", "exit_border", "navigation"
+OTHER_PUBLISHER = "other_cmd_vel_publisher"  # the code while another node could command the base
+NONE, STOP, TELEOP, FOLLOW, ESCAPE, NAVIGATION = "none", "stop", "teleop", "follow", "escape", "navigation"
 CLEARANCES = {
     TELEOP: Clearance(0.05, 0.02, 0.0),
     FOLLOW: Clearance(0.12, 0.04, 0.06),  # from where a person leaves it, navigation must still find a path
-    EXIT_BORDER: Clearance(0.12, 0.04, MAP_MARGIN),
+    ESCAPE: Clearance(0.12, 0.04, 0.05),
     NAVIGATION: Clearance(0.04, 0.0, -0.04),  # it keeps its own distance; here is only what must never happen
 }
 
@@ -183,7 +183,7 @@ class Gate:
             self._limited_at = now
             # two nodes at one wheel: in every state, also if nobody means to drive
             if self.other_publishers(now):
-                return 0.0, 0.0, "other_cmd_vel_publisher"
+                return 0.0, 0.0, OTHER_PUBLISHER
             if source in (NONE, STOP):
                 return 0.0, 0.0, request.code
             if not (math.isfinite(request.v) and math.isfinite(request.w)):
@@ -231,7 +231,7 @@ class Gate:
     def _speed_limit(self, now: float, source: str, v: float, w: float) -> Tuple[float, str]:
         """Returns the highest speed [m/s] on the arc of (v, w), and what limits it."""
         limits, clearance, radius = self.profile.limits, CLEARANCES[source], self.profile.radius
-        found = [(MAX_SPEED if source in (FOLLOW, EXIT_BORDER) else limits.max_speed, "speed_limit")]
+        found = [(MAX_SPEED if source in (FOLLOW, ESCAPE) else limits.max_speed, "speed_limit")]
         if v > 0 and self.contacts:
             found.append((0.0, "contact"))
         blind = self._scan is None or not self.profile.scanner.present
@@ -249,8 +249,7 @@ class Gate:
         if pose is not None and workspace is not None:
             if source == NAVIGATION and workspace.distance_to_keep_out(pose) <= 0.0:
                 found.append((0.0, "inside_border"))
-            free = workspace.free_distance(pose, v, w, clearance.cells, exiting=source == EXIT_BORDER)
-            found.append((safe_speed(free, limits), "border"))
+            found.append((safe_speed(workspace.free_distance(pose, v, w, clearance.cells), limits), "border"))
         if pose is not None and self.speed_limits is not None:
             found.append((self.speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))
         return min(found, key=lambda entry: entry[0])

@@ -11,7 +11,7 @@ import enum
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Sequence
+from typing import Deque, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -47,6 +47,11 @@ class KnownBorder:
         polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
         inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (place, self.seed)]
         return not self.polygon or inside[0] == inside[1]
+
+
+def quoted(name: str) -> str:
+    """Returns a border's name as it stands in sentences."""
+    return f"'{name}'" if name else "$border_without_name"
 
 
 class BorderContact(enum.Enum):
@@ -90,7 +95,7 @@ class Workspace:
         borders: the map with borders.
         physical: the one without, of the same geometry.
         radius: [m] of the robot.
-        known: the borders that are enabled and meant for this robot.
+        known: the borders that are in force for this robot.
         uncertainty: [m] of its localisation.
 
     Attributes:
@@ -110,9 +115,8 @@ class Workspace:
         self._restricted = borders.data > np.maximum(physical.data, 0)
         self._lethal = self._restricted & (borders.data >= LETHAL_THRESHOLD)
         # the map's edge is neither a border nor an obstacle: the map ends there, the floor may go on
-        self._to_restricted, self._to_lethal, self._to_physical = (
-            clearance_grid(cells, borders.resolution, edge=False)
-            for cells in (self._restricted, self._lethal, physical.data >= LETHAL_THRESHOLD)
+        self._to_restricted, self._to_lethal = (
+            clearance_grid(cells, borders.resolution, edge=False) for cells in (self._restricted, self._lethal)
         )
         self.keep_out = borders.with_data(
             np.where((self._to_lethal < uncertainty) & (borders.data >= 0), np.int8(100), borders.data)
@@ -133,6 +137,11 @@ class Workspace:
     def distance_to_blocked(self, place) -> float:
         """Returns the distance [m] from a place (2,) [m] to all that the robot keeps out of; 0 within it."""
         return self._at(self._to_blocked, place)
+
+    def nearest_room(self, place, clearance: float, reach: float) -> Optional[np.ndarray]:
+        """Finds the nearest place (2,) [m] within reach [m] that is so far [m] from all that the robot keeps out of."""
+        cell, center = nearest_cell(self.borders, self._to_blocked >= clearance, place[:2], reach)
+        return None if cell is None else center
 
     def is_lethal(self, place) -> bool:
         """Returns whether the restricted cell nearest to a place (2,) [m] may not be entered at all."""
@@ -156,21 +165,14 @@ class Workspace:
             ),
         ).name
 
-    def free_distance(self, pose: Pose, v: float, w: float, margin: float, exiting: bool) -> float:
+    def free_distance(self, pose: Pose, v: float, w: float, margin: float) -> float:
         """Returns how far [m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
 
         A robot that is too near already may move so that it does not come nearer; one that a new border has
         enclosed may move within it, so that a person can guide it out. Off the map nothing is free.
-
-        Args:
-            exiting: borders do not count.
         """
         steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
-        clearance = sample(
-            self.borders,
-            self._to_physical if exiting else self._to_blocked,
-            arc(pose, steps * math.copysign(1.0, v), w / v),
-        )
+        clearance = sample(self.borders, self._to_blocked, arc(pose, steps * math.copysign(1.0, v), w / v))
         needed = min(self._radius + margin, float(clearance[0]))
         bad = np.flatnonzero(clearance < needed - 1e-6)
         return float(max(0.0, steps[bad[0]] - 0.02)) if len(bad) else math.inf

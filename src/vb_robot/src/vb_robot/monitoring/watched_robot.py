@@ -20,8 +20,9 @@ from vb_core.notices import Notice, Severity
 from vb_core.ros import robot_profile
 from vb_core.ros.messages import array_from_points, message_from_pose2d, points_from_array, pose2d_from_message
 from vb_core.ros.transforms import TransformLookup
-from vb_msgs.msg import RobotStatus
-from vb_robot.driving.workspace import KnownBorder
+from vb_msgs.msg import DriverState, RobotStatus
+from vb_robot.driving.gate import OTHER_PUBLISHER
+from vb_robot.driving.workspace import KnownBorder, quoted
 from vb_robot.monitoring import wiring
 from vb_robot.monitoring.goals import GoalReview
 from vb_robot.monitoring.navigation_limits import PlannerSpeed
@@ -47,11 +48,11 @@ class WatchedRobot:
         self.name, self.frame = name, frame
         self.who = sentences.robot_value(name)
         self.wiring = Wiring()
-        self.bypassed = self.obeys_speed = False
+        self.obeys_speed = False
         self.pose: Optional[Tuple[float, float, float]] = None
         self.goal: Optional[Tuple[float, float]] = None
         self.speed: Optional[PlannerSpeed] = None
-        self._driver, self._driver_heard = "", -math.inf
+        self._driver_heard, self._in_control = -math.inf, False
         self._running, self._path = False, np.zeros((0, 2))
         self._maps: dict = {}
         self._known: Sequence[KnownBorder] = ()
@@ -67,9 +68,9 @@ class WatchedRobot:
         rospy.Subscriber(within(name, "move_base/status"), GoalStatusArray, self._take_status, queue_size=1)
 
     # ------------------------------------------------------------- what is heard
-    def hear_driver(self, node: str, now: float) -> None:
-        """Notes that the robot's driver has reported at a time [s]."""
-        self._driver, self._driver_heard = node, now
+    def hear_driver(self, message: DriverState, now: float) -> None:
+        """Takes what the robot's driver reports at a time [s]."""
+        self._driver_heard, self._in_control = now, message.code != OTHER_PUBLISHER
 
     def set_map(self, which: str, grid: GridMap) -> None:
         """Adopts a map: "physical", "borders", "own" with only this robot's borders, or "keep_out" of its driver."""
@@ -103,8 +104,6 @@ class WatchedRobot:
             if self._path_subscriber is not None:
                 self._path_subscriber.unregister()
             self._path_subscriber = rospy.Subscriber(seen.path, Path, self._take_path) if seen.path else None
-        driven = set(graph.publications(self._driver, wiring.TWISTS)) if self._driver else set()
-        self.bypassed = self._has_driver() and not driven.isdisjoint(seen.wheels)
         self.wiring = seen
 
     def locate(self) -> None:
@@ -144,7 +143,7 @@ class WatchedRobot:
     # ------------------------------------------------------------- what follows
     def status(self, cancels: bool) -> RobotStatus:
         """Returns what is connected. `cancels`: whether goals are cancelled while a stop is in force."""
-        driver, seen = self._has_driver(), self.wiring
+        seen = self.wiring
         goal = self.goal if self._running else None
         return RobotStatus(
             robot=self.name,
@@ -153,8 +152,7 @@ class WatchedRobot:
             maps=seen.maps,
             missing_maps=seen.missing_maps,
             plans_round_borders=seen.plans_round_borders,
-            driver=driver and not self.bypassed,
-            bypassed=driver and self.bypassed,
+            driver=self._has_driver() and self._in_control,
             obeys_stop=cancels and bool(seen.move_base),
             obeys_speed=self.obeys_speed,
             localized=self.pose is not None,
@@ -177,7 +175,7 @@ class WatchedRobot:
         """Returns why a goal (2,) [m] will be refused; None if nothing speaks against it."""
         maps = self.review()
         found = maps.review(self.pose[:2] if self.pose else None, np.asarray(goal)) if maps else None
-        return self.notice(found[0], Severity.WARNING, border=_quoted(found[1])) if found else None
+        return self.notice(found[0], Severity.WARNING, border=quoted(found[1])) if found else None
 
     def refuse(self, refusal: Optional[Notice]) -> bool:
         """Keeps why its present goal is refused, to be told; returns whether that is news."""
@@ -192,7 +190,7 @@ class WatchedRobot:
         # a driver tells this by itself, and what it does about it
         maps = self.review() if self.pose is not None and self.wiring.move_base and not self._has_driver() else None
         if maps is not None and maps.is_inside(self.pose[:2]):
-            border = _quoted(maps.workspace.name_at(self.pose[:2]))
+            border = quoted(maps.workspace.name_at(self.pose[:2]))
             found.append(self.notice("robot_caught_in_border", Severity.WARNING, border=border))
         return found
 
@@ -215,7 +213,3 @@ class WatchedRobot:
     def cancel_goals(self) -> None:
         """Cancels whatever goals its navigation has."""
         self._cancel.publish(GoalID())
-
-
-def _quoted(name: str) -> str:
-    return f"'{name}'" if name else "$border_without_name"

@@ -11,7 +11,6 @@ import yaml
 from vb_core import names
 
 GRIDS = ("nav_msgs/OccupancyGrid",)
-TWISTS = ("geometry_msgs/Twist",)
 PATHS = ("nav_msgs/Path",)
 # local planners whose speed limit can be set while they run, with the values to lower: their limits, and what must
 # stay below these
@@ -31,7 +30,6 @@ class Wiring:
         maps: those it subscribes to; missing_maps: those of them that it waits for in vain.
         plans_round_borders: see vb_msgs/RobotStatus.
         path: the topic of its path; planner: the name of a local planner of PLANNERS; "": neither is known.
-        wheels: the topics that it sends velocities to.
         radius: [m] of the robot's inscribed circle, by its costmap; None: not given.
     """
 
@@ -41,7 +39,6 @@ class Wiring:
     plans_round_borders: bool = False
     path: str = ""
     planner: str = ""
-    wheels: Tuple[str, ...] = ()
     radius: Optional[float] = None
 
 
@@ -78,7 +75,6 @@ def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
         _plans_round_borders(robot, maps, parameters),
         _path_topic(graph.publications(node, PATHS)),
         planner,
-        tuple(graph.publications(node, TWISTS)),
         _radius(parameters),
     )
 

@@ -25,7 +25,7 @@ from vb_voice_wizard.console.keys import COMMAND_KEYS, QUIT_KEY
 GOOD, BAD, NOTE = "green", "yellow", "cyan"
 
 # [lines] heights of the parts of the screen; the messages have the rest
-_HEAD, _BODY, _PREVIEW = 1, 9, 5
+_HEAD, _BODY, _PREVIEW = 1, 6, 5
 _MIN_MESSAGES = 3
 _WIDEST = 400
 _CONTROLS = dict.fromkeys(code for code in (*range(0x20), *range(0x7F, 0xA0)) if chr(code) != "\n")
@@ -33,20 +33,13 @@ _CONTROLS = dict.fromkeys(code for code in (*range(0x20), *range(0x7F, 0xA0)) if
 
 @dataclass
 class ConsoleContent:
-    """Everything the screen shows: the newest messages as they came, and what the console has found out itself."""
+    """Everything the screen shows: the newest messages, as they came."""
 
-    master: str = ""  # the ROS master's address
-    connected: bool = False  # whether it answers
-    away: Tuple[str, ...] = ()  # codes of the nodes that do not answer
-    state: Optional[InteractionState] = None  # None: the interaction manager has not been heard yet
+    state: Optional[InteractionState] = None  # None: the interaction manager is not heard
     progress: BorderProgress = field(default_factory=BorderProgress)
     preview: BorderPreview = field(default_factory=BorderPreview)
     borders: Sequence[VirtualBorder] = ()
-    robot: str = ""
-    ends_in_s: float = 0.0  # 0: not soon
     notices: Tuple[Notice, ...] = ()  # what holds now, the most severe first
-    detectors: Tuple[Tuple[str, float], ...] = ()  # camera and images searched per second, 0 for a silent one
-    level_db: float = 0.0  # of the microphone, full scale is 0; 0: there is none
     language: str = sentences.ENGLISH
     messages: Deque[Tuple[str, str, str]] = field(default_factory=lambda: collections.deque(maxlen=50))
 
@@ -85,10 +78,11 @@ class _Printable:
             yield Segment(text if control else text.translate(_CONTROLS), style, control)
 
 
-def render(view: ConsoleContent, width: int = 80, height: int = 24) -> RenderableType:
+def render(view: ConsoleContent, now: float = 0.0, width: int = 80, height: int = 24) -> RenderableType:
     """Writes the whole screen.
 
     Args:
+        now: [s] ROS time.
         width, height: [columns, lines] of the terminal.
     """
     width = min(width, _WIDEST)
@@ -99,7 +93,7 @@ def render(view: ConsoleContent, width: int = 80, height: int = 24) -> Renderabl
     preview = _PREVIEW if free >= 0 else 0
     messages = height - _HEAD - body - preview - len(keys)
     parts = [
-        Layout(_head(view), name="head", size=_HEAD),
+        Layout(_head(view, now), name="head", size=_HEAD),
         Layout(name="body", size=body),
         Layout(_preview(view, width - 4), name="preview", size=preview, visible=preview > 0),
         Layout(_messages(view, width - 4, messages - 2), name="messages", visible=messages >= _MIN_MESSAGES),
@@ -111,9 +105,7 @@ def render(view: ConsoleContent, width: int = 80, height: int = 24) -> Renderabl
     return _Printable(layout)
 
 
-def _head(view: ConsoleContent) -> Text:
-    if not view.connected:
-        return Text(view.words("console_waiting_master", address=view.master), style="bold red")
+def _head(view: ConsoleContent, now: float) -> Text:
     state = view.state
     if state is None:
         return Text(view.words("console_waiting_manager"), style="bold yellow")
@@ -127,15 +119,13 @@ def _head(view: ConsoleContent) -> Text:
     text.append(f" {view.words('state_' + state.name).upper()} ", style=f"bold reverse {shown.color}")
     if state.interaction_id:
         text.append(f"  {_clock(state.guide_s + state.border_s + state.seed_s)}", style="bold not reverse")
-    if view.away:
-        who = ", ".join(map(view.words, view.away))
-        text.append("  " + view.words("console_nodes_not_responding", who=who), style="bold red not reverse")
-    elif state.interaction_id:
+    if state.interaction_id:
         text.append(f"  {view.words('console_interaction')} {state.interaction_id}", style="dim not reverse")
     if state.confirm_save:
         text.append("  " + view.words("console_confirm"), style="bold yellow not reverse")
-    if view.ends_in_s > 0.0:
-        text.append("  " + view.words("console_ends_in", time=_clock(view.ends_in_s)), style="bold yellow not reverse")
+    if not state.ends_at.is_zero():
+        left = _clock(state.ends_at.to_sec() - now)
+        text.append("  " + view.words("console_ends_in", time=left), style="bold yellow not reverse")
     return text
 
 
@@ -149,11 +139,6 @@ def _interaction(view: ConsoleContent) -> Panel:
     before = [camera for camera in drawn.cameras if camera not in drawn.cameras_seeing_spot]
     if before:
         seeing = say("console_seen_of", now=seeing, before=", ".join(before))
-    detectors = ", ".join(
-        say("console_camera" if rate else "console_camera_silent", name=name, rate=f"{rate:.0f}")
-        for name, rate in sorted(view.detectors, key=lambda detector: detector[1] > 0.0)  # the end may be cut
-    )
-    silent = any(not rate for _, rate in view.detectors)
     rows: Dict[str, Text] = {
         "console_time": Text(say("console_times", guide=guide, border=border, seed=seed)),
         "console_spots": Text(
@@ -161,11 +146,6 @@ def _interaction(view: ConsoleContent) -> Panel:
         ),
         "console_chain": Text(chain),
         "console_seen_by": Text(seeing, style="bold green" if drawn.cameras_seeing_spot else ""),
-        "console_cameras": Text(detectors or say("console_none"), style=BAD if silent else ""),
-        "console_robot": Text(view.robot or say("console_unknown")),
-        "console_voice": Text(
-            say("console_level", level=f"{view.level_db:.0f}") if view.level_db else say("console_none")
-        ),
     }
     table = Table.grid(padding=(0, 2), expand=True)
     # a long value must not take the labels' room

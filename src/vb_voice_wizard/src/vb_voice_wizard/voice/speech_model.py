@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Dict, List, Sequence
+from typing import Dict, List, Optional, Sequence
 
 import numpy as np
 import onnxruntime
@@ -52,15 +52,17 @@ class SpeechModel:
         self._given = np.array(
             [[_START, *row] + [_ENDS[0]] * (max(map(len, rows)) - len(row)) for row in rows], np.int64
         )
-        self._rarity = _RARITY * self._written(np.zeros(16000, np.int16))
+        self._rarity = _RARITY * self._written(np.zeros(16000, np.int16), np.ones(len(rows), bool))
 
-    def log_likelihood_ratios(self, pcm: np.ndarray) -> np.ndarray:
+    def log_likelihood_ratios(self, pcm: np.ndarray, which: Optional[np.ndarray] = None) -> np.ndarray:
         """Returns (M,), for each text the logarithm of how much more probable an utterance makes it.
 
         Args:
             pcm: (N,) int16 at 16 kHz, a tenth of a second at least.
+            which: (number of texts,) bool, those that are asked for; None: all.
         """
-        return self._written(pcm) - self._rarity
+        which = np.ones(len(self._given), bool) if which is None else which
+        return self._written(pcm, which) - self._rarity[which]
 
     def _continued(self, pcm: np.ndarray, tokens: np.ndarray) -> np.ndarray:
         """Returns the log probabilities of what follows each of (M, L) tokens, as (M, L, number of tokens)."""
@@ -81,12 +83,13 @@ class SpeechModel:
         found -= found.max(axis=2, keepdims=True)
         return found - np.log(np.exp(found).sum(axis=2, keepdims=True))
 
-    def _written(self, pcm: np.ndarray) -> np.ndarray:
+    def _written(self, pcm: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Returns (M,) log probabilities that the network, left to itself, writes exactly each text."""
-        rows, found = len(self._given), self._continued(pcm, self._given)
-        steps = np.take_along_axis(found[:, :-1], self._given[:, 1:, None], axis=2)[..., 0]
-        steps[np.arange(steps.shape[1]) >= self._length[:, None]] = 0.0
-        ends = found[np.arange(rows)[:, None], self._length[:, None], _ENDS]
+        given, length = self._given[which], self._length[which]
+        found = self._continued(pcm, given)
+        steps = np.take_along_axis(found[:, :-1], given[:, 1:, None], axis=2)[..., 0]
+        steps[np.arange(steps.shape[1]) >= length[:, None]] = 0.0
+        ends = found[np.arange(len(given))[:, None], length[:, None], _ENDS]
         return steps.sum(axis=1) + np.log(np.exp(ends).sum(axis=1))
 
 

@@ -1012,16 +1012,11 @@ function drawNotices() {
   dropStanding();
 }
 
-const noticed = new Set();
-
 function drawHealth() {
-  // what comes as a notice is shown as one, and goes with it: the diagnostics repeat it seconds later
-  for (const notice of view.notices || []) noticed.add(notice.code);
   const cameras = view.cameras || [],
-    drivers = view.drivers || {},
-    ill = (view.diagnostics || []).filter((one) => !noticed.has(one.code));
+    drivers = view.drivers || {};
   const wrong = view.offer ? view.offer.lines.filter((line) => line.severity).length : 0;
-  const bad = [...cameras, ...Object.values(drivers)].filter((one) => !one.there).length + ill.length + wrong;
+  const bad = [...cameras, ...Object.values(drivers)].filter((one) => !one.there).length + wrong;
   $("health-sum").textContent = bad
     ? say(bad === 1 ? "page_problem" : "page_problems", { count: bad })
     : cameras.length || Object.keys(drivers).length || (view.offer && view.offer.state === "ready")
@@ -1086,12 +1081,6 @@ function drawHealth() {
         ),
       );
     }),
-  );
-  fill(
-    $("diagnostics"),
-    ill.map((one) =>
-      element("li", {}, element("span", { class: "ill" }, one.code ? words.tell(one) : `${one.name}: ${one.message}`)),
-    ),
   );
 }
 
@@ -1234,7 +1223,6 @@ const DRAW = {
     drawHealth();
     refreshFloor();
   },
-  diagnostics: drawHealth,
   drivers: drawHealth,
   events: drawEvents,
   study: drawStudy,

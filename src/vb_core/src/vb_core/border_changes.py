@@ -1,0 +1,29 @@
+"""What happened to borders, told by two lists of them; no ROS."""
+
+from __future__ import annotations
+
+from typing import Any, List, Mapping, Tuple
+
+ADDED, REMOVED, RENAMED, ENABLED, DISABLED, CHANGED = "added", "removed", "renamed", "enabled", "disabled", "changed"
+
+
+def border_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> List[Tuple[str, Any]]:
+    """Compares two lists of borders, vb_msgs/VirtualBorder by id; returns what happened to which, one thing for each."""
+    found = [(REMOVED, border) for key, border in before.items() if key not in after]
+    for key, border in after.items():
+        old = before.get(key)
+        if old is None:
+            found.append((ADDED, border))
+        elif old.enabled != border.enabled:
+            found.append((ENABLED if border.enabled else DISABLED, border))
+        elif old.name != border.name:
+            found.append((RENAMED, border))
+        elif _drawn(old) != _drawn(border):
+            found.append((CHANGED, border))
+    return found
+
+
+def _drawn(border: Any) -> Tuple:
+    """Lists what a person can change about a border, apart from its name and its switch."""
+    places = [(point.x, point.y) for point in [*border.points, border.seed]]
+    return places, border.zone, border.max_speed, border.schedule

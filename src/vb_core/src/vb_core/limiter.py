@@ -1,0 +1,27 @@
+"""Limits how often somebody may ask."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Tuple
+
+
+class Limiter:
+    """Token buckets, one for each key: `burst` at once, then `rate` a second. Keeps the newest 1000 keys.
+
+    There is none for all keys together: what strangers can empty would be missing to everybody.
+    """
+
+    def __init__(self, rate: float, burst: float) -> None:
+        self._rate, self._burst = rate, burst
+        self._buckets: "OrderedDict[str, Tuple[float, float]]" = OrderedDict()
+
+    def allows(self, key: str, now: float) -> bool:
+        """Uses up a token at a time [s] of a monotonic clock; returns False if there is none."""
+        tokens, then = self._buckets.pop(key, (self._burst, now))
+        tokens = min(self._burst, tokens + self._rate * max(0.0, now - then))
+        allowed = tokens >= 1.0
+        self._buckets[key] = (tokens - 1.0 if allowed else tokens, now)
+        while len(self._buckets) > 1000:
+            self._buckets.popitem(last=False)
+        return allowed

@@ -1,0 +1,177 @@
+"""Watches the ceiling cameras together: whose detector is gone, whose calibration does not fit, which two disagree. No ROS.
+
+What is wrong with one camera's images its own detector tells. This is what shows only beside the calibration files, and
+beside the other cameras.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Deque, Dict, List, Mapping, Sequence, Union
+
+from vb_core.errors import CodedError
+from vb_core.notices import Notice, Severity
+from vb_laser_detect.calibration import calibration_file
+from vb_laser_detect.calibration.calibration_file import CameraPose
+from vb_laser_detect.calibration.consistency import Sighting, compare_cameras
+from vb_laser_detect.detection.detector_counts import MAX_CLOCK_OFFSET
+
+# [s] a detector reports each second; two reports may be late on a busy computer
+_SILENCE_TIMEOUT = 3.0
+_START_TIMEOUT = 60.0  # [s] a lab's nodes start one after the other, on a small computer for a minute
+_CLOCK_REPORTS = 10  # of which the quickest counts: a busy computer delays some, clocks that differ shift all of them
+_MAX_FOCAL_CHANGE = 0.01  # lenses of one model differ by more, two calibrations of one lens by less
+# [m] the extraction takes cameras to agree within a hand's tremble; calibrated ones differ by one or two centimetres
+_MAX_DISAGREEMENT = 0.05
+# sightings of one camera that are compared, and [s] for how long: enough for a mean, soon replaced after a calibration
+_SIGHTINGS, _SIGHTING_LIFETIME = 200, 300.0
+# [s] a detector looks a fixed camera's pose up every two seconds: what it sees until then may still have the former one
+_POSE_LATENCY = 5.0
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a detector reported.
+
+    Attributes:
+        at: [s] when it came; age: [s] from its stamp until then.
+        frame: of its images; focal: [px] of its lens. "" and 0: not known.
+    """
+
+    at: float
+    frame: str = ""
+    focal: float = 0.0
+    age: float = 0.0
+
+
+class CameraWatch:
+    """Finds what is wrong with cameras that should be there. Not thread safe.
+
+    Args:
+        cameras: their names.
+        now: [s] when their detectors may start.
+    """
+
+    def __init__(self, cameras: Sequence[str], now: float) -> None:
+        self._reports = {name: Report(now + _START_TIMEOUT - _SILENCE_TIMEOUT) for name in cameras}
+        self._ages: Dict[str, Deque[float]] = {name: deque(maxlen=_CLOCK_REPORTS) for name in cameras}
+        self._sightings: Dict[str, Deque[Sighting]] = {}
+        self._moved: Dict[str, float] = {}  # [s] when a camera got its present pose
+
+    def report(self, camera: str, report: Report) -> None:
+        """Adopts a detector's report; cameras that should not be there do not count."""
+        if camera in self._reports:
+            self._reports[camera] = report
+            self._ages[camera].append(report.age)
+
+    def add_spot(self, camera: str, stamp: float, x: float, y: float) -> None:
+        """Adds a spot [m] of a stationary camera, in the map, at the time of its image [s].
+
+        Nobody has to draw for the comparison: whenever people use the laser where cameras overlap, spots are compared.
+        """
+        if abs(stamp - self._moved.get(camera, -math.inf)) > _POSE_LATENCY:
+            self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((camera, stamp, x, y))
+
+    def forget_spots(self, camera: str, now: float) -> None:
+        """Drops what a camera has seen, because it has another pose since a time [s]."""
+        self._sightings.pop(camera, None)
+        self._moved[camera] = now
+
+    def missing(self, now: float) -> List[Notice]:
+        """Returns a notice for each camera whose detector has not reported for too long at a time [s]."""
+        return [
+            _notice(camera, CodedError("detector_missing"))
+            for camera, report in sorted(self._reports.items())
+            if now - report.at > _SILENCE_TIMEOUT
+        ]
+
+    def wrong_clocks(self) -> List[Notice]:
+        """Returns a notice for each camera on a computer whose clock differs from this one's."""
+        found = []
+        for camera, ages in sorted(self._ages.items()):
+            age = min(ages, key=abs, default=0.0)
+            if len(ages) == _CLOCK_REPORTS and abs(age) > MAX_CLOCK_OFFSET:
+                found.append(_notice(camera, CodedError("camera_clock", age=f"{age:.2f}")))
+        return found
+
+    def misfits(self, files: Mapping[str, Union[CameraPose, CodedError]], kept: Sequence[str]) -> List[Notice]:
+        """Returns a notice for each camera whose calibration cannot be used, or is not for the images that come.
+
+        Args:
+            files: each camera's calibration, or why it cannot be read.
+            kept: cameras of which an earlier pose is still published.
+        """
+        frames = [report.frame for report in self._reports.values() if report.frame]
+        found = []
+        for camera, file in sorted(files.items()):
+            report = self._reports[camera]
+            if isinstance(file, CodedError):
+                fault = _unread(camera, file, camera in kept)
+            elif report.frame not in ("", file.frame):
+                fault = CodedError(
+                    "camera_frame_differs", frame=report.frame, file_frame=file.frame, file=f"{camera}.yaml"
+                )
+            elif report.focal and file.focal and abs(report.focal / file.focal - 1.0) > _MAX_FOCAL_CHANGE:
+                fault = CodedError(
+                    "camera_other_lens",
+                    focal=f"{report.focal:.0f}",
+                    file_focal=f"{file.focal:.0f}",
+                    file=f"{camera}.yaml",
+                )
+            else:
+                continue
+            # its detector says that the frame is another one's: it will get its own first, then comes the pose
+            if frames.count(report.frame) < 2:
+                found.append(_notice(camera, fault))
+        return found
+
+    def disagreements(self, now: float) -> List[Notice]:
+        """Returns a notice for each two cameras that saw the laser at different places: one was moved, or has another's pose."""
+        fresh = [one for seen in self._sightings.values() for one in seen if 0.0 <= now - one[1] <= _SIGHTING_LIFETIME]
+        try:
+            pairs = compare_cameras(fresh)
+        except CodedError:
+            return []  # no two of them saw the laser together
+        return [
+            _notice(
+                pair.second,
+                CodedError("cameras_disagree", first=pair.first, second=pair.second, cm=f"{100 * pair.median:.0f}"),
+            )
+            for pair in pairs
+            if pair.median > _MAX_DISAGREEMENT
+        ]
+
+
+def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPose, CodedError]]:
+    """Reads the calibration of each camera; one that is shared, or no calibration, is the reason instead."""
+    found: Dict[str, Union[CameraPose, CodedError]] = {}
+    for camera in cameras:
+        try:
+            found[camera] = calibration_file.load(calibration_file.calibration_path(folder, camera))
+        except CodedError as error:
+            found[camera] = error.without_traceback()
+    frames = {camera: file.frame for camera, file in found.items() if isinstance(file, CameraPose)}
+    for camera, frame in frames.items():
+        try:
+            calibration_file.require_own_frame(camera, frame, frames)  # a shared one can be right for neither
+        except CodedError as error:
+            found[camera] = error.without_traceback()
+    return found
+
+
+def _unread(camera: str, error: CodedError, is_kept: bool) -> CodedError:
+    """Returns what people are told of a file that cannot be used."""
+    if error.code == "no_calibration" and not is_kept:
+        return CodedError("camera_not_calibrated", error=error.message)
+    if error.code == "shared_frame":
+        return error
+    code = "camera_wrong_file" if error.code == "calibration_of_other_camera" else "camera_file_broken"
+    pose = "$camera_pose_kept" if is_kept else "$camera_pose_missing"
+    return CodedError(code, error=error.message, file=f"{camera}.yaml", other=error.values.get("camera", ""), pose=pose)
+
+
+def _notice(camera: str, error: CodedError) -> Notice:
+    values = {**{key: str(value) for key, value in error.values.items()}, "camera": camera}
+    return Notice(error.code, Severity.ERROR, camera=camera, values=values)

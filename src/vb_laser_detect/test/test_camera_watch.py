@@ -1,0 +1,112 @@
+"""Cameras that should be there: whose detector is gone, whose calibration does not fit, which two disagree."""
+
+import numpy as np
+import pytest
+
+from vb_core import sentences
+from vb_core.errors import CodedError
+from vb_core.notices import Severity
+from vb_laser_detect.calibration import calibration_file
+from vb_laser_detect.calibration.calibration_file import CameraPose
+from vb_laser_detect.calibration.camera_watch import CameraWatch, Report, read_files
+
+POSE = CameraPose("north", "map", "north_optical_frame", np.eye(4), 500.0)
+
+
+def told(notices):
+    assert all(notice.severity is Severity.ERROR for notice in notices)
+    return [(notice.code, notice.camera) for notice in notices]
+
+
+def test_a_detector_that_is_gone_is_told():
+    watch = CameraWatch(["north", "south"], 0.0)
+    watch.report("north", Report(1.0))
+    watch.report("of_a_robot", Report(1.0))
+    assert told(watch.missing(2.0)) == []
+    assert told(watch.missing(16.0)) == [("detector_missing", "north")]
+    # one that was not heard yet may still be starting
+    assert told(watch.missing(61.0)) == [("detector_missing", "north"), ("detector_missing", "south")]
+
+
+@pytest.mark.parametrize("off, told_age", [(0.0, []), (3600.0, ["3600.01"]), (-4.0, ["-3.30"])])
+def test_a_computer_whose_clock_differs_is_told_and_one_that_is_busy_is_not(off, told_age):
+    watch = CameraWatch(["north"], 0.0)
+    for step in range(20):
+        watch.report("north", Report(float(step), age=off + (0.01 if step % 8 == 0 else 0.7)))
+    assert [notice.values["age"] for notice in watch.wrong_clocks()] == told_age
+
+
+@pytest.mark.parametrize(
+    "file, report, kept, code",
+    [
+        (POSE, Report(1.0, POSE.frame, 500.0), False, ""),
+        (POSE, Report(1.0), False, ""),  # no image came yet
+        (POSE, Report(1.0, POSE.frame, 504.0), False, ""),
+        (POSE, Report(1.0, POSE.frame, 520.0), False, "camera_other_lens"),
+        (POSE, Report(1.0, "head_camera", 500.0), False, "camera_frame_differs"),
+        (CodedError("no_calibration", "there is no file"), Report(1.0), False, "camera_not_calibrated"),
+        (CodedError("no_calibration", "there is no file"), Report(1.0), True, "camera_file_broken"),
+        (CodedError("bad_calibration", "no YAML"), Report(1.0), False, "camera_file_broken"),
+        (CodedError("calibration_of_other_camera", camera="south"), Report(1.0), True, "camera_wrong_file"),
+        (CodedError("shared_frame", cameras="north, south", frame="f"), Report(1.0), False, "shared_frame"),
+    ],
+)
+def test_a_calibration_that_does_not_fit_is_told_with_what_cures_it(file, report, kept, code):
+    watch = CameraWatch(["north"], 0.0)
+    watch.report("north", report)
+    found = watch.misfits({"north": file}, ["north"] if kept else [])
+    assert [notice.code for notice in found] == [code] * bool(code)
+    for language in sentences.languages():
+        # every placeholder is filled, and a kept pose is told
+        assert all("{" not in notice.sentence(language) for notice in found)
+    if code in ("camera_file_broken", "camera_wrong_file"):
+        assert ("keeps the pose" in found[0].sentence()) is kept
+
+
+def test_a_camera_with_another_ones_frame_is_not_to_be_calibrated_first():
+    watch = CameraWatch(["north", "south"], 0.0)
+    for name in ("north", "south"):
+        watch.report(name, Report(1.0, "head_camera"))
+    missing = CodedError("no_calibration")
+    assert watch.misfits({"north": missing, "south": POSE}, []) == []  # their detectors tell the shared frame
+
+
+def test_two_files_that_name_each_others_frames_are_judged_together(tmp_path):
+    def write(camera, frame):
+        path = calibration_file.calibration_path(str(tmp_path), camera)
+        calibration_file.save(path, CameraPose(camera, "map", frame, np.eye(4)), [])
+
+    def codes():
+        found = read_files(str(tmp_path), ["a", "b", "c"])
+        return {camera: getattr(file, "code", "") for camera, file in found.items()}
+
+    write("a", "frame_b")
+    assert codes() == {"a": "", "b": "no_calibration", "c": "no_calibration"}
+    write("b", "frame_b")
+    assert codes() == {"a": "shared_frame", "b": "shared_frame", "c": "no_calibration"}
+    write("b", "frame_a")
+    assert codes() == {"a": "", "b": "", "c": "no_calibration"}
+
+
+def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agree():
+    watch, random = CameraWatch((), 0.0), np.random.default_rng(5)
+
+    def draw(began, off, lasts=30.0):
+        """Drawing where all three see it; the images of none come with those of another."""
+        for camera, late, moved in (("north", 0.0, 0.0), ("south", 0.05, off), ("east", 0.02, 0.0)):
+            for t in np.arange(began, began + lasts, 0.12) + late:
+                x, y = 2.0 + 0.5 * np.cos(0.4 * t) + moved, 1.0 + 0.5 * np.sin(0.4 * t)
+                watch.add_spot(camera, t, *(np.array([x, y]) + random.normal(0.0, 0.02, 2)))
+
+    draw(100.0, 0.02)
+    assert watch.disagreements(131.0) == []
+    draw(200.0, 0.11)  # one was turned by two degrees
+    found = watch.disagreements(231.0)
+    assert {(one.values["first"], one.values["second"]) for one in found} == {("east", "south"), ("north", "south")}
+    assert {one.code for one in found} == {"cameras_disagree"} and all(8 < int(one.values["cm"]) < 14 for one in found)
+    # calibrated again; the laser is still on, and the detector has the former pose a moment longer
+    watch.forget_spots("south", 232.0)
+    draw(230.5, 0.11, lasts=5.5)
+    assert watch.disagreements(237.0) == []
+    draw(300.0, 0.0)
+    assert watch.disagreements(331.0) == []

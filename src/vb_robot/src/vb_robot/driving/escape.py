@@ -1,0 +1,65 @@
+"""Drives a robot away from what it stands too near to, so that navigation finds a path again.
+
+Navigation's paths keep PATH_MARGIN more from everything than its controller does, which may end where no path begins. The
+idea: the robot then drives straight to the nearest place with room, and its goal waits meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Optional
+
+import numpy as np
+
+from vb_core import geometry
+from vb_core.navigation_parameters import PATH_MARGIN
+from vb_core.poses import Pose
+from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest, steer
+from vb_robot.driving.workspace import Workspace
+
+NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: it begins, it ends; cells tremble
+ROOM = FREE + 0.05  # [m] beyond the radius: a robot that stops a few centimetres short, or one cell away, is free
+REACH = 0.5  # [m] to such a place: who is farther from one is not pinched but caught
+PINCHED_AFTER = 1.5  # [s] for which navigation has a goal and moves nothing
+TRIES_FOR, RESTS_FOR = 10.0, 20.0  # [s]: what is in the way may have gone
+
+
+class Escape:
+    """Helps a pinched robot: one that has a goal, is not moved by navigation, and stands too near to something.
+
+    A robot whose centre is within a border is no such one: somebody drew the border there, or took the robot into it.
+
+    Args:
+        radius: [m] of the robot.
+    """
+
+    def __init__(self, radius: float) -> None:
+        self._radius = radius
+        self._idle_since = self._began = -math.inf
+        self._target: Optional[np.ndarray] = None  # (2,) [m] where it drives to; None: it needs no help
+
+    def compute_request(
+        self, now: float, pose: Pose, workspace: Workspace, goal: bool, moves: bool
+    ) -> Optional[VelocityRequest]:
+        """Computes how the robot should move at a time [s]; None if it needs no help.
+
+        Args:
+            goal: navigation has one, and nobody draws or guides; moves: navigation moves the robot.
+        """
+        if moves or not goal:
+            self._idle_since = now
+        gap = workspace.distance_to_blocked(pose) - self._radius
+        if not (goal and -self._radius < gap < (NEAR if self._target is None else FREE)):
+            self._target = None
+            return None
+        if self._target is None:
+            rests = 0.0 <= now - self._began < TRIES_FOR + RESTS_FOR
+            if rests or not now - self._idle_since >= PINCHED_AFTER:
+                return None
+            self._began, self._target = now, workspace.nearest_room(pose, self._radius + ROOM, REACH)
+        if self._target is None or not 0.0 <= now - self._began < TRIES_FOR:
+            self._target = None
+            return None
+        x, y = self._target - pose[:2]
+        bearing = geometry.wrap_angle(math.atan2(y, x) - pose[2])
+        return VelocityRequest(*steer(bearing, min(MAX_SPEED, 0.8 * math.hypot(x, y) + 0.03)))
