@@ -211,7 +211,8 @@ def test_invariants_on_noisy_maps(seed, occupancy, closed):
     points = prior.grid_to_world(random.uniform(-10, 120, (random.integers(3, 12), 2)))
     try:
         point = prior.grid_to_world([random.uniform(5, 75, 2)])[0]
-        result = integrate(prior, VirtualBorder(points, point, occupancy, closed))
+        border = VirtualBorder(points, point, occupancy, closed)
+        result = integrate(prior, border)
     except IntegrationError as error:
         assert error.issues[-1].code == error.code
         assert np.array_equal(prior.data, data)
