@@ -36,6 +36,20 @@ def test_borders_differ_by_kind():
     assert (len(hard.points), len(outline(border(closed=False)).points)) == (8, 6)
 
 
+def test_a_border_that_waits_for_a_person_is_shown_before_and_after():
+    layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
+    old, new = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]), [(4, 0), (6, 0), (6, 2), (4, 2)]
+    shapes = {shape.namespace: shape for shape in scene.borders(layout, [border(before=old, after=new)])}
+    before, after = shapes["borders/before"], shapes["borders/after"]
+    assert before.colors != after.colors == shapes["borders/outline"].colors
+    ends = np.array(before.points).reshape(-1, 2, 2)
+    assert (np.abs(ends - 0.5).max(axis=2) == 0.5).all()  # on the old outline
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    assert 1.5 < lengths.sum() < 2.5  # dashes: about half of it
+    assert len(after.points) == 8
+    assert not {"borders/before", "borders/after"} & {shape.namespace for shape in scene.borders(layout, [border()])}
+
+
 def test_labels_of_borders_stay_on_the_map():
     layout = fit_view(Box(0, 0, 8, 5), 16 / 9)
     stored = [border(name=f"Border {number}", seed=(0.0, 0.0)) for number in range(4)]

@@ -9,12 +9,11 @@ from shapely import affinity
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.ops import split
 
-from vb_core.errors import CodedError
 from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import raster
-from vb_map_integration.integration import WALL_WIDTH, IntegrationError, IntegrationParams, integrate
+from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, IntegrationError, integrate
 
 from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_of, world
 
@@ -212,7 +211,8 @@ def test_invariants_on_noisy_maps(seed, occupancy, closed):
     points = prior.grid_to_world(random.uniform(-10, 120, (random.integers(3, 12), 2)))
     try:
         point = prior.grid_to_world([random.uniform(5, 75, 2)])[0]
-        result = integrate(prior, VirtualBorder(points, point, occupancy, closed))
+        border = VirtualBorder(points, point, occupancy, closed)
+        result = integrate(prior, border)
     except IntegrationError as error:
         assert error.issues[-1].code == error.code
         assert np.array_equal(prior.data, data)
@@ -226,9 +226,9 @@ def test_invariants_on_noisy_maps(seed, occupancy, closed):
     assert not (result.region & (data >= 65)).any()
     unknown = result.region & (data < 0)
     assert closed or not unknown.any()
-    assert (after[unknown] == (result.value if result.value >= 65 else -1)).all()
+    assert (after[unknown] == (border.value if border.value >= 65 else -1)).all()
     known = result.region & (data >= 0)
-    assert np.array_equal(after[known], np.maximum(data[known], result.value))
+    assert np.array_equal(after[known], np.maximum(data[known], border.value))
     assert result.area_m2 == pytest.approx(result.region.sum() * 0.05**2)
 
 
@@ -397,13 +397,6 @@ def test_the_kind_is_decided_from_the_gap():
     assert repeated.closed is True and len(repeated.points) == 3
 
 
-def test_parameters_are_checked():
-    for bad in ({"occupied_threshold": 0}, {"extension_fit_length": 0.0}, {"max_seed_shift": -1.0}, {"unheard_of": 1}):
-        with pytest.raises(CodedError) as caught:
-            IntegrationParams.from_mapping(bad)
-        assert next(iter(bad)) in caught.value.message
-
-
 def test_a_closet_of_one_cell_outside_the_polygon_can_be_restricted():
     data = np.zeros((60, 60), np.int8)
     data[49:52, 49:52] = 100
@@ -416,9 +409,8 @@ def test_a_closet_of_one_cell_outside_the_polygon_can_be_restricted():
 
 @pytest.mark.parametrize("beyond, moved", [(0.7, True), (1.15, False), (1.3, False)])
 def test_a_seed_on_an_obstacle_moves_to_the_nearest_floor_within_its_radius(beyond, moved):
-    """Of a square obstacle; the radius is max_seed_shift, and the floor is on the side that is nearest."""
-    params = IntegrationParams()
-    depth = beyond * params.max_seed_shift  # [m] from the seed to the nearest free floor, on its right
+    """Of a square obstacle; the radius is MAX_SEED_SHIFT, and the floor is on the side that is nearest."""
+    depth = beyond * MAX_SEED_SHIFT  # [m] from the seed to the nearest free floor, on its right
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [])
     cells = prior.data.copy()
     seed = np.array([4.0, 2.5])
@@ -427,10 +419,10 @@ def test_a_seed_on_an_obstacle_moves_to_the_nearest_floor_within_its_radius(beyo
     border = VirtualBorder([(7.0, 0.0), (7.0, 5.0)], seed, closed=False)
     if not moved:
         with pytest.raises(IntegrationError) as caught:
-            integrate(prior.with_data(cells), border, params)
+            integrate(prior.with_data(cells), border)
         assert caught.value.code == "seed_on_obstacle"
         return
-    result = integrate(prior.with_data(cells), border, params)
+    result = integrate(prior.with_data(cells), border)
     (told,) = [issue for issue in result.issues if issue.code == "seed_moved"]
     assert float(told.values["distance"]) == pytest.approx(depth, abs=2 * prior.resolution)
 

@@ -123,7 +123,7 @@ def test_borders_for_other_robots_are_left_out():
     keeper.add(square(10, 10, robots=("bob",)), 1.0)
     assert np.array_equal(keeper.map_with_borders.data, GRID.data)
     keeper.add(square(50, 10, robots=("ada", "bob")), 1.0)
-    assert keeper.area_m2("b2") > 0
+    assert keeper.in_force.area_m2("b2") > 0
 
 
 def test_preview_changes_nothing_and_names_what_is_out_of_reach():

@@ -315,12 +315,14 @@ def test_slow_zones_limit_speeds_and_leave_the_map_alone():
     keeper.add(keep_out(zone="slow", max_speed=0.3), 1.0)
     keeper.add(keep_out(zone="slow", max_speed=0.15), 2.0)
     assert np.array_equal(keeper.map_with_borders.data, keeper.physical.data)
-    limits = keeper.speed_limits
+    limits = keeper.in_force.speed_limits
     assert sorted(np.unique(limits.data)) == [0, 15] and (limits.data == 15).sum() == 400
     keeper.undo()
-    assert sorted(np.unique(keeper.speed_limits.data)) == [0, 30] and keeper.area_m2("b1") == pytest.approx(1.0)
+    assert sorted(np.unique(keeper.in_force.speed_limits.data)) == [0, 30] and keeper.in_force.area_m2(
+        "b1"
+    ) == pytest.approx(1.0)
     keeper.remove("b1")
-    assert not keeper.speed_limits.data.any()
+    assert not keeper.in_force.speed_limits.data.any()
 
 
 def test_a_zone_to_avoid_is_a_cost():

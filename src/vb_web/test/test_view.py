@@ -5,9 +5,10 @@ import re
 from pathlib import Path
 
 import pytest
+from geometry_msgs.msg import Point
 
 from vb_core import sentences
-from vb_msgs.msg import DriverState
+from vb_msgs.msg import DriverState, VirtualBorder
 from vb_web import ros_view
 from vb_web.view import View, coarse_age, mark_borders, rounded
 
@@ -106,3 +107,9 @@ def test_the_page_loads_nothing_from_elsewhere():
 def test_where_a_driver_stopped_in_a_border_it_has_a_sentence_of_its_own():
     entry = ros_view.driver_entry(DriverState(robot="one", source="navigation", code="inside_border"))
     assert entry["source"] == "navigation" and entry["code"] in sentences.catalog()
+
+
+def test_a_border_that_waits_for_a_person_is_sent_before_and_after():
+    points = [Point(0.0, 0.0, 0.0), Point(1.0, 0.0, 0.0), Point(1.0, 2.0, 0.0)]
+    section = ros_view.border_section(VirtualBorder(before=points[:2], after=points))
+    assert (section["before"], section["after"]) == ([0, 0, 100, 0], [0, 0, 100, 0, 100, 200])

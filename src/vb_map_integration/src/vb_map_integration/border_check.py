@@ -6,20 +6,19 @@ from dataclasses import dataclass
 from typing import List, Mapping, Optional, Sequence, Tuple
 
 from vb_core.errors import CodedError
-from vb_core.parameters import param
+from vb_core.parameters import Parameters, param
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import WARNING, IntegrationError, Issue, make_issue
 from vb_map_integration.grid.layered_map import LayeredMap, Region
 from vb_map_integration.grid.reachability import Reachability, check_reachability
-from vb_map_integration.integration import Area, IntegrationParams, restricted_area
+from vb_map_integration.integration import Area, restricted_area
 
 
 @dataclass(frozen=True)
-class IntegratorParams(IntegrationParams):
+class IntegratorParams(Parameters):
     """The map integrator's parameters."""
 
     robot_radius: float = param(0.18, "m", low=0.0)
-    min_component_area: float = param(0.1, "m^2", low=0.0)
     check_reachability: bool = param(True)
     dock: list = param([], "m")
     robot_name: str = param("")
@@ -82,7 +81,7 @@ class BorderCheck:
         places = dict(places or {})
         if self._params.dock:
             places["dock"] = self._params.dock
-        area = restricted_area(before.physical, border, self._params, places)
+        area = restricted_area(before.physical, border, places)
         after = before.with_regions({border.id: Region.of(area) if border.zone.restricts else None})
         issues = list(area.issues)
         found: Optional[Reachability] = None
@@ -102,12 +101,7 @@ class BorderCheck:
 
     def _reach(self, layered: LayeredMap, places: Mapping[str, Sequence[float]], goals: Sequence) -> Reachability:
         return check_reachability(
-            layered.map_with_borders,
-            goals,
-            robot=places.get("robot"),
-            radius=self._params.robot_radius,
-            min_component_area=self._params.min_component_area,
-            occupied_threshold=self._params.occupied_threshold,
+            layered.map_with_borders, goals, robot=places.get("robot"), radius=self._params.robot_radius
         )
 
 

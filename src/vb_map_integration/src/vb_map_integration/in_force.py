@@ -18,7 +18,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.borders.schedule import is_scheduled
 from vb_map_integration.grid.layered_map import LayeredMap, Region, join_regions
-from vb_map_integration.integration import IntegrationParams, restricted_area
+from vb_map_integration.integration import restricted_area
 from vb_map_integration.places.border_place import BorderPlace
 
 # why a border waits for a person, or is not in force
@@ -43,7 +43,7 @@ class Verdict:
         why: PLACE, EFFECT, or the code of the error; "" if it is the same.
         region: what is in force; None if nothing is.
         before: what it restricted when it was accepted, at its place on this map; None if nobody needs it.
-        area_m2: [m^2] that it would restrict once confirmed; 0 if nothing.
+        after: what it will restrict once confirmed; None if nothing.
     """
 
     stored: VirtualBorder
@@ -53,7 +53,7 @@ class Verdict:
     why: str = ""
     region: Optional[Region] = field(default=None, repr=False)
     before: Optional[Region] = field(default=None, repr=False)
-    area_m2: float = 0.0
+    after: Optional[Region] = field(default=None, repr=False)
 
     @property
     def can_be_confirmed(self) -> bool:
@@ -63,8 +63,8 @@ class Verdict:
     @property
     def values(self) -> Dict[str, str]:
         """The values for the sentence of its code."""
-        before = self.before.area_m2 if self.before else 0.0
-        areas = {"before": f"{before:.1f}", "now": f"{self.area_m2:.1f}"} if self.before else {}
+        before, after = (region.area_m2 if region else 0.0 for region in (self.before, self.after))
+        areas = {"before": f"{before:.1f}", "now": f"{after:.1f}"} if self.before else {}
         return {"border": self.border.name, "why": self.why, **areas}
 
 
@@ -103,6 +103,14 @@ class InForce:
             return False, "no_effect"
         return True, verdict.code
 
+    def outlines(self, border_id: str) -> Tuple[np.ndarray, np.ndarray]:
+        """Returns the outlines (N, 2) [m] of what a border closed off before, and after confirmation; empty if it is sure."""
+        verdict = self.verdicts[border_id]
+        regions = (verdict.before, verdict.after) if verdict.code == TO_BE_CONFIRMED else (None, None)
+        return tuple(  # type: ignore[return-value]
+            region.outline(self.layered_map.physical) if region else np.zeros((0, 2)) for region in regions
+        )
+
     @property
     def speed_limits(self) -> GridMap:
         """The highest speed in each cell [cm/s], 0: no limit; the geometry of the map."""
@@ -119,7 +127,6 @@ def put_in_force(
     grid: GridMap,
     borders: Iterable[VirtualBorder],
     locate: Callable[[VirtualBorder], BorderPlace],
-    params: IntegrationParams,
     robot: str,
     now: float,
     before: Optional[InForce] = None,
@@ -147,7 +154,7 @@ def put_in_force(
             del regions[border.id]
         else:
             done = checked[1].region(border.id) if checked and checked[0] == border.id and due else None
-            verdict = _judge(border, locate(border), grid, params, due, done)
+            verdict = _judge(border, locate(border), grid, due, done)
             regions[border.id] = verdict.region if border.zone.restricts else None
         verdicts[border.id] = verdict
     layered = before.layered_map if before else LayeredMap(grid)
@@ -159,38 +166,33 @@ def put_in_force(
 
 
 def _judge(
-    stored: VirtualBorder,
-    place: BorderPlace,
-    grid: GridMap,
-    params: IntegrationParams,
-    due: bool,
-    done: Optional[Region] = None,
+    stored: VirtualBorder, place: BorderPlace, grid: GridMap, due: bool, done: Optional[Region] = None
 ) -> Verdict:
     border = place.border
     if not due or done is not None:
-        return Verdict(stored, border, due, region=done, area_m2=done.area_m2 if done else 0.0)
-    now, why = _region(grid, border, params)
+        return Verdict(stored, border, due, region=done, after=done)
+    now, why = _region(grid, border)
     if place.accepted_here:
         code = "" if now else DOES_NOT_FIT
-        return Verdict(stored, border, due, code, why, now, area_m2=now.area_m2 if now else 0.0)
-    before = place.region_before(grid, params) if _has_a_side(border) else now
+        return Verdict(stored, border, due, code, why, now, after=now)
+    before = place.region_before(grid) if _has_a_side(border) else now
     if not why and not place.is_certain:
         why = PLACE
     if not why and before is not now and _shared(before, now) < _SAME_EFFECT:
         why = EFFECT
-    possible = [now, *(_region(grid, other, params)[0] for other in place.others)]
+    possible = [now, *(_region(grid, other)[0] for other in place.others)]
     if why and before is not None:
         most = _WITHIN_REASON * before.area_m2
         possible = [before, *(one for one in possible if one is not None and one.area_m2 <= most)]
     region = join_regions([one for one in possible if one is not None])
     code = "" if not why else TO_BE_CONFIRMED if region is not None else DOES_NOT_FIT
-    return Verdict(stored, border, due, code, why, region, before if why else None, now.area_m2 if now else 0.0)
+    return Verdict(stored, border, due, code, why, region, before if why else None, now)
 
 
-def _region(grid: GridMap, border: VirtualBorder, params: IntegrationParams) -> Tuple[Optional[Region], str]:
+def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
     """Returns what a border restricts, or None and why it restricts nothing."""
     try:
-        return Region.of(restricted_area(grid, border, params)), ""
+        return Region.of(restricted_area(grid, border)), ""
     except IntegrationError as error:
         return None, error.code
 

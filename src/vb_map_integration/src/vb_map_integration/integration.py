@@ -25,42 +25,27 @@ import shapely
 
 from vb_core import masks
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
-from vb_core.parameters import Parameters, param
 from vb_map_integration.grid import curve, raster
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError, make_issue
 
-__all__ = [
-    "ERROR",
-    "WARNING",
-    "Area",
-    "Issue",
-    "Integration",
-    "IntegrationError",
-    "IntegrationParams",
-    "integrate",
-    "restricted_area",
-]
+__all__ = ["ERROR", "WARNING", "Area", "Issue", "Integration", "IntegrationError", "integrate", "restricted_area"]
 # positions [m] of things that should not be inside, by name
 Places = Mapping[str, Sequence]
 
 
-@dataclass(frozen=True)
-class IntegrationParams(Parameters):
-    """Parameters of the integration."""
-
-    occupied_threshold: int = param(OCCUPIED_THRESHOLD, low=1, high=100)
-    extension_fit_length: float = param(0.3, "m", above=0.0)
-    wall_snap_distance: float = param(0.2, "m", low=0.0)
-    max_seed_shift: float = param(0.2, "m", low=0.0)
-    max_area_share: float = param(0.98, low=0.0, high=1.0)
-
-
+# [m] length of a curve's end that gives the direction of its extension: longer than a hand's tremor, shorter than a doorway
+EXTENSION_FIT_LENGTH = 0.3
+# [m] how far a drawn end may be from the wall that it belongs to: less than any robot's width
+WALL_SNAP_DISTANCE = 0.2
+# [m] how far a seed on an obstacle or on the line is moved to free floor
+MAX_SEED_SHIFT = 0.2
+# of the free space; a border that leaves a corner for spot cleaning restricts over 0.9 of a room
+MAX_AREA_SHARE = 0.98
 # [m] a virtual wall's band; in coarse maps it is the cells that the chain runs through
 WALL_WIDTH = 0.1
 # [m] farther than a person who draws from wall to wall stops before one: an extension worth a warning
 FAR = 1.0
-_DEFAULT = IntegrationParams()
 # marks what a fill reached, in a mask of blocked cells
 _FILLED = 128
 
@@ -103,25 +88,17 @@ class Integration:
         region: (H, W) bool, the cells that the border restricts; obstacles are not among them.
         issues: warnings.
         area_m2: [m^2] of the region.
-        closed: polygon or separating curve.
         line: (M, 2) [m] map frame, the border as it acts: a curve with its extensions.
-        value: what the region was raised to, 0 .. 100.
-        over_unknown: whether unknown cells in the region were raised too.
     """
 
     posterior: GridMap
     region: np.ndarray
     issues: Tuple[Issue, ...]
     area_m2: float
-    closed: bool
     line: np.ndarray
-    value: int
-    over_unknown: bool
 
 
-def integrate(
-    prior: GridMap, border: VirtualBorder, params: Optional[IntegrationParams] = None, places: Optional[Places] = None
-) -> Integration:
+def integrate(prior: GridMap, border: VirtualBorder, places: Optional[Places] = None) -> Integration:
     """Integrates a border into a map; see `restricted_area` for what is restricted, and for the errors.
 
     Args:
@@ -133,24 +110,13 @@ def integrate(
     Raises:
         IntegrationError: as `restricted_area`.
     """
-    area = restricted_area(prior, border, params, places)
+    area = restricted_area(prior, border, places)
     posterior = np.array(prior.data, order="C")
     raster.paint(posterior[area.window], area.mask, area.value, area.over_unknown)
-    return Integration(
-        posterior=prior.with_data(posterior),
-        region=area.region(prior.shape),
-        issues=area.issues,
-        area_m2=area.area_m2,
-        closed=bool(border.closed),
-        line=area.line,
-        value=area.value,
-        over_unknown=area.over_unknown,
-    )
+    return Integration(prior.with_data(posterior), area.region(prior.shape), area.issues, area.area_m2, area.line)
 
 
-def restricted_area(
-    prior: GridMap, border: VirtualBorder, params: Optional[IntegrationParams] = None, places: Optional[Places] = None
-) -> Area:
+def restricted_area(prior: GridMap, border: VirtualBorder, places: Optional[Places] = None) -> Area:
     """Computes what a border restricts.
 
     A polygon restricts its inside, unknown cells included, or all the free space outside that is connected
@@ -165,7 +131,7 @@ def restricted_area(
         IntegrationError: "no_separation", "seed_on_both_sides", "empty_region", "outside_map",
             "seed_outside_map", "seed_on_obstacle", "too_complex".
     """
-    task = _Task(prior, border, params or _DEFAULT)
+    task = _Task(prior, border)
     try:
         return task.area(places or {})
     except IntegrationError as error:
@@ -181,8 +147,8 @@ class _Task:
         cells: (H, W) uint8 of the map: as bytes unknown is 255, and one comparison finds obstacles and unknown.
     """
 
-    def __init__(self, prior: GridMap, border: VirtualBorder, params: IntegrationParams) -> None:
-        self.prior, self.border, self.params = prior, border, params
+    def __init__(self, prior: GridMap, border: VirtualBorder) -> None:
+        self.prior, self.border = prior, border
         grid = prior.world_to_grid(np.concatenate([border.points, [border.seed]]))
         self.points, self.seed = grid[:-1], grid[-1]
         self.cells = np.ascontiguousarray(prior.data).view(np.uint8)
@@ -194,7 +160,7 @@ class _Task:
 
     def area(self, places: Places) -> Area:
         """Computes what the border restricts."""
-        prior, border, params = self.prior, self.border, self.params
+        prior, border = self.prior, self.border
         self.check_shape()
         line = border.points
         if border.wall:
@@ -206,7 +172,7 @@ class _Task:
         restricted = cv2.countNonZero(mask)
         if restricted == 0:
             raise IntegrationError("empty_region")
-        if restricted > params.max_area_share * _count_free(self.cells, params.occupied_threshold):
+        if restricted > MAX_AREA_SHARE * _count_free(self.cells):
             self.warn("covers_nearly_all")
         if border.without_effect:
             self.warn("no_effect")
@@ -219,7 +185,7 @@ class _Task:
             window=window,
             mask=mask,
             value=border.value,
-            over_unknown=border.closed is True and border.value >= params.occupied_threshold,
+            over_unknown=border.closed is True and border.value >= OCCUPIED_THRESHOLD,
             area_m2=restricted * prior.resolution**2,
             line=line,
             issues=tuple(self.issues),
@@ -238,7 +204,7 @@ class _Task:
 
     def polygon(self) -> Tuple[raster.Window, np.ndarray]:
         """Returns the area on the seed's side of a polygon: a window, and a (h, w) uint8 mask of it."""
-        cells, threshold = self.cells, self.params.occupied_threshold
+        cells, threshold = self.cells, OCCUPIED_THRESHOLD
         window, inner = raster.polygon_mask(self.points, cells.shape)
         if not inner.any():
             raise IntegrationError("empty_region")
@@ -287,14 +253,14 @@ class _Task:
         mask[rows - top, columns - left] = 255
         if reach:
             mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-        free = masks.threshold_mask(cells[window], self.params.occupied_threshold, cv2.CMP_LT)
+        free = masks.threshold_mask(cells[window], OCCUPIED_THRESHOLD, cv2.CMP_LT)
         return window, cv2.bitwise_and(mask, free)
 
     def curve(self) -> Tuple[raster.Window, np.ndarray, np.ndarray]:
         """Returns the area on the seed's side of a separating curve: a window, its (h, w) uint8 mask, and the line [m]."""
-        prior, params = self.prior, self.params
-        fit, tolerance = params.extension_fit_length / prior.resolution, params.wall_snap_distance / prior.resolution
-        framed = _framed(self.cells, params.occupied_threshold)
+        prior = self.prior
+        fit, tolerance = EXTENSION_FIT_LENGTH / prior.resolution, WALL_SNAP_DISTANCE / prior.resolution
+        framed = _framed(self.cells)
         cut = curve.separate(framed, self.points, fit, tolerance, self.seed, self.free_cell)
         if cut is None:
             raise IntegrationError("outside_map")
@@ -321,7 +287,7 @@ class _Task:
         column, row = (int(value) for value in np.floor(self.seed + 0.5))
         if not barred[row, column]:
             return row, column
-        radius = self.params.max_seed_shift / self.prior.resolution
+        radius = MAX_SEED_SHIFT / self.prior.resolution
         reach = int(radius) + 1
         top, left = max(0, row - reach), max(0, column - reach)
         rows, columns = np.nonzero(barred[top : row + reach + 1, left : column + reach + 1] == 0)
@@ -330,20 +296,20 @@ class _Task:
         if away is not None:
             distance[offset @ away <= 0.0] = np.inf
         if len(distance) == 0 or distance.min() > radius:
-            raise IntegrationError("seed_on_obstacle", radius=self.params.max_seed_shift)
+            raise IntegrationError("seed_on_obstacle", radius=MAX_SEED_SHIFT)
         best = int(np.argmin(distance))
         self.warn("seed_moved", distance=f"{distance[best] * self.prior.resolution:.2f}")
         return int(rows[best] + top), int(columns[best] + left)
 
 
-def _count_free(cells: np.ndarray, occupied_threshold: int) -> int:
+def _count_free(cells: np.ndarray) -> int:
     """Counts the cells that are neither obstacles nor unknown."""
     parts = (cells[block] for block in raster.row_blocks(cells.shape))
-    return sum(cv2.countNonZero(masks.threshold_mask(part, occupied_threshold, cv2.CMP_LT)) for part in parts)
+    return sum(cv2.countNonZero(masks.threshold_mask(part, OCCUPIED_THRESHOLD, cv2.CMP_LT)) for part in parts)
 
 
-def _framed(cells: np.ndarray, occupied_threshold: int) -> np.ndarray:
+def _framed(cells: np.ndarray) -> np.ndarray:
     """Masks (H + 2, W + 2) uint8 what no fill may enter: obstacles, unknown, and a frame round the map."""
     framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
-    masks.threshold_mask(cells, occupied_threshold - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
+    masks.threshold_mask(cells, OCCUPIED_THRESHOLD - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
     return framed

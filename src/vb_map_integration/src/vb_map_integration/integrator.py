@@ -118,11 +118,6 @@ class MapIntegrator:
         return self.in_force.layered_map.with_regions(others).map_with_borders if others else self.map_with_borders
 
     @property
-    def speed_limits(self) -> GridMap:
-        """The highest speed in each cell [cm/s], 0: no limit; the geometry of the map."""
-        return self.in_force.speed_limits
-
-    @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
         """All borders of the current map, in its frame, oldest first."""
         return tuple(one.border for one in self._in_force.verdicts.values()) if self._in_force else ()
@@ -157,10 +152,6 @@ class MapIntegrator:
         """What people should know: about the files, the map, and borders that are not what they were on it."""
         verdicts = list(self._in_force.verdicts.values()) if self._in_force else []
         return [*self._database.notices, *find_notices(verdicts, self._recognition.certain, self.map_name)]
-
-    def area_m2(self, border_id: str) -> float:
-        """Returns the area [m^2] that a border restricts now; 0 if it is not in force."""
-        return self.in_force.area_m2(border_id)
 
     def status(self, border: VirtualBorder) -> Tuple[bool, str]:
         """Returns whether a border is in force now, and what is to be said of it.
@@ -210,7 +201,6 @@ class MapIntegrator:
             grid,
             self._database.borders(self._recognition.place),
             self._recognizer.locate,
-            self.params,
             self.params.robot_name,
             now,
             self._in_force,
@@ -231,7 +221,8 @@ class MapIntegrator:
             CodedError: "no_map", "map_changed", "name_taken", "drawn_on_this_map", "unknown_border", "cannot_write".
         """
         grid, recognition = self.physical, self._recognition
-        self._expect_map(map_id)
+        if map_id and map_id != self._map_id:
+            raise CodedError("map_changed")
         if border_id:
             self._database.find(border_id)
             return self._accept([one for one in self._waiting() if one.border.id == border_id], now)
@@ -264,11 +255,6 @@ class MapIntegrator:
             for one in waiting
         )
         return self._make_change(change, "new", "accepted on this map", now)
-
-    def _expect_map(self, map_id: str) -> None:
-        """Refuses an answer about a map that is not the current one any more."""
-        if map_id and map_id != self._map_id:
-            raise CodedError("map_changed")
 
     def check(
         self,

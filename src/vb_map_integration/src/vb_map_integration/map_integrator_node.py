@@ -221,8 +221,9 @@ class MapIntegratorNode:
             array.values = messages.values_from_mapping(worst.values)
         for border in self._integrator.borders:
             in_force, reason = self._integrator.status(border)
-            area = self._integrator.area_m2(border.id)
-            array.borders.append(message_from_border(border, area, in_force, reason))
+            area = self._integrator.in_force.area_m2(border.id)
+            outlines = self._integrator.in_force.outlines(border.id)
+            array.borders.append(message_from_border(border, area, in_force, reason, outlines))
         return array
 
     def _follow_schedules(self, _event: Any) -> None:

@@ -123,6 +123,8 @@ def border_section(border: VirtualBorder) -> Dict[str, Any]:
         "zone": zone_of(border.zone).name,
         "max_speed": rounded(border.max_speed, 2),
         "area": rounded(border.area_m2, 2),
+        "before": centimeters(border.before),
+        "after": centimeters(border.after),
         "robots": list(border.robots),
     }
 

@@ -30,7 +30,7 @@ from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.integration import IntegrationParams, integrate
+from vb_map_integration.integration import integrate
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder as BorderMessage
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderRequest
 
@@ -70,14 +70,12 @@ class ReplayResult:
         spots: by interaction, how many were collected, border and seed.
         found: the spots that went to them.
         cameras: counts of each, if the images were played.
-        integration: parameters of the map integrator as it is launched today.
     """
 
     borders: Dict[str, Union[VirtualBorder, CodedError]] = field(default_factory=dict)
     spots: Dict[str, int] = field(default_factory=dict)
     found: List[LaserSpot] = field(default_factory=list)
     cameras: Dict[str, CameraCounts] = field(default_factory=dict)
-    integration: IntegrationParams = field(default_factory=IntegrationParams)
 
 
 @dataclass(frozen=True)
@@ -264,9 +262,6 @@ def replay(recording: Recording, images: bool = False) -> ReplayResult:
         over: List[bool] = []
         graph.start(Node("/player", {}), lambda: over.append(_Player(graph, recording, played, result).play() is None))
         graph.scheduler.run(lambda: bool(over), 2**63 - 1)
-        settings = graph.parameters.get_param("/map_integrator")
-    known = set(IntegrationParams.__dataclass_fields__)
-    result.integration = IntegrationParams.from_mapping({key: value for key, value in settings.items() if key in known})
     return result
 
 
@@ -293,7 +288,7 @@ def _compared(
     after, error = None, border if isinstance(border, CodedError) else None
     if error is None:
         try:
-            after = integrate(physical, border, today.integration).region
+            after = integrate(physical, border).region
         except CodedError as refused:
             error = refused
 

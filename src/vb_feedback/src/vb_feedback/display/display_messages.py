@@ -121,6 +121,8 @@ def border_from_message(border: VirtualBorder, language: str = sentences.ENGLISH
         border.occupancy,
         border.enabled,
         border.area_m2,
+        tuple(map(tuple, array_from_points(border.before).tolist())),
+        tuple(map(tuple, array_from_points(border.after).tolist())),
     )
 
 

@@ -89,6 +89,17 @@ def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> T
     return tuple(pairs)
 
 
+def dashes(outline: Sequence[Sequence[float]], width: float) -> Tuple[Tuple[float, float], ...]:
+    """Splits a closed outline into dashes: pairs of points, four of a line's widths long and as far apart."""
+    points = np.asarray(outline, dtype=float).reshape(-1, 2)
+    if len(points) < 2:
+        return ()
+    points = np.vstack([points, points[:1]])
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    at = np.linspace(0.0, arc[-1], 2 * max(2, int(arc[-1] / (8.0 * width))) + 1)[:-1]
+    return _pairs(np.column_stack([np.interp(at, arc, points[:, axis]) for axis in (0, 1)]))
+
+
 def write(
     namespace: str, text: str, x: float, y: float, size: float, tints: Sequence[Color], z: float = Z_TEXT
 ) -> List[Shape]:
@@ -103,7 +114,7 @@ def write(
 # ----------------------------------------------------------------- borders
 @dataclass(frozen=True)
 class Border:
-    """A border in the store."""
+    """A border in the store; `before` and `after` are outlines of what it closed off and will, while it waits for a person."""
 
     name: str
     points: Tuple[Tuple[float, float], ...]
@@ -112,10 +123,15 @@ class Border:
     occupancy: float = 1.0
     enabled: bool = True
     area_m2: float = 0.0
+    before: Tuple[Tuple[float, float], ...] = ()
+    after: Tuple[Tuple[float, float], ...] = ()
 
 
 def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[Shape]:
-    """Draws outline, name and area of each border: soft ones lighter, disabled ones grey and called `off`."""
+    """Draws outline, name and area of each border: soft ones lighter, disabled ones grey and called `off`.
+
+    Of a border that waits for a person what it closed off is dashed and grey, and what it will close off solid.
+    """
     unit, shapes = layout.unit, []
     size = 0.055 * unit
     texts, wanted = [], []
@@ -136,6 +152,13 @@ def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[
         plate = (box.width, box.height)
         label = colors.BLACK if border.enabled else colors.blend(colors.GRAY, colors.BLACK, 0.3)
         shapes.append(Shape("borders/outline", number, LINES, outline, Z_BORDER, (width,), (tint,)))
+        for name, points, below in (
+            ("before", dashes(border.before, width), 0.02),
+            ("after", segments(border.after, True, width), 0.01),
+        ):
+            if points:
+                color = colors.GRAY if name == "before" else tint
+                shapes.append(Shape(f"borders/{name}", number, LINES, points, Z_BORDER - below, (width,), (color,)))
         shapes.append(Shape("borders/plate", number, PLATE, (box.center,), Z_LABEL, plate, (colors.WHITE,), 0.9))
         shapes += write(f"borders/label/{number}", text, *box.center, size, (label,), Z_NAME)
     return shapes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Iterable, List, Sequence, Tuple
 
+import numpy as np
 import rospy
 from vb_msgs.msg import BorderIssue
 from vb_msgs.msg import VirtualBorder as BorderMessage
@@ -21,6 +22,7 @@ KINDS = {
     BorderMessage.VIRTUAL_WALL: False,
 }
 _ZONES = {zone.number: zone for zone in ZONES.values()}
+_NOTHING = np.zeros((0, 2))
 _SEVERITIES = {WARNING: BorderIssue.WARNING, ERROR: BorderIssue.ERROR}
 
 
@@ -54,9 +56,17 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
 
 
 def message_from_border(
-    border: VirtualBorder, area_m2: float = 0.0, in_force: bool = False, reason: str = ""
+    border: VirtualBorder,
+    area_m2: float = 0.0,
+    in_force: bool = False,
+    reason: str = "",
+    outlines: Sequence[np.ndarray] = (_NOTHING, _NOTHING),
 ) -> BorderMessage:
-    """Writes a border as a message; inverse of `border_from_message`."""
+    """Writes a border as a message; inverse of `border_from_message`.
+
+    Args:
+        outlines: (N, 2) [m] before and after, while it waits for a person.
+    """
     kind = BorderMessage.POLYGON if border.closed else BorderMessage.SEPARATING_CURVE
     message = BorderMessage(
         id=border.id,
@@ -74,6 +84,8 @@ def message_from_border(
         schedule=border.schedule,
         in_force=in_force,
         reason=reason,
+        before=messages.points_from_array(outlines[0]),
+        after=messages.points_from_array(outlines[1]),
     )
     message.seed.x, message.seed.y = (float(value) for value in border.seed)
     return message

@@ -49,6 +49,13 @@ class Region:
         bits = np.unpackbits(self.bits, count=shape[0] * shape[1]).reshape(shape)
         return np.negative(bits, out=bits)  # 1 becomes 255
 
+    def outline(self, grid: GridMap) -> np.ndarray:
+        """Returns the outline (N, 2) [m] of its largest part, to about a cell, on the map that it is of."""
+        contours, _ = cv2.findContours(self.mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        largest = cv2.approxPolyDP(max(contours, key=cv2.contourArea), 1.0, True)
+        rows, columns = self.window
+        return grid.grid_to_world(largest.reshape(-1, 2) + np.array([columns.start, rows.start], float))
+
     def apply(self, cells: np.ndarray) -> None:
         """Raises the cells (H, W) int8 in place."""
         raster.paint(cells[self.window], self.mask, self.value, self.over_unknown)

@@ -13,6 +13,8 @@ from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 
 # larger maps are checked in coarser cells: the answer is about doors and rooms, and needed at once
 MAX_CELLS = 2_000_000
+# [m^2] smaller parts, measured for the robot's centre, are not counted
+MIN_PART = 0.1
 
 
 @dataclass(frozen=True)
@@ -29,12 +31,7 @@ class Reachability:
 
 
 def check_reachability(
-    grid: GridMap,
-    goals: Sequence[Sequence[float]] = (),
-    robot: Optional[Sequence[float]] = None,
-    radius: float = 0.18,
-    min_component_area: float = 0.1,
-    occupied_threshold: int = OCCUPIED_THRESHOLD,
+    grid: GridMap, goals: Sequence[Sequence[float]] = (), robot: Optional[Sequence[float]] = None, radius: float = 0.18
 ) -> Reachability:
     """Counts the parts of the free space, and finds the goals in a different part than the robot.
 
@@ -42,9 +39,8 @@ def check_reachability(
         goals: (N, 2) [m].
         robot: (x, y) [m]; None: goals are measured against the largest part.
         radius: [m] the robot's.
-        min_component_area: [m^2] smaller parts, measured for the robot's centre, are not counted.
     """
-    free = masks.threshold_mask(np.ascontiguousarray(grid.data).view(np.uint8), occupied_threshold, cv2.CMP_LT)
+    free = masks.threshold_mask(np.ascontiguousarray(grid.data).view(np.uint8), OCCUPIED_THRESHOLD, cv2.CMP_LT)
     radius = radius / grid.resolution
     factor = int(np.ceil(np.sqrt(free.size / MAX_CELLS)))
     if factor > 1:
@@ -57,7 +53,7 @@ def check_reachability(
         free = masks.threshold_mask(cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1], radius, cv2.CMP_GT)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
     areas = stats[1:, cv2.CC_STAT_AREA]
-    parts = int((areas * grid.resolution**2 >= min_component_area).sum())
+    parts = int((areas * grid.resolution**2 >= MIN_PART).sum())
     if len(areas) == 0:
         return Reachability(0, tuple(range(len(goals))))
     home = int(np.argmax(areas)) + 1

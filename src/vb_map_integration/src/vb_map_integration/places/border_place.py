@@ -10,9 +10,8 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.grid.layered_map import Region
-from vb_map_integration.integration import IntegrationParams, restricted_area
+from vb_map_integration.integration import restricted_area
 from vb_map_integration.places.local_fit import LocalFit
 from vb_map_integration.places.registration import Transform
 
@@ -23,7 +22,8 @@ class BorderPlace:
 
     Attributes:
         border: there.
-        is_certain: whether the walls round it say so.
+        is_shown: whether the walls round it say so.
+        is_seen: whether the map knows the floor there; there is nothing to ask about before it does.
         others: at other places where it may be, until somebody says where it is.
         accepted: as it was accepted, on that map; None if that is the current one.
         accepted_on: that map.
@@ -31,24 +31,27 @@ class BorderPlace:
     """
 
     border: VirtualBorder
-    is_certain: bool = True
+    is_shown: bool = True
+    is_seen: bool = True
     others: Tuple[VirtualBorder, ...] = ()
     accepted: Optional[VirtualBorder] = None
     accepted_on: Optional[GridMap] = None
     transform: Transform = Transform()
 
     @property
+    def is_certain(self) -> bool:
+        """Returns whether nobody has to be asked where it is."""
+        return self.is_shown or not self.is_seen
+
+    @property
     def accepted_here(self) -> bool:
         """Returns whether a person drew or accepted it on this very map."""
         return self.accepted is None
 
-    def region_before(self, grid: GridMap, params: IntegrationParams) -> Optional[Region]:
+    def region_before(self, grid: GridMap) -> Optional[Region]:
         """Returns the free floor of this map that it restricted where it was accepted; None if there is none."""
         assert self.accepted is not None and self.accepted_on is not None
-        try:
-            area = restricted_area(self.accepted_on, self.accepted, params)
-        except IntegrationError:  # accepted with other parameters
-            return None
+        area = restricted_area(self.accepted_on, self.accepted)
         rows, columns = area.window
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) + (columns.start, rows.start)
         here = grid.world_to_grid(self.transform.apply(self.accepted_on.grid_to_world(corners)))
@@ -79,9 +82,9 @@ def choose_place(
         accepted: on the map on which it was accepted.
         start: from that map to the current one.
         fit: what the walls say; None if there are too few.
-        is_seen: whether the current map knows the floor there; there is nothing to ask about before it does.
+        is_seen: as of `BorderPlace`.
     """
     if fit is not None and fit.is_certain:
-        return BorderPlace(accepted.moved(fit.transform), True, (), accepted, accepted_on, fit.transform)
+        return BorderPlace(accepted.moved(fit.transform), True, is_seen, (), accepted, accepted_on, fit.transform)
     others = (accepted.moved(fit.transform),) if fit is not None and fit.is_possible else ()
-    return BorderPlace(accepted.moved(start), not is_seen, others, accepted, accepted_on, start)
+    return BorderPlace(accepted.moved(start), False, is_seen, others, accepted, accepted_on, start)

@@ -1,8 +1,9 @@
 """Where a border is in a new map by the walls round it: maps bend, and a transform for all of a map is only a start.
 
 The idea: the walls within some metres of a border decide where it is. They are looked for near the place where the map's
-transform puts them. If they are found there and nowhere else, the border is where it was; what is near them but cannot
-be told apart from places beside it (a straight wall, an open hall) has to be confirmed by a person.
+transform puts them. If they are found there and nowhere else, the border is where it was. Where they are found but cannot be
+told apart from places beside them (a straight wall, an open hall), those a little farther away are asked whether it is where
+it is expected; if they do not know either, a person has to confirm it.
 
 Reach and limits were chosen on half of 28 maps that robots recorded, with parts that were displaced by half a metre;
 docs/results/maps/README.md has what the other half and further maps gave.
@@ -19,6 +20,7 @@ import numpy as np
 from vb_map_integration.places.registration import Transform, WallMap, find_share, refine
 
 REACH = 3.0  # [m] walls this near a border say where it is; those beyond may belong to another part of a bent map
+WIDER = 4.5  # [m] the same, where those leave it open
 _SPAN, _STEP, _YAWS = 1.0, 0.1, np.radians([-8.0, -5.3, -2.7, 0.0, 2.7, 5.3, 8.0])  # what is searched: [m], [m], [rad]
 _NEAR = 0.25  # [m] a wall this far from the next one counts nothing
 _APART = 0.35  # [m] places farther apart are different ones
@@ -61,6 +63,11 @@ class LocalFit:
         return lower >= _AGREEMENT_ELSEWHERE and self.margin >= _MARGIN_ELSEWHERE
 
     @property
+    def is_open(self) -> bool:
+        """Returns whether the walls are found, but other places beside this one would do as well."""
+        return self.is_possible and self.margin < _MARGIN_THERE
+
+    @property
     def is_possible(self) -> bool:
         """Returns whether the border may be there, for all that the walls say."""
         return self.known >= _KNOWN and self.agreement[1] >= _AGREEMENT_THERE
@@ -73,7 +80,15 @@ def fit_locally(old: WallMap, new: WallMap, start: Transform, outline: np.ndarra
         start: from the old map's frame to the new one's, where they are expected.
         outline: (N, 2) [m] old map's frame, of the border.
     """
-    walls = old.walls_near(outline, REACH)
+    near = _fit_within(REACH, old, new, start, outline)
+    if near is not None and not near.is_open:
+        return near
+    wider = _fit_within(WIDER, old, new, start, outline)
+    return wider if wider is not None and wider.is_certain and wider.moved_m <= _EXPECTED else near
+
+
+def _fit_within(reach: float, old: WallMap, new: WallMap, start: Transform, outline: np.ndarray) -> Optional[LocalFit]:
+    walls = old.walls_near(outline, reach)
     if len(walls) < _LEAST:
         return None
     sample = walls[:: max(1, len(walls) // _POINTS)]
@@ -97,9 +112,9 @@ def fit_locally(old: WallMap, new: WallMap, start: Transform, outline: np.ndarra
         apart = np.linalg.norm(shifts - shifts[shift], axis=1) > _APART
         margin = 1.0 - float(scores[:, apart].max()) / max(1e-9, float(scores[turn, shift]))
         best = motion(shifts[shift], float(_YAWS[turn]))
-        best = refine(old, new, best, sample, new.walls_near(best.apply(outline), REACH), center, _LOCAL_REACH)
+        best = refine(old, new, best, sample, new.walls_near(best.apply(outline), reach), center, _LOCAL_REACH)
     forward, known = find_share(best.apply(walls), new)
-    backward, _ = find_share(best.inverse.apply(new.walls_near(best.apply(outline), REACH)), old)
+    backward, _ = find_share(best.inverse.apply(new.walls_near(best.apply(outline), reach)), old)
     moved = float(np.linalg.norm(best.apply(center)[0] - expected))
     return LocalFit(best, (min(forward, backward), max(forward, backward)), known, margin, moved)
 

@@ -292,27 +292,3 @@ class DatabaseFiles:
         files.copy(connection, path)
         for old in self.copies()[MAX_COPIES:]:
             old.unlink()
-
-
-def restore(folder: Path, source: Path) -> None:
-    """Restores a copy; the current files are set aside.
-
-    Raises:
-        CodedError: "database_in_use", "damaged_copy", "cannot_write".
-    """
-    if files.check_file(source)[0] is None:
-        raise CodedError("damaged_copy", what=str(source))
-    database = DatabaseFiles(folder)  # no other process writes while it is open
-    copy = folder / "restore.new"
-    try:
-        files.copy(files.connect(source), copy)
-        for connection in (database._main, database._replica):
-            if connection is not None:
-                connection.close()
-        files.set_aside(database._path)
-        files.set_aside(database._replica_path)
-        os.replace(str(copy), str(database._path))
-    except (sqlite3.Error, OSError) as error:
-        raise CodedError("cannot_write", what=str(folder), reason=str(error)) from None
-    finally:
-        database.close()

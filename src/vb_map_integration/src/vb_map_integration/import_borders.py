@@ -1,4 +1,4 @@
-"""Exports borders to a GeoJSON file, or imports them from one."""
+"""Imports borders from a GeoJSON file."""
 
 from __future__ import annotations
 
@@ -14,12 +14,11 @@ from vb_msgs.srv import UpdateBorder, UpdateBorderRequest
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.files import write_atomically
 from vb_core.ros import services
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message, issues_from_messages, message_from_border
-from vb_map_integration.borders.geojson import borders_from_geojson, borders_to_geojson
+from vb_map_integration.borders.geojson import borders_from_geojson
 from vb_map_integration.borders.issues import ERROR
 
 # [s] a preview of 16 million cells takes half a second on a busy computer
@@ -73,7 +72,7 @@ def import_borders(arguments: Optional[List[str]] = None) -> int:
     Status 0: all were added, 1: not all, 2: bad file.
     """
     parser = argparse.ArgumentParser(prog="import_borders", description=import_borders.__doc__)
-    parser.add_argument("file", type=Path, help="GeoJSON in metres, as export_borders and save_map write it")
+    parser.add_argument("file", type=Path, help="GeoJSON in metres, as save_map writes it")
     parser.add_argument("--dry-run", action="store_true", help="only preview, add nothing")
     parser.add_argument("--frame", default=names.MAP_FRAME, help="frame of the file's points (default: map)")
     options = parser.parse_args(rospy.myargv(sys.argv)[1:] if arguments is None else arguments)
@@ -96,19 +95,3 @@ def import_borders(arguments: Optional[List[str]] = None) -> int:
         return 1
     print(f"{taken} of {len(borders)} {'could be taken' if options.dry_run else 'taken'}")
     return int(taken < len(borders))
-
-
-def export_borders(arguments: Optional[List[str]] = None) -> int:
-    """Writes all stored borders to a file."""
-    parser = argparse.ArgumentParser(prog="export_borders", description=export_borders.__doc__)
-    parser.add_argument("file", type=Path, help="GeoJSON in metres")
-    options = parser.parse_args(rospy.myargv(sys.argv)[1:] if arguments is None else arguments)
-    rospy.init_node("export_borders", anonymous=True, disable_signals=True)
-    try:
-        borders = _stored_borders()
-        write_atomically(options.file, borders_to_geojson(borders).encode())
-    except CodedError as error:
-        print(error, file=sys.stderr)
-        return 1
-    print(f"{len(borders)} border(s) written to {options.file}")
-    return 0
