@@ -9,8 +9,6 @@ import cv2
 import numpy as np
 import pytest
 
-import people
-
 TOP = Path(__file__).resolve().parents[1]
 
 SAMPLES = {
@@ -21,7 +19,6 @@ SAMPLES = {
     "extraction/accuracy.py": "--only usual speed --draws 1 --strokes 1 --spots 1000 --methods robust",
     "extraction/hand.py": "--people 2 --scenarios room",
     "extraction/model_hand.py": "--times 0.01",
-    "extraction/quickdraw_strokes.py": "{drawings} --out {folder}/strokes.json",
     "extraction/stages.py": "{folder}",
     "lab/camera_faults.py": "--times 1 --only stalled",
     "lab/cameras.py": "--cameras 1 --seconds 1",
@@ -64,7 +61,7 @@ def clips(tmp_path_factory):
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_a_bench_runs(name, tmp_path, clips):
-    words = [word.format(folder=tmp_path, clips=clips, drawings=people.DATA) for word in shlex.split(SAMPLES[name])]
+    words = [word.format(folder=tmp_path, clips=clips) for word in shlex.split(SAMPLES[name])]
     done = subprocess.run(
         [sys.executable, str(TOP / "bench" / name), *words],
         stdout=subprocess.PIPE,

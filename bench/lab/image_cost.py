@@ -23,7 +23,6 @@ import rospy
 import simplejpeg
 from sensor_msgs.msg import CameraInfo, Image
 
-from bench.detection.finder import Found
 from bench.detection.hard_scenes import Camera, Outcome, SeenFrame, course
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes
@@ -149,11 +148,11 @@ class Decoded(Camera):
         super().__init__(*arguments_of_it)
         self._decode, self._detector, self.finder.find = decode, SpotDetector(), self._find
 
-    def _find(self, image: Any, stamp: float, seen: SeenFrame, encoding: str) -> List[Found]:
+    def _find(self, image: Any, stamp: float, seen: SeenFrame, encoding: str) -> List[Any]:
         picture = self._decode(image)
         model = seen.view_model.scaled_to(*picture.pixels.shape[1::-1])
         geometry = ImageGeometry(model, lambda: seen.pose, self._projector)
-        return [Found(spot.stamp, spot, spot.place) for spot in self._detector.detect(picture, stamp, geometry)]
+        return self._detector.detect(picture, stamp, geometry)
 
 
 def places(scenes: List[Any], share: float, seed: int) -> Iterator[Dict[str, Any]]:

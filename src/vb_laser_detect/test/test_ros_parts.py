@@ -210,7 +210,7 @@ def test_an_image_without_a_place_is_freed_at_once():
 
     def search():
         image = np.zeros((4, 4), np.uint8)
-        frame, unplaced = node._place("red_frame", rospy.Time(5), Picture(image, "mono"))
+        frame, unplaced = node._place("red_frame", rospy.Time(5), Picture(image, "mono"), 1)
         assert frame is None and unplaced.code == "no_transform" and unplaced.message == "no pose"
         return weakref.ref(image)
 
