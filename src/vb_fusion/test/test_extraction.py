@@ -233,8 +233,8 @@ def test_the_request_overrides_the_rule():
         ([[1.0, 2.0]], "too_few_spots"),
         (np.ones((50, 2)), "no_line"),
         (np.random.default_rng(0).normal(0, 0.02, (50, 2)), "no_line"),
-        (np.zeros((5, 3)), "bad_points"),
-        ("points", "bad_points"),
+        (np.zeros((5, 3)), "bad_spots"),
+        ("points", "bad_spots"),
     ],
 )
 def test_refusals(params, points, code):
@@ -253,7 +253,7 @@ def test_refusal_says_what_was_seen():
 def test_wrong_number_of_stamps(stamps):
     with pytest.raises(ExtractionError) as caught:
         extract_border(np.zeros((20, 2)), stamps=stamps)
-    assert caught.value.code == "bad_points"
+    assert caught.value.code == "bad_spots"
 
 
 @pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])

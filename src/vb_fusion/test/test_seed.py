@@ -47,7 +47,7 @@ def test_a_pointer_that_moves_on_in_the_end_dwells_no_more():
 
 
 @pytest.mark.parametrize(
-    "points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed"), (np.zeros(3), "bad_points")]
+    "points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed"), (np.zeros(3), "bad_spots")]
 )
 def test_refusals(points, code):
     with pytest.raises(ExtractionError) as caught:

@@ -82,7 +82,7 @@ def extract_border(
         mobile: (N,) true for a camera on a robot, whose pose is less certain.
 
     Raises:
-        ExtractionError: "no_spots", "too_few_spots", "no_line", "bad_points", "line_self_intersects" or "too_many_spots".
+        ExtractionError: "no_spots", "too_few_spots", "no_line", "bad_spots", "line_self_intersects" or "too_many_spots".
     """
     params = params or ExtractionParams()
     paper = params.mode == "paper"
@@ -95,7 +95,7 @@ def extract_border(
     if paper:
         return _paper(spots, params)
     if stamps is None:
-        raise ExtractionError("bad_points", what="stamps of the points")
+        raise ExtractionError("bad_spots", what="stamps of the points")
     seen = merge_observations(spots)
     places = find_places(seen)
     drawn, left_out, joined = _join_strokes(seen, find_strokes(seen, places, params.eps), params)

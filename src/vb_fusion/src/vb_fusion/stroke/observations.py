@@ -64,21 +64,21 @@ def make_observations(
     at any hour.
 
     Raises:
-        ExtractionError: "bad_points" if the shapes do not fit.
+        ExtractionError: "bad_spots" if the shapes do not fit.
     """
     try:
         array = np.asarray(points, dtype=float)
     except (TypeError, ValueError):
-        raise ExtractionError("bad_points", what="numbers") from None
+        raise ExtractionError("bad_spots", what="numbers") from None
     if array.size == 0:
         array = array.reshape(0, 2)
     if array.ndim != 2 or array.shape[1] != 2:
-        raise ExtractionError("bad_points", what=f"points of shape (N, 2) instead of {array.shape}")
+        raise ExtractionError("bad_spots", what=f"points of shape (N, 2) instead of {array.shape}")
     count = len(array)
     columns = {"stamps": stamps, "cameras": cameras, "confidences": confidences, "mobile": mobile}
     for name, values in columns.items():
         if values is not None and len(values) != count:
-            raise ExtractionError("bad_points", what=f"{count} {name} instead of {len(values)}")
+            raise ExtractionError("bad_spots", what=f"{count} {name} instead of {len(values)}")
     known = np.zeros(count, dtype=int) if cameras is None else np.asarray(cameras)
     if known.dtype.kind not in "iu" or (count and not 0 <= known.min() <= known.max() < 256):
         known = np.unique(known, return_inverse=True)[1]

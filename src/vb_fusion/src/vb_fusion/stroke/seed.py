@@ -77,7 +77,7 @@ def find_dwells(
         before: (K, 2) [m] spots that were seen before the seed was requested: the border's.
 
     Raises:
-        ExtractionError: "no_spots", "no_seed" or "bad_points".
+        ExtractionError: "no_spots", "no_seed" or "bad_spots".
     """
     seen = make_observations(points, stamps, cameras, confidences, mobile)
     if len(seen.points) == 0:
