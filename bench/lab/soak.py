@@ -4,7 +4,7 @@
     make soak HOURS=24            # simulated hours, as fast as the machine goes
     python3 bench/lab/soak.py --hours 2 --seed 7
 
-Real nodes (point set, interaction, map integrator, lab monitor) run over a roscore of their own; this program is the
+Real nodes (point set, interaction, map integrator, camera poses) run over a roscore of their own; this program is the
 clock, the cameras, the people and the trouble. After each event it compares the stack with a ledger of what was
 acknowledged, and the map with an oracle of its own (shapely). The rows are how often each event and each answer came.
 
