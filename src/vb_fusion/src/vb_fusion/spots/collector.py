@@ -13,7 +13,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.vocabulary import BORDER, DEFAULT, STATES, State, SEED
 
 CLOCK_STEP = 2.0  # [s] a camera's spots arrive in order, so stamps that go back by more say that its clock was set back
-MAX_CLOCK_ERROR = 60.0  # [s] from which on a clock is off; smaller errors are check_lab's to name
+MAX_CLOCK_ERROR = 60.0  # [s] from which on a clock is off; smaller errors are camera_poses' to tell
 
 
 @dataclass(frozen=True)
