@@ -69,8 +69,9 @@ class WizardConsoleTest(unittest.TestCase):
         )
         terminal.shows("321 border")
         terminal.shows("red (before: robot)")
+        seen = len(terminal.text)  # it waited when it started, too
         self.manager.kill()
-        terminal.shows("waiting for the interaction manager")
+        terminal.shows("waiting for the interaction manager", seen)
         seen = len(terminal.text)
         self.manager.start()
         terminal.shows("BORDER", seen)

@@ -15,6 +15,7 @@ from vb_voice_wizard.console.keys import COMMAND_KEYS, QUIT_KEY, letters
         ("b \u00fc", "b \u00fc"),
         ("\x1b[A", ""),
         ("\x1bOS", ""),
+        ("\x1b[As", "s"),  # typed at once, read at once
         ("\x1b[15~\x1b[1;5C", ""),
         ("\r\n\x7f\x08\x01", ""),
     ],

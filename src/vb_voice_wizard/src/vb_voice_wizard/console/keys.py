@@ -5,6 +5,7 @@ The idea: one key is one command. Borders are changed on the page, where they ca
 
 from __future__ import annotations
 
+import re
 from typing import Dict
 
 from vb_core.vocabulary import COMMANDS
@@ -13,9 +14,13 @@ COMMAND_KEYS: Dict[str, str] = {command.key: name for name, command in COMMANDS.
 QUIT_KEY = "q"
 
 
+# what a terminal sends for an arrow or function key
+_SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|)")
+
+
 def letters(typed: str) -> str:
-    """Returns the letters in what a terminal sent; arrow and function keys begin with an escape and mean nothing.
+    """Returns the letters in what a terminal sent; arrow, function and control keys mean nothing.
 
     Capital letters stay what they are, and mean nothing either: on a slow line one may be the end of such a sequence.
     """
-    return "" if "\x1b" in typed else "".join(filter(str.isprintable, typed))
+    return "".join(filter(str.isprintable, _SEQUENCE.sub("", typed)))

@@ -436,7 +436,9 @@ export class MapView {
     for (const border of this.borders) {
       if (border.id === hidden) continue;
       // what a border that waits for a person closed off before, and what it will close off
-      for (const when of ["before", "after"]) this.line("borders", `border ${when}`, path(pairs(border[when]), true));
+      for (const when of ["before", "after"]) {
+        if (border[when]?.length) this.line("borders", `border ${when}`, path(pairs(border[when]), true));
+      }
       this.line("borders", `border ${border.kind} ${border.idle || ""}`, path(border.line, border.kind === "polygon"));
       const group = this.write("borders", "name", [
         short(this.words.border(border.name) || this.words.say("page_no_name")),
