@@ -38,6 +38,10 @@ class Escape:
         self._idle_since = self._began = -math.inf
         self._target: Optional[np.ndarray] = None  # (2,) [m] where it drives to; None: it needs no help
 
+    def interrupt(self, now: float) -> None:
+        """Forgets where it was driving to: a person stops or drives the robot, which may be elsewhere afterwards."""
+        self._target, self._began, self._idle_since = None, -math.inf, now
+
     def compute_request(
         self, now: float, pose: Pose, workspace: Workspace, goal: bool, moves: bool
     ) -> Optional[VelocityRequest]:
