@@ -33,7 +33,8 @@ def test_a_computer_whose_clock_differs_is_told_and_one_that_is_busy_is_not(off,
     watch = CameraWatch(["north"], 0.0)
     for step in range(20):
         watch.report("north", Report(float(step), age=off + (0.01 if step % 8 == 0 else 0.7)))
-    assert [notice.values["age"] for notice in watch.wrong_clocks()] == told_age
+    assert [notice.values["age"] for notice in watch.wrong_clocks(19.0)] == told_age
+    assert watch.wrong_clocks(30.0) == [], "its detector is gone, and its clock is not known any more"
 
 
 @pytest.mark.parametrize(

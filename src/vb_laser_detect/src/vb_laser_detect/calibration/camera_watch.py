@@ -83,16 +83,20 @@ class CameraWatch:
         """Returns a notice for each camera whose detector has not reported for too long at a time [s]."""
         return [
             _notice(camera, CodedError("detector_missing"))
-            for camera, report in sorted(self._reports.items())
-            if now - report.at > _SILENCE_TIMEOUT
+            for camera in sorted(self._reports)
+            if self._is_missing(camera, now)
         ]
 
-    def wrong_clocks(self) -> List[Notice]:
-        """Returns a notice for each camera on a computer whose clock differs from this one's."""
+    def _is_missing(self, camera: str, now: float) -> bool:
+        return now - self._reports[camera].at > _SILENCE_TIMEOUT
+
+    def wrong_clocks(self, now: float) -> List[Notice]:
+        """Returns a notice for each camera on a computer whose clock differs from this one's at a time [s]."""
         found = []
         for camera, ages in sorted(self._ages.items()):
             age = min(ages, key=abs, default=0.0)
-            if len(ages) == _CLOCK_REPORTS and abs(age) > MAX_CLOCK_OFFSET:
+            known = len(ages) == _CLOCK_REPORTS and not self._is_missing(camera, now)
+            if known and abs(age) > MAX_CLOCK_OFFSET:
                 found.append(_notice(camera, CodedError("camera_clock", age=f"{age:.2f}")))
         return found
 
