@@ -8,7 +8,7 @@ import pytest
 from test_arbiter import PROFILE, Rig, empty, with_border
 
 from vb_core.vocabulary import BORDER, DEFAULT
-from vb_robot.driving.escape import FREE, RESTS_FOR, TRIES_FOR
+from vb_robot.driving.escape import FREE, PINCHED_AFTER, RESTS_FOR, TRIES_FOR
 
 RADIUS = PROFILE.radius
 EDGE = 4.0  # [m] where the border begins, along x
@@ -63,6 +63,11 @@ def test_it_gives_up_where_something_is_in_the_way_and_tries_again():
     assert rig.pose[0] < EDGE - RADIUS - FREE + 0.03
 
 
+def test_a_driver_that_was_started_again_gives_navigation_its_time_first():
+    rig = beside(0.02)
+    assert rig.step(PINCHED_AFTER - 0.1).source == "none" and rig.step(0.2).source == "escape"
+
+
 def test_it_does_not_drive_into_the_unknown():
     rig = beside(0.02)
     grid = with_border(empty(), EDGE, 0.0, 8.0, 5.0)
@@ -75,7 +80,7 @@ def test_it_does_not_drive_into_the_unknown():
 @pytest.mark.parametrize("stops", [False, True])
 def test_after_a_person_stopped_or_drove_it_elsewhere_it_does_not_go_on_to_where_it_was_going(stops):
     rig = beside(0.02, math.pi)
-    assert rig.step(0.5).source == "escape"
+    assert rig.step(PINCHED_AFTER + 0.5).source == "escape"
     if stops:
         rig.latch.stop("a", "test")
     else:
