@@ -95,7 +95,7 @@ class CameraPosesNode:
             if self._ticks % _COMPARISON_PERIOD == 0:
                 self._disagreements = self._watch.disagreements(now)
             self._ticks += 1
-            misfits = self._watch.misfits(self._files, list(self._poses))
+            misfits = self._watch.misfits(self._files, list(self._poses), now)
             wrong = [*self._watch.missing(now), *misfits, *self._watch.wrong_clocks(now), *self._disagreements]
             self._notices.set(wrong)
 

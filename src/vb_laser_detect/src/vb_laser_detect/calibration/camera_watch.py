@@ -100,14 +100,21 @@ class CameraWatch:
                 found.append(_notice(camera, CodedError("camera_clock", age=f"{age:.2f}")))
         return found
 
-    def misfits(self, files: Mapping[str, Union[CameraPose, CodedError]], kept: Sequence[str]) -> List[Notice]:
+    def misfits(
+        self, files: Mapping[str, Union[CameraPose, CodedError]], kept: Sequence[str], now: float
+    ) -> List[Notice]:
         """Returns a notice for each camera whose calibration cannot be used, or is not for the images that come.
 
         Args:
             files: each camera's calibration, or why it cannot be read.
             kept: cameras of which an earlier pose is still published.
+            now: [s]
         """
-        frames = [report.frame for report in self._reports.values() if report.frame]
+        frames = [
+            report.frame
+            for camera, report in self._reports.items()
+            if report.frame and not self._is_missing(camera, now)
+        ]
         found = []
         for camera, file in sorted(files.items()):
             report = self._reports[camera]
