@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from geometry_msgs.msg import Point
 
 from vb_core.border_changes import border_changes
 from vb_msgs.msg import VirtualBorder
@@ -18,6 +19,9 @@ def border(**changes):
         ({"1": border()}, []),
         # what the map integrator fills in is nobody's change
         ({"1": border(reason="off_schedule", area_m2=2.0)}, []),
+        # found again on a map that has grown
+        ({"1": border(seed=Point(1e-3, 0.0, 0.0))}, []),
+        ({"1": border(seed=Point(0.05, 0.0, 0.0))}, [("changed", "a")]),
         ({}, [("removed", "a")]),
         ({"1": border(name="b")}, [("renamed", "b")]),
         ({"1": border(enabled=False)}, [("disabled", "a")]),

@@ -52,3 +52,10 @@ def test_a_silent_camera_is_told_once_if_its_detector_knows_why():
         ("camera_unplugged", "north"),
         ("camera_silent", "south"),
     }
+
+
+def test_a_mere_warning_about_a_camera_does_not_hide_that_it_is_silent():
+    book = ActiveNotices()
+    warning = Notice("camera_too_bright", Severity.WARNING, camera="north")
+    book.update("spot_detector_north", [Notice("camera_silent", Severity.ERROR, camera="north"), warning], 10.0)
+    assert [notice.code for notice in book.current(10.0)] == ["camera_silent", "camera_too_bright"]

@@ -33,7 +33,8 @@ def test_a_computer_whose_clock_differs_is_told_and_one_that_is_busy_is_not(off,
     watch = CameraWatch(["north"], 0.0)
     for step in range(20):
         watch.report("north", Report(float(step), age=off + (0.01 if step % 8 == 0 else 0.7)))
-    assert [notice.values["age"] for notice in watch.wrong_clocks()] == told_age
+    assert [notice.values["age"] for notice in watch.wrong_clocks(19.0)] == told_age
+    assert watch.wrong_clocks(30.0) == [], "its detector is gone, and its clock is not known any more"
 
 
 @pytest.mark.parametrize(
@@ -54,7 +55,7 @@ def test_a_computer_whose_clock_differs_is_told_and_one_that_is_busy_is_not(off,
 def test_a_calibration_that_does_not_fit_is_told_with_what_cures_it(file, report, kept, code):
     watch = CameraWatch(["north"], 0.0)
     watch.report("north", report)
-    found = watch.misfits({"north": file}, ["north"] if kept else [])
+    found = watch.misfits({"north": file}, ["north"] if kept else [], 1.0)
     assert [notice.code for notice in found] == [code] * bool(code)
     for language in sentences.languages():
         # every placeholder is filled, and a kept pose is told
@@ -68,7 +69,11 @@ def test_a_camera_with_another_ones_frame_is_not_to_be_calibrated_first():
     for name in ("north", "south"):
         watch.report(name, Report(1.0, "head_camera"))
     missing = CodedError("no_calibration")
-    assert watch.misfits({"north": missing, "south": POSE}, []) == []  # their detectors tell the shared frame
+    files = {"north": missing, "south": POSE}
+    assert watch.misfits(files, [], 1.0) == []  # their detectors tell the shared frame
+    watch.report("north", Report(20.0, "head_camera"))
+    # the other one is gone, and nobody tells a shared frame any more
+    assert ("camera_not_calibrated", "north") in told(watch.misfits(files, [], 20.0))
 
 
 def test_two_files_that_name_each_others_frames_are_judged_together(tmp_path):

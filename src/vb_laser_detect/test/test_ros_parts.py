@@ -165,11 +165,12 @@ def test_a_camera_that_the_detector_reads_says_why_it_is_silent_and_nothing_else
     red = report(own_source=True)
     red.set_source_fault(CodedError("camera_unplugged", source="/dev/video0"), is_silent=True)
     red.at(200.0)
+    red.clear_refused_setting()
     assert red.told() == [("camera_unplugged", Severity.ERROR, "red")]
     red.set_source_fault(CodedError("control_refused", source="/dev/video0", why="gain"), is_silent=False)
     play(red, 200.0, 208.0)
     assert red.told() == [("control_refused", Severity.WARNING, "red")]
-    red.set_source_fault(None, is_silent=False)
+    red.clear_refused_setting()  # somebody chose others, which the camera took
     assert red.told() == []
     red.at(220.0)
     assert red.told() == [("camera_silent", Severity.ERROR, "red")]

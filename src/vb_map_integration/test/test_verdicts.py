@@ -6,7 +6,9 @@ import pytest
 
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
+from vb_map_integration.in_force import put_in_force
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_map_integration.places.border_place import BorderPlace
 from vb_map_integration.places.registration import Transform
 
 from integrators import integrator
@@ -216,3 +218,14 @@ def test_what_is_in_force_is_a_function_of_what_is_stored(tmp_path):
             }
             assert after == before and np.array_equal(keeper.map_with_borders.data, cells)
     keeper.close()
+
+
+def test_a_border_that_was_accepted_where_it_does_not_fit_any_more_waits_and_ends_no_program():
+    """An earlier version could be set to other limits; the database still has what was accepted with them."""
+    keeper = integrator(grid=flat())
+    keeper.add(DOOR, 1.0)
+    accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
+    place = BorderPlace(keeper.borders[0], accepted=accepted, accepted_on=flat())
+    assert place.region_before(flat(seed=1)) is None
+    found = put_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place, "", 2.0)
+    assert found.verdicts["b1"].code == "to_be_confirmed" and found.outlines("b1")[0].shape == (0, 2)

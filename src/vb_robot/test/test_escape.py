@@ -8,7 +8,7 @@ import pytest
 from test_arbiter import PROFILE, Rig, empty, with_border
 
 from vb_core.vocabulary import BORDER, DEFAULT
-from vb_robot.driving.escape import FREE, RESTS_FOR, TRIES_FOR
+from vb_robot.driving.escape import FREE, PINCHED_AFTER, RESTS_FOR, TRIES_FOR
 
 RADIUS = PROFILE.radius
 EDGE = 4.0  # [m] where the border begins, along x
@@ -61,6 +61,39 @@ def test_it_gives_up_where_something_is_in_the_way_and_tries_again():
     rig.ranges = np.full(360, math.inf)
     rig.step(10.0)
     assert rig.pose[0] < EDGE - RADIUS - FREE + 0.03
+
+
+def test_a_driver_that_was_started_again_gives_navigation_its_time_first():
+    rig = beside(0.02)
+    assert rig.step(PINCHED_AFTER - 0.1).source == "none" and rig.step(0.2).source == "escape"
+
+
+def test_it_does_not_drive_into_the_unknown():
+    rig = beside(0.02)
+    grid = with_border(empty(), EDGE, 0.0, 8.0, 5.0)
+    x = grid.cell_to_world(np.argwhere(np.ones(grid.shape)))[:, 0].reshape(grid.shape)
+    rig.set_grid(grid.with_data(np.where(x < EDGE - RADIUS - 0.04, np.int8(-1), grid.data)))
+    rig.step(10.0)
+    assert {command.source for command in rig.commands} == {"none"}, "navigation plans nothing from there either"
+
+
+@pytest.mark.parametrize("stops", [False, True])
+def test_after_a_person_stopped_or_drove_it_elsewhere_it_does_not_go_on_to_where_it_was_going(stops):
+    rig = beside(0.02, math.pi)
+    assert rig.step(PINCHED_AFTER + 0.5).source == "escape"
+    if stops:
+        rig.latch.stop("a", "test")
+    else:
+        rig.teleop = (0.0, 0.1)
+    rig.step(0.5)
+    rig.pose = (EDGE - RADIUS - 0.02, 1.0, math.pi)  # it was carried, or driven
+    rig.latch.resume(rig.latch.number)
+    rig.teleop = None
+    rig.commands.clear()
+    rig.step(1.0)
+    assert "escape" not in {command.source for command in rig.commands}, "first it waits for navigation, as ever"
+    rig.step(10.0)
+    assert rig.pose[0] < EDGE - RADIUS - FREE + 0.03 and rig.pose[1] == pytest.approx(1.0, abs=0.1)
 
 
 def test_it_waits_while_somebody_draws():

@@ -24,6 +24,9 @@ def border_changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> List[
 
 
 def _drawn(border: Any) -> Tuple:
-    """Lists what a person can change about a border, apart from its name and its switch."""
-    places = [(point.x, point.y) for point in [*border.points, border.seed]]
+    """Lists what a person can change about a border, apart from its name and its switch.
+
+    Places to a centimetre: as a map grows a border is found again by the walls round it, and moves by less.
+    """
+    places = [(round(point.x, 2), round(point.y, 2)) for point in [*border.points, border.seed]]
     return places, border.zone, border.max_speed, border.schedule

@@ -12,7 +12,7 @@ REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
 EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
 # what is said of all robots is not said again of each one
 _SAID_OF_ALL = {"robot_stopped": {"stopped", "stop_state_lost"}}
-# what a camera lacks as its detector sees it: another notice about that camera says why
+# what a camera lacks as its detector sees it: another error of that camera says why
 _EXPLAINED = {"camera_silent", "camera_no_pose"}
 
 
@@ -62,7 +62,7 @@ class ActiveNotices:
         held = [notice for heard, notices in self._said.values() if now - heard <= EXPIRY_TIME for notice in notices]
         codes = {notice.code for notice in held}
         held = [notice for notice in held if codes.isdisjoint(_SAID_OF_ALL.get(notice.code, ()))]
-        faulty = {notice.camera for notice in held if notice.camera and notice.severity == Severity.ERROR}
-        told = {notice.camera for notice in held if notice.code not in _EXPLAINED} & faulty
+        errors = [notice for notice in held if notice.severity == Severity.ERROR and notice.camera]
+        told = {notice.camera for notice in errors if notice.code not in _EXPLAINED}
         held = [notice for notice in held if notice.code not in _EXPLAINED or notice.camera not in told]
         return sorted(held, key=lambda notice: (-notice.severity, notice.code, notice.robot, notice.border_id))

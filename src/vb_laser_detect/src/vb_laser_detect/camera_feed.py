@@ -127,6 +127,7 @@ class CameraFeed:
             elif _controlled(params):
                 raise CodedError("control_refused", source=printable(self._source.address), why="$only_devices")
             self._source.params = params
+        self._report.clear_refused_setting()
 
     def publish(self, image: ReceivedImage, picture: Picture) -> None:
         """Publishes an image as far as somebody listens."""

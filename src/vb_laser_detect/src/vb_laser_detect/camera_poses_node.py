@@ -95,8 +95,8 @@ class CameraPosesNode:
             if self._ticks % _COMPARISON_PERIOD == 0:
                 self._disagreements = self._watch.disagreements(now)
             self._ticks += 1
-            misfits = self._watch.misfits(self._files, list(self._poses))
-            wrong = [*self._watch.missing(now), *misfits, *self._watch.wrong_clocks(), *self._disagreements]
+            misfits = self._watch.misfits(self._files, list(self._poses), now)
+            wrong = [*self._watch.missing(now), *misfits, *self._watch.wrong_clocks(now), *self._disagreements]
             self._notices.set(wrong)
 
     def _read(self) -> None:

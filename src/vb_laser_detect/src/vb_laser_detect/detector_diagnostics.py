@@ -95,6 +95,12 @@ class DetectorDiagnostics:
             self._silent_source = is_silent
         self._tell(rospy.Time.now())
 
+    def clear_refused_setting(self) -> None:
+        """Tells no longer that a camera which sends images refuses its settings."""
+        with self._lock:
+            self._source_fault = self._source_fault if self._silent_source else None
+        self._tell(rospy.Time.now())
+
     def set_missing_input(self, reason: Optional[CodedError]) -> None:
         """Records why no spot of an image can be published; None: all inputs are available."""
         with self._lock:

@@ -126,4 +126,5 @@ class NoticePublisher:
             if notice.severity >= Severity.WARNING and now - self._logged.get(key, -math.inf) > LOG_PERIOD:
                 new.append(notice)
             self._logged[key] = now
+        self._logged = {key: at for key, at in self._logged.items() if now - at <= LOG_PERIOD}
         return new

@@ -83,27 +83,38 @@ class CameraWatch:
         """Returns a notice for each camera whose detector has not reported for too long at a time [s]."""
         return [
             _notice(camera, CodedError("detector_missing"))
-            for camera, report in sorted(self._reports.items())
-            if now - report.at > _SILENCE_TIMEOUT
+            for camera in sorted(self._reports)
+            if self._is_missing(camera, now)
         ]
 
-    def wrong_clocks(self) -> List[Notice]:
-        """Returns a notice for each camera on a computer whose clock differs from this one's."""
+    def _is_missing(self, camera: str, now: float) -> bool:
+        return now - self._reports[camera].at > _SILENCE_TIMEOUT
+
+    def wrong_clocks(self, now: float) -> List[Notice]:
+        """Returns a notice for each camera on a computer whose clock differs from this one's at a time [s]."""
         found = []
         for camera, ages in sorted(self._ages.items()):
             age = min(ages, key=abs, default=0.0)
-            if len(ages) == _CLOCK_REPORTS and abs(age) > MAX_CLOCK_OFFSET:
+            known = len(ages) == _CLOCK_REPORTS and not self._is_missing(camera, now)
+            if known and abs(age) > MAX_CLOCK_OFFSET:
                 found.append(_notice(camera, CodedError("camera_clock", age=f"{age:.2f}")))
         return found
 
-    def misfits(self, files: Mapping[str, Union[CameraPose, CodedError]], kept: Sequence[str]) -> List[Notice]:
+    def misfits(
+        self, files: Mapping[str, Union[CameraPose, CodedError]], kept: Sequence[str], now: float
+    ) -> List[Notice]:
         """Returns a notice for each camera whose calibration cannot be used, or is not for the images that come.
 
         Args:
             files: each camera's calibration, or why it cannot be read.
             kept: cameras of which an earlier pose is still published.
+            now: [s]
         """
-        frames = [report.frame for report in self._reports.values() if report.frame]
+        frames = [
+            report.frame
+            for camera, report in self._reports.items()
+            if report.frame and not self._is_missing(camera, now)
+        ]
         found = []
         for camera, file in sorted(files.items()):
             report = self._reports[camera]

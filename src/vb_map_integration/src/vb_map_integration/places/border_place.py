@@ -10,6 +10,7 @@ import numpy as np
 
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.border import VirtualBorder
+from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.grid.layered_map import Region
 from vb_map_integration.integration import restricted_area
 from vb_map_integration.places.local_fit import LocalFit
@@ -51,7 +52,10 @@ class BorderPlace:
     def region_before(self, grid: GridMap) -> Optional[Region]:
         """Returns the free floor of this map that it restricted where it was accepted; None if there is none."""
         assert self.accepted is not None and self.accepted_on is not None
-        area = restricted_area(self.accepted_on, self.accepted)
+        try:
+            area = restricted_area(self.accepted_on, self.accepted)
+        except IntegrationError:  # accepted by an earlier version, with other limits
+            return None
         rows, columns = area.window
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) + (columns.start, rows.start)
         here = grid.world_to_grid(self.transform.apply(self.accepted_on.grid_to_world(corners)))

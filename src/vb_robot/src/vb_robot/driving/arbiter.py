@@ -149,6 +149,8 @@ class Arbiter:
             source, request = self._choose(now, dt, goal)
             if source != FOLLOW:
                 self.follower.stop()
+            if source in (STOP, TELEOP, FOLLOW):
+                self._escape.interrupt(now)
             v, w, code = self.gate.limit(now, source, request)
             cancel = goal and source == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD
             if cancel:

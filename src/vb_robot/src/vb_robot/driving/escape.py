@@ -35,8 +35,12 @@ class Escape:
 
     def __init__(self, radius: float) -> None:
         self._radius = radius
-        self._idle_since = self._began = -math.inf
+        self._idle_since, self._began = math.inf, -math.inf
         self._target: Optional[np.ndarray] = None  # (2,) [m] where it drives to; None: it needs no help
+
+    def interrupt(self, now: float) -> None:
+        """Forgets where it was driving to: a person stops or drives the robot, which may be elsewhere afterwards."""
+        self._target, self._began, self._idle_since = None, -math.inf, now
 
     def compute_request(
         self, now: float, pose: Pose, workspace: Workspace, goal: bool, moves: bool
@@ -46,7 +50,7 @@ class Escape:
         Args:
             goal: navigation has one, and nobody draws or guides; moves: navigation moves the robot.
         """
-        if moves or not goal:
+        if moves or not goal or now < self._idle_since:  # at the start, and when time was set back, it waits as well
             self._idle_since = now
         gap = workspace.distance_to_blocked(pose) - self._radius
         if not (goal and -self._radius < gap < (NEAR if self._target is None else FREE)):

@@ -139,8 +139,9 @@ class Workspace:
         return self._at(self._to_blocked, place)
 
     def nearest_room(self, place, clearance: float, reach: float) -> Optional[np.ndarray]:
-        """Finds the nearest place (2,) [m] within reach [m] that is so far [m] from all that the robot keeps out of."""
-        cell, center = nearest_cell(self.borders, self._to_blocked >= clearance, place[:2], reach)
+        """Finds the nearest known place (2,) [m] within reach [m] that is so far [m] from all that the robot keeps out of."""
+        room = (self._to_blocked >= clearance) & (self.borders.data >= 0)
+        cell, center = nearest_cell(self.borders, room, place[:2], reach)
         return None if cell is None else center
 
     def is_lethal(self, place) -> bool:

@@ -177,10 +177,9 @@ class WatchedRobot:
         found = maps.review(self.pose[:2] if self.pose else None, np.asarray(goal)) if maps else None
         return self.notice(found[0], Severity.WARNING, border=quoted(found[1])) if found else None
 
-    def refuse(self, refusal: Optional[Notice]) -> bool:
-        """Keeps why its present goal is refused, to be told; returns whether that is news."""
-        before, self._refusal = self._refusal, refusal
-        return refusal is not None and refusal != before
+    def refuse(self, refusal: Optional[Notice]) -> None:
+        """Keeps why its present goal is refused, to be told."""
+        self._refusal = refusal
 
     def notices(self, now: float) -> List[Notice]:
         """Returns what people should know of its goal and its place at a time [s]."""
