@@ -42,7 +42,7 @@ MODULES = {
     "vb_fusion.stroke.track": "extraction collector",
     "vb_map_integration.integration": "integration verdicts",
     "vb_map_integration.grid.raster": "integration",
-    "vb_map_integration.borders.schedule": "integrator issues",
+    "vb_map_integration.borders.schedule": "schedule",
     "vb_robot.driving.gate": "safety arbiter escape",
     "vb_robot.driving.safety": "safety arbiter",
     "vb_robot.driving.arbiter": "arbiter",

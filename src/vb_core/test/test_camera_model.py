@@ -96,3 +96,20 @@ def test_rays_of_wide_lenses_are_exact_to_the_corner_and_end_where_the_model_doe
         assert np.isnan(camera.rays(nowhere)[:, 0]).all()
         assert np.isnan(camera.project(np.array([[1.1 * end, 0.0, 1.0]] * 100))).all()
         assert np.isnan(camera.project(np.array([[1.1 * end, 0.0, 1.0]]))).all()
+
+
+@pytest.mark.parametrize(
+    "k, end", [([0.0] * 4, 90.0), ([0.05, -0.01, 0.002, 0.0], 90.0), ([-0.2, 0.0, 0.0, 0.0], 73.97)]
+)
+def test_a_fisheye_follows_its_polynomial_of_the_angle_up_to_where_that_turns_back(k, end):
+    camera = CameraModel(1280, 960, CameraModel.ideal(1280, 960, 300.0).matrix, np.array(k), fisheye=True)
+    off = np.radians(np.linspace(0.0, min(0.99 * end, 85.0), 50))
+    points = np.column_stack([0.6 * np.tan(off), 0.8 * np.tan(off), np.ones(50)])
+    shown = 300.0 * off * (1.0 + sum(k[i] * off ** (2 * i + 2) for i in range(4)))
+    pixels = camera.project(points)
+    assert np.allclose(pixels, np.column_stack([639.5 + 0.6 * shown, 479.5 + 0.8 * shown]), atol=1e-6)
+    assert np.allclose(camera.project(camera.rays(pixels)), pixels, atol=1e-3)
+    # exactly where 1 + 3 k1 a^2 + 5 k2 a^4 + ... is 0, if that is before 90 degrees
+    beyond = np.radians(1.01 * end)
+    assert np.isnan(camera.project([[np.tan(beyond), 0.0, 1.0 if end < 90.0 else -1.0]])).all()
+    assert np.degrees(np.arctan(camera.limit)) == pytest.approx(end, abs=0.01)

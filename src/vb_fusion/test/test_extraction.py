@@ -222,6 +222,27 @@ def test_the_request_overrides_the_rule():
 
 
 # ----------------------------------------------------------------- no strokes
+def test_a_hand_that_only_trembles_costs_a_track_nothing_and_a_wide_jump_does():
+    stamps, gains = 0.05 * np.arange(6), np.full(6, 0.02)
+    for off, free in ((0.9 * TREMOR, True), (20.0 * TREMOR, False)):
+        points = np.column_stack([np.tile([0.0, off], 3), np.zeros(6)])
+        places = track.Places(points, stamps, np.arange(6), np.ones(6, int), np.zeros(6, bool))
+        steps = places, gains, TREMOR
+        assert (track.find_best_steps(*steps)[0][-1] == pytest.approx(gains.sum(), abs=1e-9)) == free
+
+
+@pytest.mark.parametrize("step", [0.04, 0.15, 0.25])
+def test_the_floor_that_a_quick_hand_explains_is_that_between_its_places_and_the_same_backwards(step):
+    random = np.random.default_rng(3)
+    stamps = 0.05 * np.arange(30) + random.uniform(-0.01, 0.01, 30)
+    points = np.column_stack([stamps / 0.05 * step, np.full(30, 1.0)])
+    gains = track.floor_gains(points, stamps, 0.5)
+    assert np.allclose(track.floor_gains(points[::-1], 10.0 - stamps[::-1], 0.5)[::-1], gains, atol=2e-4)
+    # each place about half of what lies between its second neighbours, and all of them at least most of the line
+    assert (gains[2:-2] <= 0.6 * (points[4:, 0] - points[:-4, 0])).all()
+    assert gains.sum() >= 0.7 * np.ptp(points[:, 0])
+
+
 @pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
 @pytest.mark.parametrize(
     "points, code",

@@ -437,6 +437,16 @@ def test_a_wall_is_a_band_of_its_width_along_the_chain():
     assert len(rows) == len(np.unique(rows)) * len(np.unique(columns))  # a full rectangle
 
 
+@pytest.mark.parametrize("beyond", [(9.0, 2.51), (-1.0, 2.51), (4.01, 6.0), (4.01, -1.0)])
+def test_of_a_wall_that_runs_off_the_map_the_part_on_the_map_is_restricted(beyond):
+    prior = GridMap(np.zeros((200, 320), np.int8), RESOLUTION)
+    chain = [(4.01, 2.51), beyond]
+    result = integrate(prior, VirtualBorder(chain, None, wall=True))
+    band = LineString(chain).buffer(WALL_WIDTH / 2.0 + 0.01, cap_style="square")  # whole cells
+    assert jaccard(result.region, rasterise(band, prior)) >= 0.97 and codes(result) == ["outside_map"]
+    assert np.array_equal(result.posterior.data == 100, result.region)
+
+
 @pytest.mark.parametrize("slope", [1.0, -1.0, 0.5, -2.0])
 def test_a_traced_chain_leaves_no_corner_open(slope):
     """Neighbours share an edge, whichever way the chain runs; each cell is one that the chain comes near."""

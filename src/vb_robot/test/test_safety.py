@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Limits, RobotProfile
-from vb_robot.driving.gate import Gate
+from vb_robot.driving.gate import BASE_DELAY, CLEARANCES, RATE, TELEOP, Gate
 from vb_robot.driving.safety import Clearance, Fix, Scan, SpeedLimits, arc, pose_jump, safe_speed, stop_distance
+from vb_robot.driving.spot_follower import VelocityRequest
 
 LIMITS, RADIUS, KEEP = Limits(), 0.18, Clearance(0.12, 0.04, 0.05)
 
@@ -73,6 +74,18 @@ def test_free_distance_to_a_wall_and_round_a_post():
     post[178:182] = 0.6  # straight ahead
     assert scan(post).free_distance(0.2, 0.0, RADIUS, KEEP) < 0.35
     assert scan(post).free_distance(0.2, 0.4, RADIUS, KEEP) == math.inf, "an arc of 0.5 m leads past it"
+
+
+@pytest.mark.parametrize("room", [0.05, 0.1])
+@pytest.mark.parametrize("age", [0.0, 0.1, 0.25])
+def test_it_stops_before_what_it_saw_however_old_the_scan_is_and_uses_the_room_it_has(age, room):
+    gate, ranges = Gate(RobotProfile()), np.full(360, math.inf)
+    ranges[178:182] = RADIUS + CLEARANCES[TELEOP].ahead + room  # straight ahead
+    gate.set_scan(scan(ranges), 10.0)
+    v, _, code = gate.limit(10.0 + age, TELEOP, VelocityRequest(1.0, 0.0, "driving"))
+    # it has moved since the scan, and moves on until the next command is at the wheels
+    moving = max(age + 1.0 / RATE + BASE_DELAY, LIMITS.reaction_time)
+    assert code == "obstacle" and v * moving + v * v / (2.0 * LIMITS.deceleration) == pytest.approx(room, abs=0.005)
 
 
 def test_speed_limits_count_where_the_robot_is_and_where_it_drives_to():
