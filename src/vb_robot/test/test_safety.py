@@ -10,7 +10,17 @@ from hypothesis import strategies as st
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Limits, RobotProfile
 from vb_robot.driving.gate import BASE_DELAY, CLEARANCES, RATE, TELEOP, Gate
-from vb_robot.driving.safety import Clearance, Fix, Scan, SpeedLimits, arc, pose_jump, safe_speed, stop_distance
+from vb_robot.driving.safety import (
+    MIN_ARC_RADIUS,
+    Clearance,
+    Fix,
+    Scan,
+    SpeedLimits,
+    arc,
+    pose_jump,
+    safe_speed,
+    stop_distance,
+)
 from vb_robot.driving.spot_follower import VelocityRequest
 
 LIMITS, RADIUS, KEEP = Limits(), 0.18, Clearance(0.12, 0.04, 0.05)
@@ -74,6 +84,28 @@ def test_free_distance_to_a_wall_and_round_a_post():
     post[178:182] = 0.6  # straight ahead
     assert scan(post).free_distance(0.2, 0.0, RADIUS, KEEP) < 0.35
     assert scan(post).free_distance(0.2, 0.4, RADIUS, KEEP) == math.inf, "an arc of 0.5 m leads past it"
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("v", [0.2, -0.2])
+def test_what_stands_beside_its_way_is_passed_and_what_stands_in_it_is_not(v, side):
+    width = RADIUS + KEEP.sides
+    for across, passed in ((0.9 * width, False), (1.1 * width, True)):
+        post = Scan(
+            [math.hypot(0.8, across)],
+            math.atan2(side * across, math.copysign(0.8, v)),
+            0.01,
+            0.1,
+            8.0,
+            np.eye(4),
+            RADIUS,
+        )
+        assert (post.free_distance(v, 0.0, RADIUS, KEEP) == math.inf) == passed
+        # on an arc narrower than its limit it counts as driving straight on, on a wider one it turns away or towards it
+        narrow = v / (0.8 * MIN_ARC_RADIUS)
+        assert post.free_distance(v, narrow, RADIUS, KEEP) == post.free_distance(v, 0.0, RADIUS, KEEP)
+        wide = -side * abs(v) / (1.2 * MIN_ARC_RADIUS) * math.copysign(1.0, v)
+        assert post.free_distance(v, wide, RADIUS, KEEP) == math.inf
 
 
 @pytest.mark.parametrize("room", [0.05, 0.1])
