@@ -134,7 +134,7 @@ def many(count: int, seconds: float, path: Path, origin: str, half_size: bool) -
 
 
 def in_processes(pieces: Iterable[Any], measure: Callable[[Any], Iterable[Dict[str, Any]]], csv: Optional[Path]) -> int:
-    """Adds the rows of each piece to a table, in a process of its own each: a node cannot be started twice in one."""
+    """Adds the rows of each piece to a table, each piece in a separate process: a node cannot be started twice in one."""
     # a shell that starts it in the background has interrupts ignored, and the nodes would ignore them too
     signal.signal(signal.SIGINT, signal.default_int_handler)
     cv2.setNumThreads(1)

@@ -6,7 +6,7 @@
 
 Real nodes (point set, interaction, map integrator, camera poses) run over a roscore of their own; this program is the
 clock, the cameras, the people and the trouble. After each event it compares the stack with a ledger of what was
-acknowledged, and the map with an oracle of its own (shapely). The rows are how often each event and each answer came.
+acknowledged, and the map with an independent oracle (shapely). The rows are how often each event and each answer came.
 
 Exit status: 0 if every invariant held; 1 at the first one that did not, which is the last row.
 """

@@ -31,9 +31,8 @@ MAX_DROPOUTS = 3.0  # usual intervals between moments within which a moving poin
 MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
 MAX_CROWD = 3.0  # places of one moment that count in full: the pointer, a bright thing and a stray
 SHORTEST_STROKE = 1.5 * PLACE_WIDTH  # [m] of floor that a stroke explains
-LEAST_SEEN = (
-    5  # places between unseen steps that are more than a stray or a glint, which is seen for a third of a second
-)
+# places between unseen steps that are more than a stray or a glint, which is seen for a third of a second
+LEAST_SEEN = 5
 SEEN = 0.04  # [m] what a place gains where light moves: a slow hand is seen there often, a stray once
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 # places of one moment, the strongest ones: looking back reaches further than a dropout, whatever glitters

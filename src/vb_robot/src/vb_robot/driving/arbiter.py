@@ -25,9 +25,8 @@ from vb_robot.driving.rotation_shim import RotationShim
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
 from vb_robot.spots import Sighting, Sightings
 
-START_ZEROS = (
-    3.0  # [s] of zeros for each one that begins to listen: a base may still hold the last command of a driver that died
-)
+# [s] of zeros for each one that begins to listen: a base may still hold the last command of a driver that died
+START_ZEROS = 3.0
 GOAL_TIMEOUT = 1.0  # [s] after navigation's last status, which comes five times a second, it has no goal any more
 CANCEL_PERIOD = 1.0  # [s] how often navigation's goals are cancelled while another one drives
 STILL = 0.1  # [rad/s] a robot that turns more slowly stands: navigation's slowest turn is twice as fast
