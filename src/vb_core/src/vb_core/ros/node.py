@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import ctypes
 import inspect
 import socket
@@ -10,7 +11,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Deque, Generic, Iterable, List, Optional, TypeVar
+from typing import Any, Callable, Deque, Generic, Iterable, Iterator, List, Optional, TypeVar
 
 import rosgraph
 import rosgraph.network
@@ -276,33 +277,63 @@ class WakeTimer:
         self._wake.set()
 
 
+@contextlib.contextmanager
+def _ending_with_a_fault() -> Iterator[None]:
+    """Ends the node, with a traceback, if what is done within raises; roslaunch then restarts it.
+
+    A thread that had died alone would leave a node that runs on and does not do its work.
+    """
+    sound = False
+    try:
+        yield
+        sound = True
+    finally:
+        if not sound:
+            shut_down_with_error(CodedError("internal_error"))
+
+
 def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
-    """Runs work in a separate thread; a fault ends the node with a traceback, and roslaunch restarts it."""
+    """Runs work in a separate thread; a fault ends the node."""
 
     def run() -> None:
-        sound = False
-        try:
+        with _ending_with_a_fault():
             work(*arguments)
-            sound = True
-        finally:
-            if not sound:
-                shut_down_with_error(CodedError("internal_error"))
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     return thread
 
 
+def _handle(work: Callable[..., None], *arguments: Any) -> None:
+    """Does one piece of work; a `CodedError` is logged, and what topics raise as they close during shutdown is left out."""
+    try:
+        work(*arguments)
+    except CodedError as error:
+        rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
+    except rospy.ROSException:
+        if not rospy.is_shutdown():
+            raise
+
+
+def start_timer(period: float, work: Callable[[], None]) -> rospy.Timer:
+    """Does work every `period` [s] of ROS time, also after time was set back; faults are treated as a `Worker`'s."""
+
+    def run(_event: Any) -> None:
+        with _ending_with_a_fault():
+            _handle(work)
+
+    return rospy.Timer(rospy.Duration(period), run, reset=True)
+
+
 class Worker:
     """A thread that handles the items of a Mailbox, Queue or WakeTimer one after the other, and survives a faulty item.
 
-    A `CodedError` is a faulty item. Anything else is a fault of the node: it ends with a traceback, and roslaunch
-    restarts it; a node whose worker alone had died would run on deaf.
+    A `CodedError` is a faulty item. Anything else is a fault of the node, which ends.
     """
 
     def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
         self._mailbox = mailbox
-        self._handle = handle
+        self._do = handle
         self._thread = start_thread(self._work)
 
     def join(self, timeout: float) -> None:
@@ -314,14 +345,7 @@ class Worker:
             item = self._mailbox.get()
             if item is None:
                 return
-            try:
-                self._handle(item)
-            except CodedError as error:
-                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
-            except rospy.ROSException:
-                if not rospy.is_shutdown():
-                    raise
-                return
+            _handle(self._do, item)
 
 
 LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and the next
