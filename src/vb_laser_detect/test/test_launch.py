@@ -93,11 +93,7 @@ def test_parameters_can_be_set_for_all_detectors_and_for_one(tmp_path):
     )
     rise = {
         name: config.params[f"{name}/detector/max_diameter_mm"].value
-        for name in (
-            "/spot_detector_red",
-            "/spot_detector_green",
-            "/rear/spot_detector_rear",
-        )
+        for name in ("/spot_detector_red", "/spot_detector_green", "/rear/spot_detector_rear")
     }
     assert list(rise.values()) == [11.0, 12.0, 14.0]
 

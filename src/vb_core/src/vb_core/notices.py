@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterable, List, Mapping, Tuple
+from typing import Dict, Iterable, List, Mapping, Tuple
 
 from vb_core import sentences
+from vb_core.errors import CodedError
 
 REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
 EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
@@ -45,10 +46,10 @@ class Notice:
     message: str = ""
 
     @classmethod
-    def from_values(cls, code: str, severity: Severity, values: Mapping[str, Any]) -> "Notice":
-        """Makes a notice of what a code comes with: the values as text, `camera` also as the field."""
-        words = {key: str(value) for key, value in values.items()}
-        return cls(code, severity, camera=words.get("camera", ""), values=words)
+    def from_error(cls, error: CodedError, severity: Severity, camera: str = "") -> "Notice":
+        """Makes a notice of an error; of which camera it is said, `camera` or the error's value, stands in both places."""
+        values = {key: str(value) for key, value in {**error.values, **({"camera": camera} if camera else {})}.items()}
+        return cls(error.code, severity, camera=values.get("camera", ""), values=values, message=error.message)
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:
         """Returns the text to show."""

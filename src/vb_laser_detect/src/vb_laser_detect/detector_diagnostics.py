@@ -146,9 +146,7 @@ class DetectorDiagnostics:
 
     # ------------------------------------------------------------- what goes out
     def _notice(self, error: CodedError, severe: bool) -> Notice:
-        values = {**{key: str(value) for key, value in error.values.items()}, "camera": self._camera}
-        severity = Severity.ERROR if severe else Severity.WARNING
-        return Notice(error.code, severity, camera=self._camera, values=values, message=error.message)
+        return Notice.from_error(error, Severity.ERROR if severe else Severity.WARNING, self._camera)
 
     def _current(self, now: rospy.Time) -> List[Notice]:
         """Returns what is wrong now; of one camera that is silent or has no place, only that."""

@@ -156,44 +156,6 @@ def disable_heap_trimming() -> None:
     _tune_malloc(_M_TRIM_THRESHOLD, 128 << 20)
 
 
-class Mailbox(Generic[T]):
-    """A mailbox for one item: the newest wins, the one it replaces counts as dropped.
-
-    A subscriber's callback puts, a worker thread takes: slow work never makes a queue grow.
-    """
-
-    def __init__(self) -> None:
-        self._condition = threading.Condition()
-        self._item: Optional[T] = None
-        self._closed = False
-        self.received = 0
-        self.dropped = 0
-
-    def put(self, item: T) -> None:
-        """Puts an item; one that is still there is dropped."""
-        with self._condition:
-            self.received += 1
-            if self._item is not None:
-                self.dropped += 1
-            self._item = item
-            self._condition.notify()
-
-    def get(self) -> Optional[T]:
-        """Waits for an item and takes it; None once the mailbox is closed."""
-        with self._condition:
-            while self._item is None and not self._closed:
-                self._condition.wait()
-            item, self._item = self._item, None
-            return item
-
-    def close(self) -> None:
-        """Wakes up the waiting thread; `get` then returns None."""
-        with self._condition:
-            self._closed = True
-            self._item = None
-            self._condition.notify_all()
-
-
 class Queue(Generic[T]):
     """A queue for a worker: no item is skipped, order is kept, the number is limited."""
 
@@ -224,6 +186,32 @@ class Queue(Generic[T]):
         with self._condition:
             self._closed = True
             self._condition.notify_all()
+
+
+class Mailbox(Queue[T]):
+    """A queue of one item: the newest wins, and the one it replaces counts as dropped. Closing it takes out what is there.
+
+    A subscriber's callback puts, a worker thread takes: slow work never makes a queue grow.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.received = 0
+        self.dropped = 0
+
+    def put(self, item: T) -> bool:
+        """Puts an item in place of one that is still there."""
+        with self._condition:
+            self.received += 1
+            self.dropped += len(self._items)
+            self._items.clear()
+            return super().put(item)
+
+    def close(self) -> None:
+        """Wakes up the waiting thread; `get` then returns None."""
+        with self._condition:
+            self._items.clear()
+            super().close()
 
 
 MIN_POLL_PERIOD = 0.002  # [s] of wall time between two looks at simulated time
