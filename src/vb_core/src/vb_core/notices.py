@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Dict, Iterable, List, Mapping, Tuple
 
 from vb_core import sentences
+from vb_core.errors import CodedError
 
 REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
 EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
@@ -41,6 +42,11 @@ class Notice:
         """Makes a notice of what a code comes with: the values as text, `camera` also as the field."""
         words = {key: str(value) for key, value in values.items()}
         return cls(code, severity, camera=words.get("camera", ""), values=words)
+
+    @classmethod
+    def from_error(cls, error: CodedError, severity: Severity, camera: str) -> "Notice":
+        """Makes a notice of what is wrong with a camera."""
+        return replace(cls.from_values(error.code, severity, {**error.values, "camera": camera}), message=error.message)
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:
         """Returns the text to show."""

@@ -67,11 +67,13 @@ class CameraPosesNode:
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
         self._look()
-        self._timer = rospy.Timer(rospy.Duration(1.0), self._look, reset=True)
+        self._timer = node.WakeTimer(1.0)
+        self._worker = node.Worker(self._timer, self._look)
 
     def close(self) -> None:
         """Withdraws its notices."""
-        self._timer.shutdown()
+        self._timer.close()
+        self._worker.join(1.0)
         self._notices.close()
 
     def _on_status(self, message: DetectorStatus) -> None:
