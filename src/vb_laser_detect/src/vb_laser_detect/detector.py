@@ -44,6 +44,9 @@ from vb_laser_detect.detector_params import DetectorParams
 __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
 _MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
+# its surroundings say nothing about a spot that is where it was expected; nor does its colour, which it has shown and
+# which other light, or the places of a mosaic that it falls on, may now hide
+_NOT_OF_EXPECTED = ("fall", "busy", "chroma_mosaic")
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _LATEST = 1.0  # [s] an image that is older than this beside the last one is no late one: the clock was set
@@ -136,16 +139,23 @@ class SpotDetector:
         """Measures and classifies what is in an image's regions."""
         seen: List[Spot] = []
         for region in searched.regions:
-            spot = self._examine(region, searched, camera)
             here = next((one for one in expected if one.overlaps(region)), None)
+            spot = self._examine(region, searched, camera, here)
             if here is not None and spot.rejection == "too_large":
                 # by now, other light falls on the place where it is expected
-                spot = self._examine(here.clip(region), searched, camera, here.widest)
+                spot = self._examine(here.clip(region), searched, camera, here, here.widest)
             if not any(_same_blob(spot, other) for other in seen):
                 seen.append(spot)
         return seen
 
-    def _examine(self, region: Region, searched: SearchedImage, camera: ImageTraits, widest: float = math.inf) -> Spot:
+    def _examine(
+        self,
+        region: Region,
+        searched: SearchedImage,
+        camera: ImageTraits,
+        expected: Optional[Expected],
+        widest: float = math.inf,
+    ) -> Spot:
         """Measures and classifies the brightest blob of a region; see `features.measure`."""
         middle, size = ((region[0] + region[2]) / 2.0, (region[1] + region[3]) / 2.0), float(region[2] - region[0])
         if features.brightest(searched.image, region) < _MIN_LEVEL * camera.bright:
@@ -157,6 +167,8 @@ class SpotDetector:
         rejection, probability, place = blob.problem, 0.0, None
         if not rejection:
             measured = {**blob.features, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
+            if expected is not None and expected.holds(blob.u, blob.v):
+                measured = {name: value for name, value in measured.items() if name not in _NOT_OF_EXPECTED}
             probability, reason = self._classifier.classify(blob, measured)
             if probability < self.params.min_probability:
                 rejection = reason

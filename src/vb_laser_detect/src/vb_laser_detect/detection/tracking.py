@@ -83,6 +83,10 @@ class Expected(NamedTuple):
     reach: float
     widest: float
 
+    def holds(self, u: float, v: float) -> bool:
+        """Returns whether a place [px] is within reach."""
+        return math.hypot(u - self.u, v - self.v) <= self.reach
+
     def clip(self, region: Region) -> Region:
         """Returns the part of a region [px] that is within reach; if none is, left >= right or top >= bottom."""
         left, top, right, bottom = region
