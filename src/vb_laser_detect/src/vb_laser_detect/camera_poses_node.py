@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Tuple, Union
+from typing import Dict, List, Tuple, Union
 
 import rospy
 import tf2_ros
@@ -67,7 +67,7 @@ class CameraPosesNode:
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
         self._look()
-        self._timer = rospy.Timer(rospy.Duration(1.0), self._look, reset=True)
+        self._timer = node.start_timer(1.0, self._look)
 
     def close(self) -> None:
         """Withdraws its notices."""
@@ -87,7 +87,7 @@ class CameraPosesNode:
                 at = message.position
                 self._watch.add_spot(message.camera, message.header.stamp.to_sec(), at.x, at.y)
 
-    def _look(self, _event: Any = None) -> None:
+    def _look(self) -> None:
         if self._folder:
             self._read()
         with self._lock:

@@ -14,7 +14,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_core.notices import Notice, Severity
-from vb_core.ros.node import Mailbox
+from vb_core.ros.node import Mailbox, start_timer
 from vb_core.ros.notices import NoticePublisher
 from vb_laser_detect.calibration.calibration_file import require_own_frame
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
@@ -64,7 +64,7 @@ class DetectorDiagnostics:
         self._updater = diagnostic_updater.Updater()
         self._updater.setHardwareID(camera)
         self._updater.add(f"spot detector of camera {camera}", self._diagnose)
-        self._timer = rospy.Timer(rospy.Duration(1.0), self._publish, reset=True)
+        self._timer = start_timer(1.0, self._publish)
 
     def close(self) -> None:
         """Withdraws its notices."""
@@ -146,9 +146,7 @@ class DetectorDiagnostics:
 
     # ------------------------------------------------------------- what goes out
     def _notice(self, error: CodedError, severe: bool) -> Notice:
-        values = {**{key: str(value) for key, value in error.values.items()}, "camera": self._camera}
-        severity = Severity.ERROR if severe else Severity.WARNING
-        return Notice(error.code, severity, camera=self._camera, values=values, message=error.message)
+        return Notice.from_error(error, Severity.ERROR if severe else Severity.WARNING, self._camera)
 
     def _current(self, now: rospy.Time) -> List[Notice]:
         """Returns what is wrong now; of one camera that is silent or has no place, only that."""
@@ -170,7 +168,7 @@ class DetectorDiagnostics:
             found.append(CodedError("no_color", camera=self._camera))
         return met + [self._notice(error, error.code == "camera_clock") for error in found]
 
-    def _publish(self, _event: Any) -> None:
+    def _publish(self) -> None:
         now = rospy.Time.now()
         self._tell(now)
         self._status = DetectorStatus(

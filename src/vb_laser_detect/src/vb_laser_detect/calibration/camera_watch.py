@@ -82,7 +82,7 @@ class CameraWatch:
     def missing(self, now: float) -> List[Notice]:
         """Returns a notice for each camera whose detector has not reported for too long at a time [s]."""
         return [
-            _notice(camera, CodedError("detector_missing"))
+            Notice.from_error(CodedError("detector_missing"), Severity.ERROR, camera)
             for camera in sorted(self._reports)
             if self._is_missing(camera, now)
         ]
@@ -97,7 +97,7 @@ class CameraWatch:
             age = min(ages, key=abs, default=0.0)
             known = len(ages) == _CLOCK_REPORTS and not self._is_missing(camera, now)
             if known and abs(age) > MAX_CLOCK_OFFSET:
-                found.append(_notice(camera, CodedError("camera_clock", age=f"{age:.2f}")))
+                found.append(Notice.from_error(CodedError("camera_clock", age=f"{age:.2f}"), Severity.ERROR, camera))
         return found
 
     def misfits(
@@ -135,7 +135,7 @@ class CameraWatch:
                 continue
             # its detector says that the frame is another one's: it will get its own first, then comes the pose
             if frames.count(report.frame) < 2:
-                found.append(_notice(camera, fault))
+                found.append(Notice.from_error(fault, Severity.ERROR, camera))
         return found
 
     def disagreements(self, now: float) -> List[Notice]:
@@ -146,9 +146,10 @@ class CameraWatch:
         except CodedError:
             return []  # no two of them saw the laser together
         return [
-            _notice(
-                pair.second,
+            Notice.from_error(
                 CodedError("cameras_disagree", first=pair.first, second=pair.second, cm=f"{100 * pair.median:.0f}"),
+                Severity.ERROR,
+                pair.second,
             )
             for pair in pairs
             if pair.median > _MAX_DISAGREEMENT
@@ -181,8 +182,3 @@ def _unread(camera: str, error: CodedError, is_kept: bool) -> CodedError:
     code = "camera_wrong_file" if error.code == "calibration_of_other_camera" else "camera_file_broken"
     pose = "$camera_pose_kept" if is_kept else "$camera_pose_missing"
     return CodedError(code, error=error.message, file=f"{camera}.yaml", other=error.values.get("camera", ""), pose=pose)
-
-
-def _notice(camera: str, error: CodedError) -> Notice:
-    values = {**{key: str(value) for key, value in error.values.items()}, "camera": camera}
-    return Notice(error.code, Severity.ERROR, camera=camera, values=values)
