@@ -9,7 +9,10 @@ import pytest
 
 from vb_core.errors import CodedError
 from vb_evaluation.report import charts
-from vb_evaluation.report.answers import write_page
+from vb_evaluation.report.answers import answers, write_page
+from vb_evaluation.report.data import read_study
+
+import study_rows
 
 STUDY = Path(__file__).resolve().parents[3] / "docs" / "results" / "study"
 
@@ -42,3 +45,20 @@ def test_the_page_answers_what_the_rows_say(tmp_path, monkeypatch):
     with pytest.raises(CodedError) as caught:
         write_page(STUDY / "judged", Path(page))
     assert caught.value.code == "no_place"
+
+
+@pytest.mark.parametrize("scenario, beside", [("room", ["The paper's people"]), ("door", [])])
+def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path, monkeypatch):
+    monkeypatch.setattr(charts, "_svg", lambda figure: charts.plt.close(figure) or "")
+    folder = study_rows.make_study(tmp_path / "study", 6, sweeps=False, maps=False)
+    with open(folder / "runs.csv", newline="", encoding="utf-8") as stream:
+        rows = [dict(row, scenario=scenario) for row in csv.DictReader(stream) if row["scenario"] == "room"]
+    study_rows.write(folder / "runs.csv", list(rows[0]), rows)
+    found = answers(read_study(folder))
+    questions = [line.split("**")[1].rstrip("?") for line in found[1].splitlines()]
+    assert questions == ["Faster", "Not less exact", "Completed as often", *beside]
+    assert ("**Beside the paper**" in found) is bool(beside)
+    study_rows.write(folder / "runs.csv", list(rows[0]), [row for row in rows if row["method"] == "nrs"])
+    with pytest.raises(CodedError) as caught:
+        answers(read_study(folder))
+    assert caught.value.code == "no_comparison"

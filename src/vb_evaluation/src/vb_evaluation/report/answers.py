@@ -35,7 +35,13 @@ EFFECTS = {"carpet": 0.077, "corner": -0.028}
 
 
 def answers(study: StudyResults) -> List[str]:
-    """Writes the answers as paragraphs and tables of Markdown."""
+    """Writes the answers as paragraphs and tables of Markdown; questions on what was not run are left out.
+
+    Raises:
+        CodedError: "no_comparison" if only one method was run.
+    """
+    if len(study.methods) < 2:
+        raise CodedError("no_comparison", "the answers compare two methods, and the study has runs of only one")
     made = [block for _, _, section in SECTIONS for block in section(study) if isinstance(block, Grid)]
     grids = {grid.name: grid for grid in made if grid.rows}
     revisions = sorted(set(study.runs["revision"])) if "revision" in study.runs else [study.meta.get("revision", "?")]
@@ -58,9 +64,13 @@ def _answers(study: StudyResults, grids: Dict[str, Grid]) -> List[str]:
         "interval is above 1",
         f"**Not less exact?** {'Yes' if exact else 'Not shown'}: {_counts(accuracy)}",
         f"**Completed as often?** {completed['reading'].capitalize()}: by {completed['gain']} points more often",
-        f"**The paper's people?** {_counts(grids['beside_the_paper'].rows)}; better is disagreement as well",
-        f"**The paper's effects on accuracy?** {'; '.join(_effect(study, key) for key in EFFECTS)}",
     ]
+    if "beside_the_paper" in grids:
+        found.append(
+            f"**The paper's people?** {_counts(grids['beside_the_paper'].rows)}; better is disagreement as well"
+        )
+        effects = "; ".join(_effect(study, key) for key in EFFECTS if key in study.scenarios)
+        found += [f"**The paper's effects on accuracy?** {effects}"] if effects else []
     if study.runs.pointed_right.notna().any():
         there = select(study.runs, method=METHODS[0], outcome="saved", pointed_right=1)
         share = statistics.proportion(int((there.seed_is_right == 0).sum()), len(there)).scaled(100.0)
