@@ -15,10 +15,9 @@ from typing import Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence
 import numpy as np
 
 from vb_core.image_format import Picture
-from vb_laser_detect.detection.classifier import VERSION, Classification, SpotClassifier
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.detection.features import Blob
-from vb_laser_detect.detection.image_geometry import ImageGeometry
+from vb_laser_detect.detection.features import Blob, SpotClassifier
+from vb_laser_detect.detection.projection import ImageGeometry
 
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others: where a curve may bend
 _WEIGHT = 1500.0  # of the spots of a kind
@@ -83,13 +82,13 @@ class Oracle(SpotClassifier):
         self.rows: List[Dict[str, float]] = []
         self.truth: List[bool] = []
 
-    def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Classification:
+    def classify(self, blob: Blob, features: Dict[str, float]) -> Tuple[float, str]:
         """Returns the truth."""
         right = self._near(blob, self.frame.spots)
         if right or not self._near(blob, self.frame.unclear):
             self.rows.append(dict(features))
             self.truth.append(right)
-        return Classification(1.0 if right else 0.0, "known")
+        return float(right), "known"
 
     def _near(self, blob: Blob, places: Iterable[Tuple[float, float]]) -> bool:
         return any(math.hypot(blob.u - u, blob.v - v) < self.reach for u, v in places)
@@ -241,14 +240,14 @@ def calibrate(classifier: SpotClassifier, truth: np.ndarray, judged: np.ndarray)
 
 
 def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
-    """Writes a classifier; inverse of `classifier.load`."""
+    """Writes a classifier, as `features.packaged_classifier` reads it."""
     curves = [
         f'  "{name}": {{"knots": {json.dumps([round(float(v), 3) for v in x])},\n'
         f'    "values": {json.dumps([round(float(v), 2) for v in y])}}}'
         for name, (x, y) in classifier.curves.items()
     ]
     path.write_text(
-        f'{{"version": {VERSION},\n "trained_on": {json.dumps(trained_on)},\n'
+        f'{{"trained_on": {json.dumps(trained_on)},\n'
         f' "intercept": {round(classifier.intercept, 2)},\n "curves": {{\n' + ",\n".join(curves) + "}}\n",
         encoding="utf-8",
     )

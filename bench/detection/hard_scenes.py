@@ -18,7 +18,7 @@ from bench.detection.finder import Finder
 from bench.detection.motions import Place, place_and_velocity
 from bench.detection.rooms import Rooms
 from bench.frame import TOP
-from vb_laser_detect.detection.image_geometry import ImageGeometry
+from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
 from vb_sim.lab_history import Snapshot
 from vb_sim.room.camera_models import make_generator

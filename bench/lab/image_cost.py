@@ -35,7 +35,7 @@ from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import message_from_image
 from vb_evaluation.processes import Child
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
-from vb_laser_detect.detection.image_geometry import ImageGeometry
+from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
 from vb_laser_detect.detector import SpotDetector
 from vb_core.image_format import PixelReader

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import rospy
-from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Image
 
 from vb_core import names
@@ -31,10 +30,9 @@ class Watch:
     def __init__(self, interface):
         self._statistics = Path("/sys/class/net") / interface / "statistics"
         self.changed = threading.Condition()
-        self.spots, self.images, self.progress, self.clock = [], 0, None, ""
+        self.spots, self.images, self.progress = [], 0, None
         rospy.Subscriber(names.SPOTS, LaserSpot, self._store, callback_args=self._on_spot, queue_size=100)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, callback_args=self._on_progress)
-        rospy.Subscriber("/diagnostics", DiagnosticArray, self._store, callback_args=self._on_diagnostics)
 
     def _store(self, message, handle):
         with self.changed:
@@ -46,11 +44,6 @@ class Watch:
 
     def _on_progress(self, message):
         self.progress = message
-
-    def _on_diagnostics(self, message):
-        for status in message.status:
-            if "clock of" in status.name:
-                self.clock = status.message
 
     def count_images(self):
         def count(_message):
@@ -86,7 +79,6 @@ def main():
     watch.wait(lambda: watch.spots, "a spot from the other computer")
     define_border(watch)
     watch.wait(lambda: watch.progress is not None and watch.progress.border_spots > 5, "spots in the fusion")
-    watch.wait(lambda: watch.clock and "answer" not in watch.clock, "the comparison of the clocks")
     with watch.changed:
         watch.spots.clear()
     (received, sent), took = watch.crossing(lambda: len(watch.spots) >= arguments.spots, f"{arguments.spots} spots")
@@ -104,7 +96,6 @@ def main():
     per_spot, per_image = received / len(latencies), with_images / images
     median, p95 = np.percentile(latencies, (50, 95))
     print(f"""
-clocks:              {watch.clock}
 spots only:          {received / took / 1e3:8.1f} kB/s in, {sent / took / 1e3:.1f} kB/s out,
                      {len(latencies) / took:.1f} spots/s, from image stamp to here {median:.0f} ms, p95 {p95:.0f} ms
 spots in the fusion: {watch.progress.border_spots}

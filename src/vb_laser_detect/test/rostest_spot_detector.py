@@ -1,20 +1,18 @@
 #!/usr/bin/env python3
 """Three real detector nodes before played cameras: fixed with Bayer images, fixed with JPEG, and on a moving robot.
 
-Spots are where and when they were; whatever is wrong with its input, a detector says it once, shows it in the diagnostics,
-and goes on.
+Spots are where and when they were; whatever is wrong with its input, a detector logs it once, tells it in its notices, and
+goes on.
 """
 
 import threading
 import unittest
-from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import rospy
 import rostest
 import tf2_ros
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from dynamic_reconfigure.client import Client
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import Image
@@ -25,7 +23,7 @@ from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import message_from_image
 from vb_core.ros import messages
-from vb_msgs.msg import DetectorStatus, LaserSpot
+from vb_msgs.msg import DetectorStatus, LaserSpot, Notice, NoticeArray
 
 from players import FixedCamera, RobotCamera
 from scenes import GREEN, RED
@@ -36,16 +34,16 @@ GUARD = (2.5, 1.5)  # [m] where a robot stands, on the circle that red's laser d
 
 
 class Observer:
-    """What detectors publish, log and diagnose."""
+    """What detectors publish, log and tell."""
 
     def __init__(self):
         self.changed = threading.Condition()
         self.spots, self.logs, self.status, self.truth = [], [], {}, {}
-        self.diagnostics = defaultdict(lambda: DiagnosticStatus(level=DiagnosticStatus.STALE))  # nothing was said yet
+        self.notices = {}
         for topic, kind, handle in (
             (names.SPOTS, LaserSpot, lambda m: self.spots.append(m)),
             (names.DETECTORS, DetectorStatus, lambda m: self.status.__setitem__(m.camera, m)),
-            ("/diagnostics", DiagnosticArray, self._on_diagnostics),
+            (names.NOTICES, NoticeArray, lambda m: self.notices.__setitem__(m.source, m.notices)),
             ("/rosout", Log, lambda m: self.logs.append(m)),
         ):
             rospy.Subscriber(topic, kind, self._store, callback_args=handle, queue_size=50)
@@ -55,9 +53,10 @@ class Observer:
             handle(message)
             self.changed.notify_all()
 
-    def _on_diagnostics(self, message):
-        for status in message.status:
-            self.diagnostics[status.hardware_id] = status
+    def told(self, camera, words, severity=Notice.ERROR):
+        """Whether the camera's detector tells something with these words."""
+        now = self.notices.get(f"/spot_detector_{camera}", ())
+        return any(one.severity == severity and words in one.message for one in now)
 
     def refused(self, camera, code):
         status = self.status.get(camera)
@@ -132,7 +131,7 @@ class SpotDetectorTest(unittest.TestCase):
         o = self.observer
         with o.changed:
             self.assertTrue(
-                o.changed.wait_for(condition, TIMEOUT), f"waited in vain for {what}: {o.status} {o.diagnostics}"
+                o.changed.wait_for(condition, TIMEOUT), f"waited in vain for {what}: {o.status} {o.notices}"
             )
 
     def wait_for_spots(self, camera, count=3, projection=None):
@@ -159,14 +158,11 @@ class SpotDetectorTest(unittest.TestCase):
         ]
 
     def check_fault(self, camera, code, words, level, count=10, told=None):
-        """Counted, in the diagnostics, and warned of, but not for each image; `told`: the code that people read."""
+        """Counted, told, and logged, but not for each image; `told`: the code that people read."""
         o = self.observer
         before = o.refused(camera, code)
         self.wait(lambda: o.refused(camera, code) >= before + count, f"{count} times {code}")
-        self.wait(
-            lambda: o.diagnostics[camera].level == level and words in o.diagnostics[camera].message,
-            f"diagnostic of {code}",
-        )
+        self.wait(lambda: o.told(camera, words, level), f"the notice of {code}")
         self.wait(lambda: o.warnings(camera, told or code), f"a warning of {code}")
         with o.changed:
             stamps = sorted(log.header.stamp.to_sec() for log in o.warnings(camera, told or code))
@@ -224,16 +220,11 @@ class SpotDetectorTest(unittest.TestCase):
 
     def camera_info_is_late_wrong_and_then_right(self):
         o, red = self.observer, self.red
-        self.wait(
-            lambda: "no camera_info on /red/camera_info" in o.diagnostics["red"].message,
-            "the diagnostic that camera_info is missing",
-        )
-        self.assertEqual(o.diagnostics["red"].level, DiagnosticStatus.ERROR)
+        self.wait(lambda: o.told("red", "no camera_info on /red/camera_info"), "the notice that camera_info is missing")
 
         red.info = uncalibrated(red)
         self.wait(lambda: o.warnings("red", "bad_camera_info"), "a warning of the zero matrix")
-        self.wait(lambda: "no focal length" in o.diagnostics["red"].message, "the diagnostic of the zero matrix")
-        self.assertEqual(o.diagnostics["red"].level, DiagnosticStatus.ERROR)
+        self.wait(lambda: o.told("red", "no focal length"), "the notice of the zero matrix")
         self.wait(lambda: o.refused("red", "no_camera_info") >= 3, "spots that were dropped")
         self.assertEqual(len(o.warnings("red", "bad_camera_info")), 1)
         self.assertFalse([spot for spot in o.spots if spot.camera == "red"])
@@ -249,7 +240,7 @@ class SpotDetectorTest(unittest.TestCase):
                 messages.message_from_transform(np.eye(4), "map", "elsewhere", now),
             ]
         )
-        self.check_fault("red", "no_transform", "loop", DiagnosticStatus.ERROR, told="camera_no_pose")
+        self.check_fault("red", "no_transform", "loop", Notice.ERROR, told="camera_no_pose")
         self.assertFalse([spot for spot in self.observer.spots if spot.camera == "red"])
         self.static.sendTransform([messages.message_from_transform(red.T, "map", red.frame, now)])
         self.assertLess(np.median(self.errors(self.wait_for_spots("red"))), 0.01)
@@ -266,7 +257,7 @@ class SpotDetectorTest(unittest.TestCase):
         red.info = lambda stamp: info_from_camera(longer, stamp, red.frame)
         self.wait(lambda: self.radius() < 0.45, "spots by the other camera_info")
         red.info = lambda stamp: info_from_camera(longer.scaled_to(960, 540), stamp, red.frame)
-        self.check_fault("red", "no_camera_info", "not of 480 x 270", DiagnosticStatus.ERROR, 3, "camera_no_lens")
+        self.check_fault("red", "no_camera_info", "not of 480 x 270", Notice.ERROR, 3, "camera_no_lens")
         red.info = lambda stamp: info_from_camera(red.camera, stamp, red.frame)
         self.wait(lambda: self.radius() > 0.48, "spots by the first camera_info again")
 
@@ -278,7 +269,7 @@ class SpotDetectorTest(unittest.TestCase):
             rospy.Duration(0.5), lambda _event: other.publish(DetectorStatus(camera="green", frame_id=name))
         )
         self.addCleanup(timer.shutdown)
-        self.check_fault("red", "shared_frame", "green, red", DiagnosticStatus.ERROR, count=3)
+        self.check_fault("red", "shared_frame", "green, red", Notice.ERROR, count=3)
         self.check_dropped("red", "shared_frame")
         timer.shutdown()
         # each spot says which one it is
@@ -309,10 +300,10 @@ class SpotDetectorTest(unittest.TestCase):
         ):
             self.spoil[camera] = spoil
             code = "unknown_encoding" if words == "32FC1" else "bad_image"
-            self.check_fault(name, code, words, DiagnosticStatus.WARN, count=3)
+            self.check_fault(name, code, words, Notice.WARNING, count=3)
             self.wait_for_spots(name, 1)
         del self.spoil[camera]
-        self.wait(lambda: self.observer.diagnostics[name].level == DiagnosticStatus.OK, "all well again")
+        self.wait(lambda: not self.observer.notices[f"/spot_detector_{name}"], "all well again")
 
     def tuning(self):
         client = Client("/spot_detector_red/detector", timeout=TIMEOUT)
@@ -389,13 +380,13 @@ class SpotDetectorTest(unittest.TestCase):
         # depth of another camera's frame does not belong to the pixels of this one
         robot.depth_message = lambda depth: message_from_image(depth, "16UC1", rospy.Time(), "depth_optical_frame")
         self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
-        self.check_fault("robot", "depth_not_registered", "depth_optical_frame", DiagnosticStatus.WARN, count=3)
+        self.check_fault("robot", "depth_not_registered", "depth_optical_frame", Notice.WARNING, count=3)
         for spoilt, words in ((empty, "no reading at all"), (colored, "expected depth images of 16UC1 or 32FC1")):
             robot.depth_message = spoilt
             # the floor's plane takes over, and the spots say so
             spots = self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
             self.assertLess(np.median(self.errors(spots)), 0.03)
-            self.check_fault("robot", "bad_depth", words, DiagnosticStatus.WARN, count=3)
+            self.check_fault("robot", "bad_depth", words, Notice.WARNING, count=3)
         robot.depth_message = lambda depth: message_from_image(
             np.where(depth > 0, depth / 1000.0, np.nan).astype(np.float32),
             "32FC1",
@@ -407,7 +398,7 @@ class SpotDetectorTest(unittest.TestCase):
 
     def zero_matrix_while_it_runs(self, robot):
         good, robot.info = robot.info, uncalibrated(robot)
-        self.check_fault("robot", "no_camera_info", "no focal length", DiagnosticStatus.ERROR, 3, "camera_no_lens")
+        self.check_fault("robot", "no_camera_info", "no focal length", Notice.ERROR, 3, "camera_no_lens")
         self.assertEqual(len(self.observer.warnings("robot", "bad_camera_info")), 1)
         robot.info = good
         self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
@@ -420,10 +411,10 @@ class SpotDetectorTest(unittest.TestCase):
         robot.pose_late_s = 0.0
         # without a pose at the image's time a spot is dropped and counted, never published where it was last
         robot.localized = False
-        self.check_fault("robot", "no_transform", "no transform", DiagnosticStatus.ERROR, 5, "camera_robot_lost")
+        self.check_fault("robot", "no_transform", "no transform", Notice.ERROR, 5, "camera_robot_lost")
         self.check_dropped("robot", "no_transform")
         robot.looped = robot.localized = True
-        self.wait(lambda: "loop" in o.diagnostics["robot"].message, "the diagnostic of the loop")
+        self.wait(lambda: o.told("robot", "loop"), "the notice of the loop")
         self.check_dropped("robot", "no_transform")
         robot.looped = False
         self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)

@@ -9,7 +9,7 @@ import pytest
 from board_scene import CAMERA, POSE, corners_on_map, p2_of, render_board
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration.board import PAPERS_MM, BoardParams, draw_board, find_board, write_board
-from vb_laser_detect.calibration.consistency import compare_cameras
+from vb_laser_detect.calibration.camera_watch import distance_between
 from vb_laser_detect.detection.projection import pixels_of
 
 BOARD = BoardParams.for_paper("A3")
@@ -95,52 +95,33 @@ def test_print_is_true_to_size(tmp_path):
 
 
 # ------------------------------------------------------------------ cameras that overlap
-def draw(cameras, seconds=10.0, gap=(), period=0.04):
-    """Sightings of a spot that draws a circle at 0.6 m/s; cameras: name to (offset, phase [s])."""
+def draw(offset=(0.0, 0.0), phase=0.0, seconds=10.0, gap=(), period=0.04):
+    """Sightings, by one camera, of a spot that draws a circle at 0.6 m/s."""
     rng, result = np.random.default_rng(0), []
-    for name, (offset, phase) in cameras.items():
-        for t in np.arange(0, seconds, period) + phase:
-            if gap and gap[0] <= t <= gap[1]:
-                continue
+    for t in np.arange(0, seconds, period) + phase:
+        if not gap or not gap[0] <= t <= gap[1]:
             place = np.array([math.cos(0.6 * t), math.sin(0.6 * t)]) + offset + rng.normal(0, 0.001, 2)
-            result.append((name, 100.0 + t, *place))
+            result.append((100.0 + t, *place))
     return result
 
 
-def test_agreement_finds_offsets_whatever_the_cameras_phases():
-    found = compare_cameras(
-        draw({"red": ((0.0, 0.0), 0.0), "green": ((0.03, -0.02), 0.017), "blue": ((0.0, 0.0), 0.009)})
-    )
-    pairs = {(pair.first, pair.second): pair for pair in found}
-    assert set(pairs) == {("blue", "green"), ("blue", "red"), ("green", "red")}
-    assert pairs["green", "red"].offset == pytest.approx((-0.03, 0.02), abs=0.001)
-    assert pairs["green", "red"].median == pytest.approx(math.hypot(0.03, 0.02), abs=0.001)
-    assert pairs["blue", "red"].median < 0.003 < pairs["green", "red"].p95
-    assert pairs["blue", "red"].count > 200
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.03, -0.02)])
+@pytest.mark.parametrize("phase, period", [(0.017, 0.04), (0.009, 0.04), (0.08, 0.18)])
+def test_cameras_are_as_far_apart_as_their_offset_whatever_their_phases(offset, phase, period):
+    one, other = draw(seconds=20.0, period=period), draw(offset, phase, 20.0, period=period)
+    assert distance_between(one, other) == pytest.approx(math.hypot(*offset), abs=0.003)
+    assert distance_between(other, one) == pytest.approx(math.hypot(*offset), abs=0.003)
 
 
-def test_agreement_of_slow_cameras():
-    cameras = {"north": ((0.0, 0.0), 0.0), "south": ((0.05, 0.0), 0.08)}
-    (pair,) = compare_cameras(draw(cameras, seconds=20.0, period=0.18))
-    assert pair.count > 100 and pair.offset == pytest.approx((0.05, 0.0), abs=0.003)
+@pytest.mark.parametrize(
+    "other",
+    [[], draw(phase=50.0), draw(seconds=0.5), draw(gap=(0.3, 9.7)), [(100.0, 0.0, 0.0)] * 50],
+    ids=["none", "later", "short", "a gap", "one moment"],
+)
+def test_cameras_that_hardly_see_the_spot_together_are_not_compared(other):
+    assert math.isnan(distance_between(draw(), other))
 
 
-def test_agreement_needs_cameras_that_see_the_spot_together():
-    for sightings, code in (
-        ([], "too_few_cameras"),
-        (draw({"red": ((0, 0), 0.0)}), "too_few_cameras"),
-        (draw({"red": ((0, 0), 0.0)}, 2.0) + draw({"green": ((0, 0), 50.0)}, 2.0), "no_overlap"),
-        (draw({"red": ((0, 0), 0.0), "green": ((0, 0), 0.0)}, 0.5), "no_overlap"),
-    ):
-        with pytest.raises(CodedError) as raised:
-            compare_cameras(sightings)
-        assert raised.value.code == code
-
-
-def test_agreement_does_not_bridge_gaps_nor_take_double_spots():
-    red = draw({"red": ((0, 0), 0.0)}, 10.0)
-    green = draw({"green": ((0, 0), 0.01)}, 10.0, gap=(2.0, 8.0))
-    assert compare_cameras(red + green)[0].count < 110
-    double = [(camera, stamp, x + 1.0, y) for camera, stamp, x, y in green]
-    with pytest.raises(CodedError):
-        compare_cameras(red + green + double)
+def test_a_gap_is_not_bridged():
+    """Between two sightings that are far apart in time the spot is not where a straight line says."""
+    assert distance_between(draw(), draw(gap=(2.0, 8.0))) < 0.003

@@ -6,7 +6,7 @@ import pytest
 
 from scenes import GREEN, RED, FlatFloor, ImageDetector, Scene, tinted
 from vb_core.errors import CodedError, ParameterError
-from vb_laser_detect.detection.classifier import Classification, SpotClassifier
+from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detector import DetectorParams
 
 PERIOD = 0.04
@@ -190,23 +190,6 @@ def test_small_glints_that_move_are_no_spots_on_bayer_images():
     assert looked_at > 100 and found == 0
 
 
-def test_while_a_spot_is_drawn_nothing_else_is_examined():
-    scene, detector = tinted(Scene()), ImageDetector(DetectorParams.stationary())
-    detector.bayer = True
-    feed(detector, [scene.render(bayer=True) for _ in range(8)])
-    drawn, other, left_out = [], (500.0, 80.0), []
-    for i in range(60):
-        place = (80 + 6.0 * min(i, 30), 200)
-        drawn.append(
-            detector.detect(scene.render([place, other] if i >= 15 else [place], bayer=True), 0.4 + PERIOD * i)
-        )
-        left_out.append([c.rejection for c in detector.candidates].count("not_examined"))
-    assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in drawn[3:45])
-    # held still, too: nothing can take its place
-    assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in drawn[45:])
-    assert all(number >= 1 for number in left_out[20:45])
-
-
 @pytest.mark.parametrize("bayer", [False, True])
 @pytest.mark.parametrize("brightness, gain", [(60.0, 1.6), (60.0, 2.5), (110.0, 1.6)])
 def test_a_spot_is_followed_into_light_that_comes(brightness, gain, bayer):
@@ -277,8 +260,8 @@ def test_people_beside_it_do_not_take_a_spots_turn():
 
 def test_a_doubtful_spot_that_stays_is_learnt():
     class Doubtful(SpotClassifier):
-        def classify(self, blob, features, expected=False):
-            return Classification(0.7, "peak")
+        def classify(self, blob, features):
+            return 0.7, "peak"
 
     scene = Scene()
     detector = ImageDetector(DetectorParams.stationary(confirm_frames=1), Doubtful({}, 0.0))

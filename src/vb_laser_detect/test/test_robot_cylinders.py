@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_laser_detect.detection.image_geometry import ImageGeometry, RobotCylinder
+from vb_laser_detect.detection.projection import ImageGeometry, RobotCylinder
 from vb_laser_detect.detection.projection import FloorProjection, pixels_of
 
 ROBOT = RobotCylinder(2.0, 1.0, 0.2, 0.4)

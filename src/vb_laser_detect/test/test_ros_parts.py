@@ -4,7 +4,6 @@ import gc
 import threading
 import weakref
 from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
@@ -115,18 +114,28 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
 @pytest.fixture
 def report(monkeypatch):
     """A detector's report of a camera, at a time that the test sets, which sends nothing."""
-    monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
-    monkeypatch.setattr(rospy, "Timer", lambda *_, **__: None)
-    monkeypatch.setattr(detector_diagnostics, "NoticePublisher", lambda: SimpleNamespace(set=lambda notices: None))
-    monkeypatch.setattr(detector_diagnostics.diagnostic_updater, "Updater", MagicMock)
+    monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: SimpleNamespace(publish=lambda message: None))
+    monkeypatch.setattr(detector_diagnostics, "start_timer", lambda *_: None)
+    told = []
+    monkeypatch.setattr(
+        detector_diagnostics,
+        "NoticePublisher",
+        lambda: SimpleNamespace(set=lambda now: told.__setitem__(slice(None), now)),
+    )
     clock = [rospy.Time(100)]
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: clock[0]))
     monkeypatch.setattr(rospy, "get_time", lambda: clock[0].to_sec())
 
     def make(mobile=False, own_source=False):
-        found = DetectorDiagnostics("red", None, mobile, own_source)
+        found = DetectorDiagnostics("red", SimpleNamespace(received=0, dropped=0), mobile, own_source)
         found.at = lambda seconds: clock.__setitem__(0, rospy.Time.from_sec(seconds))
-        found.told = lambda: [(one.code, one.severity, one.camera) for one in found._current(rospy.Time.now())]
+
+        def notices():
+            found._publish()
+            return told
+
+        found.notices = notices
+        found.told = lambda: [(one.code, one.severity, one.camera) for one in notices()]
         return found
 
     return make
@@ -180,10 +189,22 @@ def test_a_fault_is_told_for_as_long_as_it_is_met(report):
     red = report()
     play(red, 100.0, 108.0)
     red.fault(CodedError("bad_image", "the image is empty"))
-    [told] = red._current(rospy.Time.now())
+    [told] = red.notices()
     assert (told.code, told.severity, told.sentence()) == ("bad_image", Severity.WARNING, "the image is empty")
     play(red, 108.0, 116.0)
     assert red.told() == []
+
+
+def test_a_rate_that_varies_about_the_limit_is_told_throughout(report):
+    red, told = report(), []
+    for now in range(100, 160):
+        play(red, float(now), now + 1.0, rate=7.0 if now // 4 % 2 else 3.0)
+        told.append([code for code, *_ in red.told()])
+    assert all(codes == ["camera_slow"] for codes in told[10:])
+    for now in range(160, 175):
+        play(red, float(now), now + 1.0)
+        told.append([code for code, *_ in red.told()])
+    assert told[-1] == []
 
 
 def test_a_robots_camera_is_not_to_be_calibrated_because_the_robot_is_lost(report):
@@ -193,7 +214,7 @@ def test_a_robots_camera_is_not_to_be_calibrated_because_the_robot_is_lost(repor
             red.at(float(now))
             red.set_missing_input(CodedError("no_transform", "no transform from 'red_frame'"))
         assert red.told() == [(code, Severity.ERROR, "red")]
-        assert "red_frame" in red._current(rospy.Time.now())[0].sentence()
+        assert "red_frame" in red.notices()[0].sentence()
 
 
 def test_an_image_without_a_place_is_freed_at_once():

@@ -9,7 +9,7 @@ import pytest
 
 from vb_core.image_format import PixelReader
 from vb_core.robot_profile import RobotProfile
-from vb_laser_detect.detection.image_geometry import ImageGeometry, RobotCylinder
+from vb_laser_detect.detection.projection import ImageGeometry, RobotCylinder
 from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_sim.cameras.ceiling_view import CeilingView

@@ -17,7 +17,7 @@ from vb_core.ros import robot_profile
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import array_from_compressed_image, array_from_image, compressed_encoding
 from vb_core.ros.transforms import TransformLookup
-from vb_laser_detect.detection.image_geometry import ImageGeometry, RobotCylinder
+from vb_laser_detect.detection.projection import ImageGeometry, RobotCylinder
 from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 

@@ -3,9 +3,9 @@
 Use it for any stationary or moving camera, with or without ROS: make one `SpotDetector` per camera and give it every
 frame, also those without a spot, which show it what the floor looks like.
 
-Five stages that share only what they pass on: `vb_core.image_format` says what the numbers mean, `proposals` where a
-closer look is worth it, `features` what is there, `classifier` whether that is a spot, and `tracking` which
-spot it is and whether it counts. `image_geometry` tells them where that is on the floor.
+Four stages that share only what they pass on: `vb_core.image_format` says what the numbers mean, `proposals` where a
+closer look is worth it, `features` what is there and whether that is a spot, and `tracking` which spot it is and whether it
+counts. `projection` tells them where that is on the floor.
 
 >>> import numpy as np
 >>> detector = SpotDetector(DetectorParams.stationary())
@@ -33,17 +33,20 @@ import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.image_format import Picture
-from vb_laser_detect.detection import classifier, features
-from vb_laser_detect.detection.blocks import BLOCK, Region
-from vb_laser_detect.detection.features import ImageTraits
-from vb_laser_detect.detection.image_geometry import ImageGeometry
-from vb_laser_detect.detection.projection import meters_per_pixel
-from vb_laser_detect.detection.proposals import Proposal, Proposer, SearchedImage
+from vb_laser_detect.detection import features
+from vb_laser_detect.detection.background import BLOCK, Region
+from vb_laser_detect.detection.features import ImageTraits, SpotClassifier
+from vb_laser_detect.detection.projection import ImageGeometry, meters_per_pixel
+from vb_laser_detect.detection.proposals import Proposer, SearchedImage
 from vb_laser_detect.detection.tracking import Expected, Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
+_MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
+# its surroundings say nothing about a spot that is where it was expected; nor does its colour, which it has shown and
+# which other light, or the places of a mosaic that it falls on, may now hide
+_NOT_OF_EXPECTED = ("fall", "busy", "chroma_mosaic")
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _LATEST = 1.0  # [s] an image that is older than this beside the last one is no late one: the clock was set
@@ -55,15 +58,13 @@ class SpotDetector:
     """Finds the spots of one camera; keeps its knowledge of the scene between frames.
 
     Attributes:
-        candidates: the last frame's spots, and its proposals that were rejected, for debug images.
+        candidates: the last frame's spots, and its regions that were rejected, for debug images.
         late: how many images came after a later one, and were left out.
     """
 
-    def __init__(
-        self, params: Optional[DetectorParams] = None, spot_classifier: Optional[classifier.SpotClassifier] = None
-    ) -> None:
+    def __init__(self, params: Optional[DetectorParams] = None, judge: Optional[SpotClassifier] = None) -> None:
         self.params = params or DetectorParams.stationary()
-        self._classifier_override = spot_classifier
+        self._classifier = judge or features.packaged_classifier()
         self.late = 0
         self.reset()
         self.set_params(self.params)
@@ -73,11 +74,9 @@ class SpotDetector:
 
         Raises:
             ParameterError: for another `moving_camera`, which needs another detector.
-            CodedError: "bad_classifier"
         """
         if params.moving_camera != self.params.moving_camera:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
-        self._classifier = self._classifier_override or classifier.load(params.classifier)
         self.params = self._tracker.params = self._proposer.params = params
 
     def reset(self) -> None:
@@ -130,56 +129,47 @@ class SpotDetector:
         motion = self._proposer.estimate_motion(pixels)
         expected = self._tracker.begin(stamp, camera, motion)
         searched = self._proposer.propose(pixels, expected)
-        seen = self._examine_all(searched, camera._replace(bright=searched.bright))
+        seen = self._examine_all(searched, camera._replace(bright=searched.bright), expected)
         confirmed, kept = self._confirm(seen)
         # a pause must not make one frame outweigh all earlier ones
         self._proposer.update_background(searched, kept, min(elapsed, 1.0))
         return confirmed
 
-    def _examine_all(self, searched: SearchedImage, camera: ImageTraits) -> List[Spot]:
-        """Measures and classifies an image's proposals."""
+    def _examine_all(self, searched: SearchedImage, camera: ImageTraits, expected: List[Expected]) -> List[Spot]:
+        """Measures and classifies what is in an image's regions."""
         seen: List[Spot] = []
-        followed = False
-        for proposal in searched.proposals:
-            rejection = proposal.rejection or ("not_examined" if followed else "")
-            if rejection:
-                spot = Spot(*proposal.middle, float(proposal.region[2] - proposal.region[0]), rejection=rejection)
-            else:
-                spot = self._examine(proposal, searched, camera)
+        for region in searched.regions:
+            here = next((one for one in expected if one.overlaps(region)), None)
+            spot = self._examine(region, searched, camera, here)
+            if here is not None and spot.rejection == "too_large":
+                # by now, other light falls on the place where it is expected
+                spot = self._examine(here.clip(region), searched, camera, here, here.widest)
             if not any(_same_blob(spot, other) for other in seen):
                 seen.append(spot)
-            # the one spot is found where it is expected, and moves: nothing else can take its place
-            followed = followed or _is_followed_spot(spot, proposal.expected)
         return seen
 
-    def _examine(self, proposal: Proposal, searched: SearchedImage, camera: ImageTraits) -> Spot:
-        """Measures and classifies one proposal."""
-        region, expected = proposal.region, proposal.expected
-        spot = self._classify(region, expected, searched, camera)
-        if expected is not None and spot.rejection == "too_large":
-            # by now, other light falls on the place where it is expected
-            spot = self._classify(expected.clip(region), expected, searched, camera, expected.widest)
-        return spot
-
-    def _classify(
+    def _examine(
         self,
         region: Region,
-        expected: Optional[Expected],
         searched: SearchedImage,
         camera: ImageTraits,
+        expected: Optional[Expected],
         widest: float = math.inf,
     ) -> Spot:
         """Measures and classifies the brightest blob of a region; see `features.measure`."""
-        middle = (region[0] + region[2]) / 2.0, (region[1] + region[3]) / 2.0
+        middle, size = ((region[0] + region[2]) / 2.0, (region[1] + region[3]) / 2.0), float(region[2] - region[0])
+        if features.brightest(searched.image, region) < _MIN_LEVEL * camera.bright:
+            return Spot(*middle, size, rejection="too_dark")
         largest = self._largest(*middle, camera)
         if math.isnan(largest):
-            return Spot(*middle, float(region[2] - region[0]), rejection="off_floor")
+            return Spot(*middle, size, rejection="off_floor")
         blob = features.measure(searched.image, searched.reference, region, largest, camera, widest)
         rejection, probability, place = blob.problem, 0.0, None
         if not rejection:
             measured = {**blob.features, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
-            is_expected = expected is not None and expected.holds(blob.u, blob.v)
-            probability, reason = self._classifier.classify(blob, measured, is_expected)
+            if expected is not None and expected.holds(blob.u, blob.v):
+                measured = {name: value for name, value in measured.items() if name not in _NOT_OF_EXPECTED}
+            probability, reason = self._classifier.classify(blob, measured)
             if probability < self.params.min_probability:
                 rejection = reason
             elif self._geometry is not None:
@@ -228,17 +218,6 @@ def _same_blob(spot: Spot, other: Spot) -> bool:
     """Returns whether two regions have led to the same blob."""
     near = math.hypot(spot.u - other.u, spot.v - other.v) < 2.0
     return near and bool(other.rejection) == bool(spot.rejection)
-
-
-def _is_followed_spot(spot: Spot, expected: Optional[Expected]) -> bool:
-    """Returns whether a spot is the published one, where it was expected."""
-    return (
-        expected is not None
-        and expected.published
-        and not expected.rests
-        and not spot.rejection
-        and expected.holds(spot.u, spot.v)
-    )
 
 
 def _checked(image: Union[np.ndarray, Picture]) -> Picture:

@@ -1,14 +1,12 @@
-"""A spot detector as seen from outside: its status, and what is wrong with its input, as notices and diagnostics."""
+"""A spot detector as seen from outside: its status, and notices of what is wrong with its input."""
 
 from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
-import diagnostic_updater
 import rospy
-from diagnostic_msgs.msg import DiagnosticStatus
 
 from vb_core import names
 from vb_core.errors import CodedError
@@ -23,7 +21,6 @@ from vb_msgs.msg import DetectorStatus
 
 _FAULT_LIFETIME = 5.0  # [s] for which a fault is told after it was met last
 _DETECTOR_TIMEOUT = 5.0  # [s] a detector that is silent for this long is gone
-_LEVELS = {Severity.INFO: DiagnosticStatus.OK, Severity.WARNING: DiagnosticStatus.WARN}
 
 
 class DetectorDiagnostics:
@@ -32,7 +29,6 @@ class DetectorDiagnostics:
     Published topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
         /virtual_borders/notices (vb_msgs/NoticeArray): what keeps spots from being found or placed
-        /diagnostics (diagnostic_msgs/DiagnosticArray): the same, once a second
 
     Args:
         camera: its name.
@@ -58,12 +54,8 @@ class DetectorDiagnostics:
         self._source_fault: Optional[Notice] = None
         self._silent_source = False
         self._watch = InputWatch(rospy.get_time())
-        self._status, self._told = DetectorStatus(), []  # what was published last
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
         self._notices = NoticePublisher()
-        self._updater = diagnostic_updater.Updater()
-        self._updater.setHardwareID(camera)
-        self._updater.add(f"spot detector of camera {camera}", self._diagnose)
         self._timer = start_timer(1.0, self._publish)
 
     def close(self) -> None:
@@ -79,6 +71,9 @@ class DetectorDiagnostics:
     def fault(self, error: CodedError, severe: bool = False) -> None:
         """Counts a fault of the input, and tells it for some seconds; `severe`: it is a fault of the program."""
         self._counts.count_rejection(error.code)
+        self._meet(error, severe)
+
+    def _meet(self, error: CodedError, severe: bool) -> None:
         with self._lock:
             self._faults[error.code] = self._notice(error, severe), rospy.Time.now()
 
@@ -93,13 +88,13 @@ class DetectorDiagnostics:
         with self._lock:
             self._source_fault = None if error is None else self._notice(error, is_silent)
             self._silent_source = is_silent
-        self._tell(rospy.Time.now())
+        self._tell()
 
     def clear_refused_setting(self) -> None:
         """Tells no longer that a camera which sends images refuses its settings."""
         with self._lock:
             self._source_fault = self._source_fault if self._silent_source else None
-        self._tell(rospy.Time.now())
+        self._tell()
 
     def set_missing_input(self, reason: Optional[CodedError]) -> None:
         """Records why no spot of an image can be published; None: all inputs are available."""
@@ -148,30 +143,35 @@ class DetectorDiagnostics:
     def _notice(self, error: CodedError, severe: bool) -> Notice:
         return Notice.from_error(error, Severity.ERROR if severe else Severity.WARNING, self._camera)
 
-    def _current(self, now: rospy.Time) -> List[Notice]:
-        """Returns what is wrong now; of one camera that is silent or has no place, only that."""
+    def _tell(self) -> None:
+        """Tells what is wrong now; of a camera that is silent or has no place, not what its images are like."""
+        now = rospy.Time.now()
         with self._lock:
-            met = [one for one, at in self._faults.values() if abs((now - at).to_sec()) < _FAULT_LIFETIME]
-            if self._source_fault is not None:
-                met.append(self._source_fault)
             missing = None if self._silent_source else self._watch.fault(now.to_sec())
-        if self._silent_source:
-            return met
-        if missing is not None:
-            if self._mobile and missing.code == "camera_no_pose":
-                missing = CodedError("camera_robot_lost", **missing.values)
-            return [self._notice(missing, True), *met]
+        if missing is not None and self._mobile and missing.code == "camera_no_pose":
+            missing = CodedError("camera_robot_lost", **missing.values)
+        if missing is None and not self._silent_source:
+            for error in self._quality():
+                self._meet(error, error.code == "camera_clock")
+        with self._lock:
+            told = [one for one, at in self._faults.values() if abs((now - at).to_sec()) < _FAULT_LIFETIME]
+            if self._source_fault is not None:
+                told.append(self._source_fault)
+        self._notices.set([*([] if missing is None else [self._notice(missing, True)]), *told])
+
+    def _quality(self) -> List[CodedError]:
+        """Returns what is wrong with images that come and can be placed; what varies about a limit is told throughout."""
         found = self._counts.quality(not self._own_source)
         if self._bright > TOO_BRIGHT:
             found.append(CodedError("camera_too_bright", percent=f"{100 * self._bright:.0f}"))
         if self._mobile and not self.color:
             found.append(CodedError("no_color", camera=self._camera))
-        return met + [self._notice(error, error.code == "camera_clock") for error in found]
+        return found
 
     def _publish(self) -> None:
+        self._tell()
         now = rospy.Time.now()
-        self._tell(now)
-        self._status = DetectorStatus(
+        status = DetectorStatus(
             header=rospy.Header(stamp=now),
             camera=self._camera,
             mobile=self._mobile,
@@ -181,24 +181,4 @@ class DetectorDiagnostics:
             dropped=self._mailbox.dropped,
             **self._counts.summary(now.to_sec()),
         )
-        self._publisher.publish(self._status)
-        self._updater.force_update()
-
-    def _tell(self, now: rospy.Time) -> None:
-        self._told = self._current(now)
-        self._notices.set(self._told)
-
-    def _diagnose(self, status: Any) -> Any:
-        """Says the same for programs that read /diagnostics; the other numbers are in the detector's own status."""
-        worst = max((notice.severity for notice in self._told), default=Severity.INFO)
-        lines = [f"{notice.sentence()} [{notice.code}]" for notice in self._told]
-        status.summary(
-            _LEVELS.get(worst, DiagnosticStatus.ERROR),
-            "; ".join(lines or [f"{self._status.rate_hz:.1f} images per second"]),
-        )
-        status.add("latency, median [ms]", f"{self._status.latency_ms:.1f}")
-        status.add("images dropped", str(self._status.dropped))
-        status.add("colour", "yes" if self.color else "no")
-        for code, count in zip(self._status.rejections, self._status.rejection_counts):
-            status.add(f"refused: {code}", str(count))
-        return status
+        self._publisher.publish(status)

@@ -37,7 +37,6 @@ class DetectorParams(Parameters):
     min_probability: float = param(
         0.5, "", above=0.0, high=0.999, doc="probability that the classifier must give to a spot"
     )
-    classifier: str = param("")
     max_diameter_mm: float = param(80.0, "mm", low=1.0, high=1000.0, doc="largest diameter of a spot on the floor")
     max_dwell_time: float = param(
         25.0, "s", low=10.0, high=3600.0, doc="time after which a light that stays in one place is a lamp, not a spot"

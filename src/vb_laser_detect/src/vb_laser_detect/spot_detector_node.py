@@ -25,7 +25,7 @@ from vb_laser_detect.camera_feed import CameraFeed, LensFile, ReceivedImage, Top
 from vb_laser_detect.detection.debug_image import draw_candidates
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.detector_params import GROUPS, SpotDetectorNodeParams
-from vb_laser_detect.detection.image_geometry import ImageGeometry
+from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
 from vb_laser_detect.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, decode, is_rectified, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
@@ -50,7 +50,6 @@ class SpotDetectorNode:
         /virtual_borders/spots (vb_msgs/LaserSpot): stamped with the image's time. The spots that a stroke began with
             follow when it is confirmed, in their order and with their own times
         /virtual_borders/detectors (vb_msgs/DetectorStatus): once a second
-        /diagnostics (diagnostic_msgs/DiagnosticArray)
         <image> (sensor_msgs/Image), <image>/compressed (sensor_msgs/CompressedImage), <camera>/camera_info
             (sensor_msgs/CameraInfo): with ~source, while somebody listens
         /virtual_borders/notices (vb_msgs/NoticeArray): what is wrong with the camera: no images and why, no lens, no

@@ -6,16 +6,18 @@ beside the other cameras.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Dict, List, Mapping, Sequence, Union
+from typing import Deque, Dict, List, Mapping, Sequence, Tuple, Union
+
+import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.calibration_file import CameraPose
-from vb_laser_detect.calibration.consistency import Sighting, compare_cameras
 from vb_laser_detect.detection.detector_counts import MAX_CLOCK_OFFSET
 
 # [s] a detector reports each second; two reports may be late on a busy computer
@@ -27,8 +29,14 @@ _MAX_FOCAL_CHANGE = 0.01  # lenses of one model differ by more, two calibrations
 _MAX_DISAGREEMENT = 0.05
 # sightings of one camera that are compared, and [s] for how long: enough for a mean, soon replaced after a calibration
 _SIGHTINGS, _SIGHTING_LIFETIME = 200, 300.0
+_MIN_COMMON = 20  # sightings that two cameras must share before they are compared
+# a camera's usual interval between sightings, and one image that is lost; but no longer than a straight part of a slow
+# drawing lasts
+_GAP_PERIODS, _MAX_GAP = 2.5, 0.5  # [s]
 # [s] a detector looks a fixed camera's pose up every two seconds: what it sees until then may still have the former one
 _POSE_LATENCY = 5.0
+
+Sighting = Tuple[float, float, float]  # stamp [s], x, y [m]
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,7 @@ class CameraWatch:
         Nobody has to draw for the comparison: whenever people use the laser where cameras overlap, spots are compared.
         """
         if abs(stamp - self._moved.get(camera, -math.inf)) > _POSE_LATENCY:
-            self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((camera, stamp, x, y))
+            self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((stamp, x, y))
 
     def forget_spots(self, camera: str, now: float) -> None:
         """Drops what a camera has seen, because it has another pose since a time [s]."""
@@ -140,20 +148,39 @@ class CameraWatch:
 
     def disagreements(self, now: float) -> List[Notice]:
         """Returns a notice for each two cameras that saw the laser at different places: one was moved, or has another's pose."""
-        fresh = [one for seen in self._sightings.values() for one in seen if 0.0 <= now - one[1] <= _SIGHTING_LIFETIME]
-        try:
-            pairs = compare_cameras(fresh)
-        except CodedError:
-            return []  # no two of them saw the laser together
-        return [
-            Notice.from_error(
-                CodedError("cameras_disagree", first=pair.first, second=pair.second, cm=f"{100 * pair.median:.0f}"),
-                Severity.ERROR,
-                pair.second,
-            )
-            for pair in pairs
-            if pair.median > _MAX_DISAGREEMENT
-        ]
+        fresh = {
+            camera: [one for one in seen if 0.0 <= now - one[0] <= _SIGHTING_LIFETIME]
+            for camera, seen in self._sightings.items()
+        }
+        found = []
+        for first, second in itertools.combinations(sorted(fresh), 2):
+            apart = distance_between(fresh[first], fresh[second])
+            if apart > _MAX_DISAGREEMENT:
+                values = {"first": first, "second": second, "cm": f"{100 * apart:.0f}"}
+                found.append(Notice.from_error(CodedError("cameras_disagree", **values), Severity.ERROR, second))
+        return found
+
+
+def distance_between(first: Sequence[Sighting], second: Sequence[Sighting]) -> float:
+    """Returns how far apart [m] two cameras see the same spot (median); NaN if they hardly saw it together.
+
+    Cameras do not take their images at the same time, and a spot moves: the second one's place is interpolated to the
+    first one's time, between two of its sightings that follow each other at its usual pace.
+    """
+    if min(len(first), len(second)) < _MIN_COMMON:
+        return math.nan
+    a, b = np.array(sorted(first)), np.array(sorted(second))
+    steps = np.diff(b[:, 0])
+    before = np.searchsorted(b[:, 0], a[:, 0], side="right") - 1
+    inside = (before >= 0) & (before < len(steps))
+    a, before = a[inside], before[inside]
+    near = steps[before] <= min(_GAP_PERIODS * float(np.median(steps)), _MAX_GAP)
+    a, before = a[near], before[near]
+    if len(a) < _MIN_COMMON:
+        return math.nan
+    share = ((a[:, 0] - b[before, 0]) / steps[before])[:, None]
+    off = b[before, 1:] + share * (b[before + 1, 1:] - b[before, 1:]) - a[:, 1:]
+    return float(np.median(np.linalg.norm(off, axis=1)))
 
 
 def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPose, CodedError]]:

@@ -1,24 +1,27 @@
-"""Measures a proposal at full resolution, in numbers that a classifier can weigh.
+"""Measures a region in numbers, and judges by them whether it shows a laser spot.
 
-One pure function: `measure` cuts a blob out of the rise over the reference and describes it. Light falls on
-a floor that goes on beside it, is brightest in its middle, ends within some pixels and darkens nothing;
-each number tells one of these.
+`measure` cuts a blob out of the rise over the reference and describes it. Light is brightest in its middle, ends within
+some pixels and darkens nothing; each number tells one of these. An additive logistic model weighs them: each has a curve,
+linear between knots, whose value is what it adds to the logarithm of the odds. It is 0 for a usual spot, so the number
+that lowers it most is the reason for a rejection. bench/detection/training.py makes the curves.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.blocks import Region, max_channel
+from vb_laser_detect.detection.background import Region, max_channel
 
 _EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
 _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
-_SHADOW = 0.5  # part of the light that a shadow leaves at least
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
 _GRAY = 0.85  # a floor is grey if its weakest channel has this share of the strongest
@@ -59,6 +62,13 @@ class ImageTraits(NamedTuple):
     diagonal: float
     mosaic: bool
     bright: float = 190.0
+
+
+def brightest(image: np.ndarray, region: Region) -> float:
+    """Returns the brightest sample [grey levels] of a region."""
+    left, top, right, bottom = region
+    # columns and channels side by side
+    return cv2.minMaxLoc(image[top:bottom, left:right].reshape(bottom - top, -1))[1]
 
 
 def measure(
@@ -125,7 +135,7 @@ def measure(
 def _light_of(
     mask: np.ndarray, diameter: float, light: np.ndarray, now: np.ndarray, before: np.ndarray, camera: ImageTraits
 ) -> Tuple[Optional[np.ndarray], Dict[str, float]]:
-    """Returns the tint of a blob's light, and the features that say how it differs from the floor beside it.
+    """Returns the tint of a blob's light, and the features that say how it differs from the floor.
 
     Args:
         mask: (H, W) uint8, the blob.
@@ -134,17 +144,11 @@ def _light_of(
     """
     levels, floor = means_over(mask, camera.mosaic, now, before)
     tint = tint_of(mask, light, now, before, levels, floor) if len(levels) > 1 else None
-    level = cv2.minMaxLoc(max_channel(now), mask)[1]
-    ring = _ring(mask, diameter)
     channel = int(np.argmax(levels - floor)) if now.ndim == 3 else 0
-    now, before = _plane(now, channel), _plane(before, channel)
-    # a shadow that passes over a spot leaves about half of the light; what hides the floor is an object
-    hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
     return tint, {
         "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.bright),
-        "level": math.log(max(level, 1.0) / camera.bright),
-        "edge": _edge(mask, now, before),
-        "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / max(1, cv2.countNonZero(ring)),
+        "level": math.log(max(cv2.minMaxLoc(max_channel(now), mask)[1], 1.0) / camera.bright),
+        "edge": _edge(mask, _plane(now, channel), _plane(before, channel)),
         # a light darkens no channel, paint does
         "fall": max(0.0, float((floor - levels).max())) / camera.bright,
         "diameter": math.log(diameter / camera.diagonal),
@@ -245,14 +249,6 @@ def _shape_of(blob: np.ndarray) -> Tuple[float, float]:
     return area, 0.5 * math.log((mean + half) / max(mean - half, 1e-3))
 
 
-def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
-    """Returns a mask of what surrounds a blob, a little apart from it."""
-    gap, thick = max(2, int(round(0.2 * diameter))), max(2, int(round(0.35 * diameter)))
-    # dilating with a disc would cost its area for each pixel, a hundred times more for a person's clothes
-    away = cv2.distanceTransform(cv2.compare(blob, 0, cv2.CMP_EQ), cv2.DIST_L2, cv2.DIST_MASK_5)
-    return cv2.inRange(away, gap + 0.5, gap + thick + 0.5)
-
-
 def _edge(mask: np.ndarray, now: np.ndarray, before: np.ndarray) -> float:
     """Returns the slope of a blob's outline in the image, as a share of that in image and reference together.
 
@@ -273,3 +269,45 @@ def _gradient(plane: np.ndarray) -> np.ndarray:
         cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE),
         cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=cv2.BORDER_REPLICATE),
     )
+
+
+# ------------------------------------------------------------------ judgement
+class SpotClassifier:
+    """The curves of all features.
+
+    Args:
+        curves: feature to (knots, values), both (K,); values in logits.
+        intercept: [logits] of a usual spot.
+    """
+
+    def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
+        self.curves, self.intercept = curves, intercept
+
+    def classify(self, blob: Blob, features: Dict[str, float]) -> Tuple[float, str]:
+        """Weighs a blob's features; one that says nothing (NaN) adds nothing.
+
+        Args:
+            blob: itself; the curves do not use it.
+
+        Returns:
+            The probability that it is a spot, 0 ... 1, and the feature that speaks most against it.
+        """
+        logit, least, reason = self.intercept, math.inf, ""
+        for name, value in features.items():
+            if name in self.curves and not math.isnan(value):
+                part = float(np.interp(value, *self.curves[name]))
+                logit += part
+                if part < least:
+                    least, reason = part, name
+        return 1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, logit)))), reason
+
+
+@lru_cache(maxsize=None)
+def packaged_classifier() -> SpotClassifier:
+    """Reads the classifier that comes with the package."""
+    document = json.loads(Path(__file__).with_name("spot_classifier.json").read_text(encoding="utf-8"))
+    curves = {
+        name: (np.array(curve["knots"], float), np.array(curve["values"], float))
+        for name, curve in document["curves"].items()
+    }
+    return SpotClassifier(curves, float(document["intercept"]))

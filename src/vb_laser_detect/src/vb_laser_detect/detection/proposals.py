@@ -8,53 +8,36 @@ can tell. When a light is switched, the floor under a spot that was followed unt
 from __future__ import annotations
 
 import math
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.background import Background
-from vb_laser_detect.detection.blocks import BLOCK, Region, blocks_around, halve, find_regions
-from vb_laser_detect.detection.features import relight
+from vb_laser_detect.detection.background import BLOCK, Background, Region, blocks_around, find_regions
+from vb_laser_detect.detection.features import brightest, relight
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.detection.image_registration import ImageRegistration, is_still
+from vb_laser_detect.detection.image_registration import ImageRegistration
 from vb_laser_detect.detection.tracking import Expected, Spot
 
-_MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
-_MIN_CHANGE = 0.15  # of the same; what differs by less from the background is not examined, and becomes part of it
+_MIN_CHANGE = 0.15  # of what is bright in the room; what differs by less from the background becomes part of it
 _DARKEST, _BRIGHTEST = 64.0, 191.0  # [grey levels] in black and in white rooms too a spot is told by its light
-_WHITE = 235.0  # [grey levels] video's white: brighter regions are white alike
-_MAX_REGIONS = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
+_MAX_REGIONS = 24  # people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
-
-
-class Proposal(NamedTuple):
-    """A region [px] to examine; which expected spot may be in it; why it is not examined."""
-
-    region: Region
-    expected: Optional[Expected] = None
-    rejection: str = ""
-
-    @property
-    def middle(self) -> Tuple[float, float]:
-        """The region's middle (u, v) [px]."""
-        left, top, right, bottom = self.region
-        return (left + right) / 2.0, (top + bottom) / 2.0
 
 
 class SearchedImage(NamedTuple):
     """An image, and what is known of the scene.
 
     Attributes:
-        reference: what the image would show without a spot where it is examined, the same shape.
-        proposals: the most promising first.
+        reference: what the image would show without a spot, the same shape.
+        regions: to examine, the brightest first.
         rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker.
         bright: [grey levels] what is bright in this room, see `ImageTraits`.
     """
 
     image: np.ndarray
     reference: np.ndarray
-    proposals: Sequence[Proposal]
+    regions: Sequence[Region]
     rise: np.ndarray
     changed: np.ndarray
     bright: float
@@ -78,18 +61,16 @@ class Proposer:
         self._registration = ImageRegistration() if params.moving_camera else None
         self._background: Optional[Background] = None
         self._motion = np.eye(3)  # from the background's pixels to the last image's
-        self._half: Optional[np.ndarray] = None
 
     def estimate_motion(self, image: np.ndarray) -> Optional[np.ndarray]:
         """Estimates how the camera moved since the last image, (3, 3); None if that is not known. Call it before `propose`."""
         if self._registration is None:
             return None
-        self._half = halve(image)
-        found, before = self._registration.motion_to(image, self._half), self._motion
+        found, before = self._registration.motion_to(image), self._motion
         # while it is not known the camera is taken to be where it was
         if found is None:
             return None
-        self._motion = np.eye(3) if is_still(found, image.shape) else found
+        self._motion = found
         return self._motion @ cv2.invert(before)[1]
 
     def propose(self, image: np.ndarray, expected: Sequence[Expected]) -> SearchedImage:
@@ -101,7 +82,7 @@ class Proposer:
         if self._background is not None:
             still = np.array_equal(self._motion, np.eye(3))
             rise, hot, darker = self._changes(
-                *self._background.subtract_background(image, None if still else self._motion, self._half)
+                *self._background.subtract_background(image, None if still else self._motion)
             )
             banded = self._background.subtract_bands(image) if still and _much(hot, darker) else None
             if banded is not None:
@@ -110,43 +91,15 @@ class Proposer:
             self._start(image, expected)
             rise, fall = self._background.subtract_background(image, None)
             hot, darker = rise >= self._least_change, fall > self._least_change
-        background = self._background
-        proposals = self._rank(image, find_regions(rise, hot, 4 * _MAX_REGIONS), expected)
-        background.refine_reference([one.region for one in proposals if not one.rejection], image)
-        # while the camera moves, what became darker is taken from the image at once
-        changed = hot if background.motion is not None else hot | darker
-        return SearchedImage(image, background.reference, proposals, rise, changed, self._bright)
+        # a spot shows the camera's white wherever it falls; by how much it rises depends on the floor, and on a bright one a
+        # person beside it rises more
+        regions = sorted(find_regions(rise, hot), key=lambda region: -brightest(image, region))[:_MAX_REGIONS]
+        return SearchedImage(image, self._background.reference, regions, rise, hot | darker, self._bright)
 
     def _changes(self, rise: np.ndarray, fall: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the blocks' rise, and which of them became brighter than noise does, and darker, bool."""
         least = self._least_change
         return rise, self._background.foreground_blocks(rise, least), fall > least
-
-    def _rank(
-        self, image: np.ndarray, found: Sequence[Tuple[Region, float]], expected: Sequence[Expected]
-    ) -> List[Proposal]:
-        """Proposals of regions with their rise.
-
-        Those where a spot is expected come first. A spot shows the camera's white wherever it falls; by how much it
-        rises depends on the floor, and on a bright one a person beside it rises more. So white regions come next,
-        among them those that rose most.
-        """
-        rated = []
-        for region, peak in found:
-            left, top, right, bottom = region
-            part = image[top:bottom, left:right]
-            # columns and channels side by side: the brightest sample is all that counts
-            rated.append((region, cv2.minMaxLoc(part.reshape(part.shape[0], -1))[1], peak))
-        rated.sort(key=lambda one: (-min(one[1], _WHITE), -one[2]))
-        proposals = []
-        # most of what a person's clothes leave is found too large at once, and must not use up all places
-        for region, level, _ in rated[: 2 * _MAX_REGIONS]:
-            spot = next((one for one in expected if one.overlaps(region)), None)
-            proposals.append(Proposal(region, spot, "" if level >= _MIN_LEVEL * self._bright else "too_dark"))
-        # published ones, other expected ones, the rest
-        return sorted(
-            proposals, key=lambda one: 2 if one.rejection or one.expected is None else int(not one.expected.published)
-        )
 
     def _start(self, image: np.ndarray, expected: Sequence[Expected]) -> None:
         """Begins a background. A spot is no floor: where one is expected, the background before is taken in the new light."""

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from vb_laser_detect.detection.blocks import Region
+from vb_laser_detect.detection.background import Region
 from vb_laser_detect.detection.projection import FloorPoint
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import ImageTraits, chroma
@@ -75,22 +75,13 @@ class Expected(NamedTuple):
 
     Attributes:
         reach: [px] about its place (u, v).
-        diameter: [px] that it had.
-        published: it is one of those published.
-        rests: it has been where it is for a while: it may be a lamp.
+        widest: [px] what is wider cannot be the spot.
     """
 
     u: float
     v: float
     reach: float
-    diameter: float
-    published: bool
-    rests: bool = False
-
-    @property
-    def widest(self) -> float:
-        """[px] What is wider cannot be the spot."""
-        return 2.0 * self.diameter
+    widest: float
 
     def holds(self, u: float, v: float) -> bool:
         """Returns whether a place [px] is within reach."""
@@ -164,7 +155,7 @@ class SpotTracker:
             motion: (3, 3) from the last image's pixels to this one's; None: the camera was stationary.
 
         Returns:
-            Where confirmed spots should be by now, published ones first.
+            Where confirmed spots should be by now.
         """
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
@@ -177,14 +168,13 @@ class SpotTracker:
         self._lit = self._lit[self._lit[:, 3] + _BLINK + _MEMORY * self._lit[:, 2] >= stamp]
         for place in [track.place for track in self._tracks] + list(self._lit) if motion is not None else ():
             place[:2] = cv2.perspectiveTransform(place[None, None, :2], motion)[0, 0]
-        expected = [self._expect(track) for track in self._tracks if track.confirmed]
-        return sorted(expected, key=lambda one: not one.published)
+        return [self._expect(track) for track in self._tracks if track.confirmed]
 
     def _expect(self, track: Track) -> Expected:
         elapsed = self._since(track)
         u, v = (track.place + track.velocity * elapsed)[:2].tolist()
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity[:2])
-        return Expected(u, v, reach, track.diameter, track.published, track.lit_s > _STEP_TIME)
+        return Expected(u, v, reach, 2.0 * track.diameter)
 
     def update(self, spots: Sequence[Spot]) -> List[Optional[Track]]:
         """Adds the spots of the image that was begun, the most certain first; returns the track of each, None for lamps."""
