@@ -53,7 +53,7 @@ study: setup ## the paper's experiment with simulated people, into out/study: QU
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
 	    && python3 -m vb_evaluation.study_kit report "$(OUT)"
 
-soak: setup ## simulated days with people, crashes, unplugged cameras, stepped clocks, then examples drawn for every input: HOURS=24 SEED=1 EXAMPLES=3000
+soak: setup ## simulated days with people, crashes, stepped clocks, then examples drawn for every input: HOURS=24 SEED=1 EXAMPLES=3000
 	@. scripts/env.sh && python3 bench/lab/soak.py --hours "$(HOURS)" --seed "$(SEED)" \
 	    && FUZZ_EXAMPLES="$(EXAMPLES)" python3 -m pytest -q --hypothesis-seed="$(SEED)" test/test_fuzz.py
 

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Lives with the stack for simulated days: people draw, nodes die, cameras fail, clocks step, maps change.
+"""Lives with the stack for simulated days: people draw, nodes die, clocks step, maps change.
 
     make soak HOURS=24            # simulated hours, as fast as the machine goes
     python3 bench/lab/soak.py --hours 2 --seed 7
 
-Real nodes (point set, interaction, map integrator, camera poses) run over a roscore of their own; this program is the
+Real nodes (point set, interaction, map integrator) run over a roscore of their own; this program is the
 clock, the cameras, the people and the trouble. After each event it compares the stack with a ledger of what was
 acknowledged, and the map with an independent oracle (shapely). The rows are how often each event and each answer came.
 
@@ -28,7 +28,7 @@ from shapely.ops import unary_union
 
 from bench.frame import Table, arguments
 from bench.lab.soak_people import People, points_of
-from bench.lab.soak_stack import NODES, NOTICED_S, RESOLUTION, Broken
+from bench.lab.soak_stack import NODES, RESOLUTION, Broken
 
 
 class Soak(People):
@@ -42,8 +42,7 @@ class Soak(People):
         """
         events = [
             (self.interaction, 0.55),
-            (self.edit, 0.12),
-            (self.unplug, 0.08),
+            (self.edit, 0.20),
             (self.step_clock, 0.06),
             (self.change_floor, 0.09),
             (lambda: self.kill(str(self.rng.choice(NODES))), 0.10),
@@ -137,8 +136,6 @@ def main() -> int:
     table, life = Table(given.csv), {"hours": soak.lived / 3600.0, "seed": given.seed}
     for what, count in sorted(soak.counts.items()):
         table.add(**life, what=what, times=count)
-    delays = f"a fault was told after {max(soak.notice_delays, default=0.0):.1f} s at most, {NOTICED_S:g} wanted"
-    table.add(**life, what=delays, times=len(soak.notice_delays))
     print(f"{soak.lived / 3600:.2f} hours in {(time.monotonic() - began) / 60:.0f} minutes")
     if fault:
         table.add(**life, what=fault, times=1)

@@ -1,4 +1,4 @@
-"""People and faults in a soak test: they draw, give up, edit; nodes die, cameras fail, clocks step; for soak.py."""
+"""People and faults in a soak test: they draw, give up, edit; nodes die, clocks step; for soak.py."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import rosgraph
 import rospy
 from std_srvs.srv import Trigger
 
-from bench.lab.soak_stack import CAMERAS, NODES, NOTICED_S, RATE, SPEED, Broken, Stack
+from bench.lab.soak_stack import CAMERAS, NODES, RATE, SPEED, Broken, Stack
 from vb_core import geometry, names
 from vb_msgs.msg import LaserSpot, VirtualBorder
 from vb_msgs.srv import ConfirmMap, ConfirmMapRequest, RemoveBorder
@@ -26,7 +26,7 @@ class People(Stack):
         """Points the laser along (N, 2) [m]."""
         for point in points:
             for camera in CAMERAS:
-                if not self.plugged[camera] or self.rng.random() < 0.2:
+                if self.rng.random() < 0.2:
                     continue
                 x, y = point + self.rng.normal(0.0, 0.01, 2)
                 spot = LaserSpot(camera=camera, confidence=1.0, projection=LaserSpot.GROUND_PLANE)
@@ -135,25 +135,6 @@ class People(Stack):
             return xmlrpc.client.ServerProxy(uri).getPid("/soak")[2]
         except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
             return None
-
-    def unplug(self) -> None:
-        """Unplugs the computer of a camera for a while: people must be told, and told again when it is back."""
-        camera = str(self.rng.choice(CAMERAS))
-        self.plugged[camera] = False
-        self.notice_delays.append(self._until_told("detector_missing", camera))
-        self.plugged[camera] = True
-        self._until_told("detector_missing", camera, told=False)
-        self.counts["unplugged"] += 1
-
-    def _until_told(self, code: str, camera: str, told: bool = True) -> float:
-        """Waits until people are told of a fault, or that it is over; returns after how long [s] of simulated time."""
-        began = self.now
-        while ((code, camera) in self.notices.get("/camera_poses", ())) != told:
-            self.tick(0.1)
-            time.sleep(0.01)
-            if self.now - began > 3 * NOTICED_S:
-                raise Broken(f"notice {code} about camera {camera} was not {'given' if told else 'withdrawn'}")
-        return self.now - began
 
     def step_clock(self) -> None:
         """Sets the clock, forwards or a little back."""

@@ -20,7 +20,7 @@ from vb_core import names
 from vb_core.grid_map import GridMap
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
 from vb_evaluation.processes import Child, free_port, roslaunch
-from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LaserSpot, NoticeArray, VirtualBorderArray
+from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
 from vb_msgs.srv import Command
 
 SPEED = 0.4  # [m/s] of the pointer, within what people do (0.2 to 0.7)
@@ -28,12 +28,7 @@ RATE = 12.5  # [1/s] spots of each camera
 RESOLUTION = 0.05
 CAMERAS = ("red", "green")
 TIMEOUT = 40.0  # [s] of wall time for an answer on a busy machine; a killed node needs some seconds to come back
-NOTICED_S = 5.0  # [s] of simulated time within which a fault must be told
-NODES = ("interaction_manager", "border_fusion", "map_integrator", "camera_poses")
-
-PARTS = TOP / "launch" / "parts"
-MONITOR = """<launch><node pkg="vb_laser_detect" type="camera_poses" name="camera_poses" respawn="true" respawn_delay="1">
-  <param name="cameras" value="{cameras}"/></node></launch>"""
+NODES = ("interaction_manager", "border_fusion", "map_integrator")
 
 
 class Broken(Exception):
@@ -64,11 +59,8 @@ class Stack:
         self.maps, self.floor = rooms(seed), "ground floor"
         self.ledger: Dict[str, Dict[str, Any]] = {name: {} for name in self.maps}
         self.counts: collections.Counter = collections.Counter()
-        self.notice_delays: List[float] = []
-        self.received, self.plugged = dict.fromkeys(CAMERAS, 0), dict.fromkeys(CAMERAS, True)
         self.now, self.lived, self.clock = 1_000_000.0, 0.0, None
         self.newest: Dict[str, Any] = {}
-        self.notices: Dict[str, Any] = {}
         self.children: List[Child] = []
 
     # ------------------------------------------------------------ starting and ending
@@ -85,9 +77,7 @@ class Stack:
 
     def up(self) -> None:
         """Starts the stack."""
-        path = self.folder / "monitor.launch"
-        path.write_text(MONITOR.format(cameras=" ".join(CAMERAS)))
-        files, log = [PARTS / "borders.launch", path], self.folder / f"stack_{self.lived:.0f}.txt"
+        files, log = [TOP / "launch/parts/borders.launch"], self.folder / f"stack_{self.lived:.0f}.txt"
         self.children.append(roslaunch(files, log, self.port, state=self.folder / "state", record=False))
 
     def down(self) -> None:
@@ -107,7 +97,6 @@ class Stack:
         self.map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=2000)
         self.tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
-        self.statuses = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=10)
         for key, topic, kind in (
             ("state", names.STATE, InteractionState),
             ("progress", names.PROGRESS, BorderProgress),
@@ -115,31 +104,17 @@ class Stack:
             ("posterior", names.MAP_WITH_BORDERS, OccupancyGridArray),
         ):
             rospy.Subscriber(topic, kind, keep(key), queue_size=5)
-        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
-
-    def _on_notices(self, message: Any) -> None:
-        self.notices[message.source] = {(notice.code, notice.camera) for notice in message.notices}
 
     # ------------------------------------------------------------ time
     def tick(self, seconds: float) -> None:
-        """Lets simulated time go on; detectors report once a second."""
+        """Lets simulated time go on; once a second, it says where the robot is."""
         before = int(self.now)
         self.now += seconds
         self.lived += max(seconds, 0.0)
         self.clock.publish(rospy.Time.from_sec(self.now))
         if int(self.now) != before:
-            self.report()
-
-    def report(self) -> None:
-        """Publishes the detectors' reports, and where the robot is."""
-        stamp = rospy.Time.from_sec(self.now)
-        for camera in CAMERAS:
-            self.received[camera] += 25 if self.plugged[camera] else 0
-            status = DetectorStatus(camera=camera, received=self.received[camera], rate_hz=25.0)
-            status.header.stamp = stamp
-            if self.plugged[camera]:
-                self.statuses.publish(status)
-        self.tf.publish(TFMessage([message_from_transform(np.eye(4), "map", "base_link", stamp)]))
+            stamp = rospy.Time.from_sec(self.now)
+            self.tf.publish(TFMessage([message_from_transform(np.eye(4), "map", "base_link", stamp)]))
 
     def idle(self, seconds: float) -> None:
         """Lets some time pass without any action."""
@@ -196,7 +171,7 @@ class Stack:
         """Waits until every node is there and knows the time and the map."""
         for name in (names.COMMAND, names.GET_DRAWN_BORDER, names.ADD_BORDER, names.LIST_BORDERS):
             self.wait(lambda: self._answers(name), f"service {name}", limit=90.0)
-        self.wait(lambda: self.spots.get_num_connections() and self.statuses.get_num_connections(), "listeners")
+        self.wait(self.spots.get_num_connections, "listeners")
         self.wait(self.posterior_is_of_this_floor, "the map with borders")
 
     @staticmethod
