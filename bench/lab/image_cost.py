@@ -38,7 +38,7 @@ from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
 from vb_laser_detect.detector import SpotDetector
-from vb_sim.cameras import pixels
+from vb_core.image_format import PixelReader
 
 SPANS = 5
 
@@ -163,7 +163,7 @@ def places(scenes: List[Any], share: float, seed: int) -> Iterator[Dict[str, Any
         outcomes, encoding = {name: Outcome() for name in DECODED}, played.worlds[0].camera(played.camera).encoding
         for t, index, snapshot in course(played, share):
             image, frame, view = cameras["whole"].picture(index, snapshot)
-            bgr = np.ascontiguousarray(pixels.decode(image, encoding))
+            bgr = PixelReader().read(image, encoding).bgr()
             shot = Shot(0.0, simplejpeg.encode_jpeg(bgr, quality=75, colorspace="BGR", colorsubsampling="420"))
             frame.view_model = view.model
             for name, camera in cameras.items():

@@ -38,6 +38,9 @@ def test_yaw_round_trip(yaw):
 def test_inverse_and_plane_poses(x, y, yaw):
     T = geometry.transform_from_pose2d(x, y, yaw)
     assert np.allclose(geometry.invert(T) @ T, np.eye(4), atol=1e-9)
+    rotation = Rotation.from_euler("z", yaw).as_matrix()
+    assert np.allclose(T, geometry.transform(rotation, (x, y, 0.0)), atol=1e-9)
+    assert np.allclose(geometry.apply(T, [1.0, 2.0, 3.0]), rotation @ [1.0, 2.0, 3.0] + [x, y, 0.0], atol=1e-9)
     bx, by, byaw = geometry.pose2d_from_transform(T)
     assert (bx, by) == (x, y) and abs(geometry.wrap_angle(byaw - yaw)) < 1e-9
 

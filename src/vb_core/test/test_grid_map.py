@@ -32,6 +32,19 @@ def test_a_rotated_map_turns_about_its_origin():
     assert np.allclose(grid.cell_to_world([[0, 3]]), [[-0.5, 3.5]])
 
 
+def test_a_map_without_an_origin_begins_at_zero():
+    grid = GridMap(np.zeros((3, 5), np.int8), 0.2)
+    assert grid.corners().tolist() == [[0, 0], [1, 0], [1, pytest.approx(0.6)], [0, pytest.approx(0.6)]]
+
+
+def test_a_map_contains_its_cells_and_no_others():
+    grid = GridMap(np.zeros((3, 5), np.int8), 0.2)
+    rows, columns = np.mgrid[-2:6, -2:8]
+    cells = np.column_stack([rows.ravel(), columns.ravel()])
+    inside = [row in range(3) and column in range(5) for row, column in cells.tolist()]
+    assert grid.contains_cells(cells).tolist() == inside
+
+
 def test_far_points_do_not_overflow():
     grid = GridMap(np.zeros((2, 2), np.int8), 0.05)
     assert not grid.contains_cells(grid.world_to_cell([[1e300, -1e300], [1e9, 1e9]])).any()

@@ -1,5 +1,11 @@
 """Notices: each node's list replaces its last one; what a silent node said is forgotten."""
 
+from types import SimpleNamespace
+
+import pytest
+import rospy
+
+from vb_core.ros import notices
 from vb_core.notices import EXPIRY_TIME, Notice, ActiveNotices, Severity
 
 
@@ -42,20 +48,35 @@ def test_a_sentence_by_language_or_else_the_message():
     assert Notice("unheard_of", message="It rains.").sentence("de") == "It rains."
 
 
-def test_a_silent_camera_is_told_once_if_its_detector_knows_why():
+def test_that_a_camera_has_no_pose_is_told_once_if_its_calibration_says_why():
     book = ActiveNotices()
     book.update(
-        "a_detector", [Notice("camera_silent", Severity.ERROR, camera=name) for name in ("north", "south")], 10.0
+        "a_detector", [Notice("camera_no_pose", Severity.ERROR, camera=name) for name in ("north", "south")], 10.0
     )
-    book.update("spot_detector_north", [Notice("camera_unplugged", Severity.ERROR, camera="north")], 10.0)
+    book.update("camera_poses", [Notice("camera_not_calibrated", Severity.ERROR, camera="north")], 10.0)
     assert {(notice.code, notice.camera) for notice in book.current(10.0)} == {
-        ("camera_unplugged", "north"),
-        ("camera_silent", "south"),
+        ("camera_not_calibrated", "north"),
+        ("camera_no_pose", "south"),
     }
 
 
-def test_a_mere_warning_about_a_camera_does_not_hide_that_it_is_silent():
+@pytest.mark.parametrize("other", ["cameras_disagree", "camera_clock", "camera_not_calibrated", "camera_too_bright"])
+def test_nothing_else_about_a_camera_hides_that_it_is_silent(other):
+    # what two cameras saw minutes ago says nothing about the cable
     book = ActiveNotices()
-    warning = Notice("camera_too_bright", Severity.WARNING, camera="north")
-    book.update("spot_detector_north", [Notice("camera_silent", Severity.ERROR, camera="north"), warning], 10.0)
-    assert [notice.code for notice in book.current(10.0)] == ["camera_silent", "camera_too_bright"]
+    book.update("spot_detector_north", [Notice("camera_silent", Severity.ERROR, camera="north")], 10.0)
+    book.update("camera_poses", [Notice(other, Severity.ERROR, camera="north")], 10.0)
+    assert "camera_silent" in [notice.code for notice in book.current(10.0)]
+
+
+def test_a_warning_that_becomes_an_error_is_logged_again(monkeypatch):
+    logged = []
+    monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: SimpleNamespace(publish=lambda message: None))
+    monkeypatch.setattr(notices.node, "start_timer", lambda *_: None)
+    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time(1))
+    for level in ("logwarn", "logerr"):
+        monkeypatch.setattr(rospy, level, lambda text, *_, level=level: logged.append(level))
+    publisher = notices.NoticePublisher()
+    for severity in (Severity.INFO, Severity.WARNING, Severity.ERROR, Severity.WARNING, Severity.ERROR):
+        publisher.set([Notice("robot_inside", severity, robot="r1")])
+    assert logged == ["logwarn", "logerr"]

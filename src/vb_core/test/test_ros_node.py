@@ -89,17 +89,36 @@ rospy.signal_shutdown = lambda reason: ended.set()
 ended = threading.Event()
 mailbox = node.Mailbox()
 worker = node.Worker(mailbox, lambda item: 1 / item)
+"""
+FAULTS = {
+    "worker": """
 mailbox.put(1)
 mailbox.put(0)
+""",
+    # a CodedError is survived, and comes back with the next tick
+    "timer": """
+rospy.rostime.set_rostime_initialized(True)
+rospy.rostime.switch_to_wallclock()
+rospy.logwarn_throttle = lambda *_: None
+ticks = iter([node.CodedError("no_map"), ZeroDivisionError()])
+
+
+def tick():
+    raise next(ticks)
+
+
+timer = node.start_timer(0.001, tick)
+""",
+}
+ENDED = """
 assert ended.wait(30)
 print("failures", [error.code for error in node._failures])
 """
 
 
-def test_a_fault_in_a_worker_ends_the_node():
-    done = subprocess.run(
-        [sys.executable, "-c", FAULTY], stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True
-    )
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_in_a_worker_or_timer_ends_the_node(fault):
+    done = subprocess.run([sys.executable, "-c", FAULTY + FAULTS[fault] + ENDED], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "failures ['internal_error']" in done.stdout
     assert "ZeroDivisionError" in done.stderr

@@ -115,6 +115,12 @@ def test_the_last_dwell_is_the_seed_and_a_longer_one_before_is_told(first, last)
         assert np.linalg.norm(DrawnBorder(dwells=dwells).other_dwell.point) < 0.02
 
 
+@pytest.mark.parametrize("apart, count", [(0.04, 1), (0.12, 2), (0.3, 2)])
+def test_places_nearer_than_a_hand_trembles_are_one_dwell(apart, count):
+    points, extra = scene(((1.0, 2.0), 0.0, 2.0, 25, "red"), ((1.0 + apart, 2.0), 2.0, 4.0, 25, "red"))
+    assert len(find_dwells(points, **extra)) == count
+
+
 def test_flashes_that_come_again_at_a_place_are_no_dwell():
     """Of white paper, in the images of a robot that turns, after the pointer was switched off."""
     flashes = [((1, 2), 3.0 + i, 3.3 + i, 10, "robot") for i in range(5)]

@@ -80,28 +80,22 @@ def test_the_example_of_a_machines_file_can_be_read():
 
 
 def test_parameters_can_be_set_for_all_detectors_and_for_one(tmp_path):
-    for name, value in (("ceiling", 11), ("wall", 12), ("robot", 13), ("rear", 14)):
+    for name, value in (("ceiling", 11), ("wall", 12), ("rear", 14)):
         (tmp_path / f"{name}.yaml").write_text(f"detector:\n  max_dwell_time: 20.0\n  max_diameter_mm: {value}.0\n")
-    files = {name: tmp_path / f"{name}.yaml" for name in ("ceiling", "wall", "robot", "rear")}
+    files = {name: tmp_path / f"{name}.yaml" for name in ("ceiling", "wall", "rear")}
     config = load(
         "cameras:=red green",
         "robots:=front rear",
         "rviz:=false",
         f"config:={files['ceiling']}",
-        f"robot_config:={files['robot']}",
         f"configs:=green={files['wall']} rear={files['rear']}",
         file="lab.launch",
     )
     rise = {
         name: config.params[f"{name}/detector/max_diameter_mm"].value
-        for name in (
-            "/spot_detector_red",
-            "/spot_detector_green",
-            "/front/spot_detector_front",
-            "/rear/spot_detector_rear",
-        )
+        for name in ("/spot_detector_red", "/spot_detector_green", "/rear/spot_detector_rear")
     }
-    assert list(rise.values()) == [11.0, 12.0, 13.0, 14.0]
+    assert list(rise.values()) == [11.0, 12.0, 14.0]
 
 
 @pytest.mark.parametrize(

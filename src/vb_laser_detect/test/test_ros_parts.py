@@ -115,7 +115,7 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
 def report(monkeypatch):
     """A detector's report of a camera, at a time that the test sets, which sends nothing."""
     monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: SimpleNamespace(publish=lambda message: None))
-    monkeypatch.setattr(detector_diagnostics, "Worker", lambda *_: None)
+    monkeypatch.setattr(detector_diagnostics, "start_timer", lambda *_: None)
     told = []
     monkeypatch.setattr(
         detector_diagnostics,
@@ -131,7 +131,7 @@ def report(monkeypatch):
         found.at = lambda seconds: clock.__setitem__(0, rospy.Time.from_sec(seconds))
 
         def notices():
-            found._publish(False)
+            found._publish()
             return told
 
         found.notices = notices

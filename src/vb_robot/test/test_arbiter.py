@@ -163,7 +163,8 @@ def test_somebody_who_commands_past_the_driver_stops_it_and_is_named():
     rig.navigation = (0.3, 0.0)
     rig.step(0.5)
     rig.arbiter.gate.record_other_publisher("/move_base", rig.now)
-    assert rig.step().code == "other_cmd_vel_publisher" and rig.commands[-1].v == 0.0
+    assert rig.step().code == "other_cmd_vel_publisher"
+    assert (rig.commands[-1].v, rig.commands[-1].w) == (0.0, 0.0)
     assert rig.arbiter.gate.other_publishers(rig.now) == "/move_base"
     assert rig.arbiter.gate.other_publishers(rig.now - 60.0) == "", "a simulation that begins again has none yet"
     assert rig.step(1.2).v == 0.3
@@ -482,6 +483,29 @@ def test_between_near_and_far_the_robot_goes_on_with_what_it_does():
     assert speed(back) == 0.0
     assert speed(NEAR_DISTANCE - 0.05) < 0.0 and speed(back) < 0.0
     assert speed(BACK_TO_DISTANCE + 0.01) == 0.0 and speed(back) == 0.0
+
+
+@pytest.mark.parametrize(
+    "start, end", [(2.0, 1.0), (1.35, 1.0), (1.2, 1.2), (0.95, 0.95), (0.8, 0.8), (0.6, 0.9), (0.4, 0.9)]
+)
+def test_the_follower_brings_the_robot_to_a_good_distance_and_rests_there(start, end):
+    """In a closed loop, at most 0.2 m/s; from a good distance it does not move at all."""
+    follower, x = SpotFollower(), 0.0
+    follower.view, follower.spot = VIEW, (start, 0.0)
+    speeds = []
+    for _ in range(400):
+        speeds.append(follower.compute_request((x, 0.0, 0.0)).v)
+        x += 0.05 * speeds[-1]
+    assert speeds[-1] == 0.0 and start - x == pytest.approx(end, abs=0.02)
+    assert max(map(abs, speeds)) <= 0.2 and all(a * b >= 0.0 for a, b in zip(speeds, speeds[1:]))
+
+
+@pytest.mark.parametrize("bearing", np.radians([-170.0, -60.0, 60.0, 170.0]).tolist())
+def test_a_turn_is_no_faster_than_0_8_rad_per_second_and_without_driving(bearing):
+    follower = SpotFollower()
+    follower.view, follower.spot = VIEW, (2.0 * math.cos(bearing), 2.0 * math.sin(bearing))
+    request = follower.compute_request((0.0, 0.0, 0.0))
+    assert (request.v, request.w) == (0.0, pytest.approx(math.copysign(0.8, bearing)))
 
 
 def test_a_spot_between_the_zones_neither_starts_nor_ends_a_turn():

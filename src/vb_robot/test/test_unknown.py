@@ -38,7 +38,7 @@ def test_another_node_that_could_drive_the_base_is_told_in_every_state(situation
     rig.step(0.5)
     rig.arbiter.gate.registered = ("/move_base",)  # silent, but it can
     command = rig.step(0.5)
-    assert (command.code, command.v, command.publish) == ("other_cmd_vel_publisher", 0.0, True)
+    assert (command.code, command.v, command.w, command.publish) == ("other_cmd_vel_publisher", 0.0, 0.0, True)
     rig.arbiter.gate.registered = ()
     assert rig.step(0.5).code == {"idle": "idle", "stopped": "stopped", "driving": "driving"}[situation]
 

@@ -64,7 +64,6 @@ class LabSimulatorTest(unittest.TestCase):
         stamps = [message.clock.to_nsec() for message in self.clock.all]
         self.assertGreater(min(np.diff(stamps[5:])), 0)
         self.assertEqual(set(np.diff(stamps[-40:])) - {20000000, 40000000, 60000000}, set())
-        self.assertLess(self.state.next().real_time_factor, 1.2)
 
     def test_robot_moves_and_stops_by_itself(self):
         self.reset()

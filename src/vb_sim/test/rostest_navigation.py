@@ -10,7 +10,6 @@ import rospy
 import rostest
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped, Twist
-from map_msgs.msg import OccupancyGridUpdate
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetMap, GetPlan
@@ -40,7 +39,6 @@ class NavigationTest(unittest.TestCase):
         cls.map = Newest("/map", OccupancyGridArray)
         cls.cmd_vel = Newest("/cmd_vel", Twist)
         cls.costmap = Newest("/move_base/global_costmap/costmap", OccupancyGridArray)
-        cls.updates = Newest("/move_base/global_costmap/costmap_updates", OccupancyGridUpdate)
         cls.plan = Newest("/move_base/NavfnROS/plan", Path)
         cls.maps = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, queue_size=1, latch=True)
         cls.simple = rospy.Publisher("/move_base_simple/goal", PoseStamped, queue_size=1)
@@ -113,7 +111,6 @@ class NavigationTest(unittest.TestCase):
         occupancy = np.array(self.costmap.message.data).reshape(self.grid.shape)
         row, column = self.grid.world_to_cell([(4.0, 1.0)])[0]
         self.assertEqual(occupancy[row, column], 100)
-        self.assertEqual((self.updates.message.height, self.updates.message.width), self.grid.shape)
         # clearing costmaps loses no border
         rospy.ServiceProxy("/move_base/clear_costmaps", Empty)()
         self.assertTrue(np.allclose(self.path(start, goal), after))

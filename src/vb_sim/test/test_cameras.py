@@ -9,6 +9,7 @@ import pytest
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError, ParameterError
+from vb_core.image_format import PixelReader
 from vb_sim.cameras import pixels
 from vb_sim.room import bodies
 from vb_sim.cameras.ceiling_view import CeilingView
@@ -193,7 +194,7 @@ def test_bayer_pattern():
     mosaic = pixels.encode(rgb, "bayer_rggb8")
     assert mosaic[0, 0] == 200 and mosaic[0, 1] == mosaic[1, 0] == 100 and mosaic[1, 1] == 50
     np.testing.assert_array_equal(pixels.encode_doubled(rgb[::2, ::2], "bayer_rggb8"), mosaic)
-    np.testing.assert_array_equal(pixels.decode(mosaic, "bayer_rggb8")[2:4, 2:6], rgb[2:4, 2:6, ::-1])
+    np.testing.assert_array_equal(PixelReader().read(mosaic, "bayer_rggb8").bgr()[2:4, 2:6], rgb[2:4, 2:6, ::-1])
     ones = np.ones((5, 5), np.float32)
     for column, row in [(0, 0), (1, 0), (0, 1), (1, 1)]:
         patch = pixels.apply_color_filters(ones, np.array([3.0, 2.0, 1.0]), "bayer_rggb8", column, row)
@@ -208,7 +209,7 @@ def test_every_encoding_shows_the_same_scene(lab, encoding, channels):
     view = CeilingView(camera, RADII, floor, mesh, CameraModels(), 5, False)
     image = view.frame(Snapshot(1.0, {"robot": (1.5, 1.5, 0.0)}, (2.0, 1.5), "red", (0, 0), (2.5, 2.2, -1.0)))
     assert image.dtype == np.uint8 and image.shape == ((540, 960) if channels == 1 else (540, 960, 3))
-    shown = pixels.decode(image, encoding)
+    shown = PixelReader().read(image, encoding).bgr()
     u, v = np.round(expected_pixel(view.model, view.pose, 3.0, 1.0)).astype(int)
     assert shown.shape == (540, 960, 3)
     if encoding != "mono8":

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vb_core import geometry
-from vb_sim.cameras import pixels
+from vb_core.image_format import PixelReader
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.room.disturbances import Bystander, Glint, SceneConditions
 from vb_sim.room.floor_texture import render_floor
@@ -38,7 +38,7 @@ def render(views, place, around, **more):
     ceiling, robot = views
     snapshot = Snapshot(0.0, robots={robot.robot.name: robot.robot.start_pose()}, around=around, **more)
     pictures = [
-        pixels.decode(ceiling.frame(snapshot), ceiling.encoding).copy(),
+        PixelReader().read(ceiling.frame(snapshot), ceiling.encoding).bgr(),
         cv2.cvtColor(robot.color(snapshot), cv2.COLOR_RGB2BGR),
     ]
     return pictures, [

@@ -178,19 +178,17 @@ def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
 Kind = Callable[[str, str], Any]
 _TRUTH: Kind = partial(check_choice, choices=("true", "false", "1", "0"))  # what roslaunch takes as a condition
 _IMAGES = ("raw", "compressed")
-_CONDITIONS = "robot obey record_maps rviz sound projector_window kobuki buttons voice page"
+_CONDITIONS = "robot obey rviz sound projector_window kobuki buttons voice page"
 KINDS: Dict[str, Kind] = {
     **dict.fromkeys(_CONDITIONS.split(), _TRUTH),
     "cameras": check_names,
     "robots": check_names,
     "robot_types": check_robot_types,
     "config": check_detector,
-    "robot_config": check_detector,
     "configs": check_detectors,
     "machines": parse_pairs,
     "machines_file": check_file,
     "projector": check_node_file,
-    "rviz_config": check_node_file,
     "map": check_map,
     "image_transport": partial(check_choice, choices=_IMAGES),
     "record_images": partial(check_choice, choices=("none", *_IMAGES)),
@@ -213,7 +211,7 @@ def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -
     """
     without_robot = values.get("robot") in ("false", "0")
     for name, value in values.items():
-        if not (without_robot and name in ("robot_types", "robot_config")):
+        if not (without_robot and name == "robot_types"):
             kinds[name](name, value)
     if without_robot and values.get("navigation") == "move_base":
         raise CodedError("launch_navigation_without_robot")

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field, replace
-from typing import Any, Dict, Iterable, List, Mapping, Tuple
+from dataclasses import dataclass, field
+from typing import Dict, Iterable, List, Mapping, Tuple
 
 from vb_core import sentences
 from vb_core.errors import CodedError
 
 REPEAT_PERIOD = 1.0  # [s] a node repeats its notices
 EXPIRY_TIME = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
-# what is said of all robots is not said again of each one
-_SAID_OF_ALL = {"robot_stopped": {"stopped", "stop_state_lost"}}
-# what a camera lacks as its detector sees it: another error of that camera says why
-_EXPLAINED = {"camera_silent", "camera_no_pose"}
+# by code, the notices that make one of that code needless: they say the same of all robots, or why it is so of its camera
+_SAID_BY = {
+    "robot_stopped": {"stopped", "stop_state_lost"},
+    "camera_no_pose": {
+        "camera_not_calibrated",
+        "camera_file_broken",
+        "camera_wrong_file",
+        "camera_frame_differs",
+        "camera_other_lens",
+        "shared_frame",
+    },
+}
 
 
 class Severity(enum.IntEnum):
@@ -38,15 +46,10 @@ class Notice:
     message: str = ""
 
     @classmethod
-    def from_values(cls, code: str, severity: Severity, values: Mapping[str, Any]) -> "Notice":
-        """Makes a notice of what a code comes with: the values as text, `camera` also as the field."""
-        words = {key: str(value) for key, value in values.items()}
-        return cls(code, severity, camera=words.get("camera", ""), values=words)
-
-    @classmethod
-    def from_error(cls, error: CodedError, severity: Severity, camera: str) -> "Notice":
-        """Makes a notice of what is wrong with a camera."""
-        return replace(cls.from_values(error.code, severity, {**error.values, "camera": camera}), message=error.message)
+    def from_error(cls, error: CodedError, severity: Severity, camera: str = "") -> "Notice":
+        """Makes a notice of an error; of which camera it is said, `camera` or the error's value, stands in both places."""
+        values = {key: str(value) for key, value in {**error.values, **({"camera": camera} if camera else {})}.items()}
+        return cls(error.code, severity, camera=values.get("camera", ""), values=values, message=error.message)
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:
         """Returns the text to show."""
@@ -66,9 +69,10 @@ class ActiveNotices:
     def current(self, now: float) -> List[Notice]:
         """Returns the notices that hold at a time [s], most severe first; a jump back in time drops none."""
         held = [notice for heard, notices in self._said.values() if now - heard <= EXPIRY_TIME for notice in notices]
-        codes = {notice.code for notice in held}
-        held = [notice for notice in held if codes.isdisjoint(_SAID_OF_ALL.get(notice.code, ()))]
-        errors = [notice for notice in held if notice.severity == Severity.ERROR and notice.camera]
-        told = {notice.camera for notice in errors if notice.code not in _EXPLAINED}
-        held = [notice for notice in held if notice.code not in _EXPLAINED or notice.camera not in told]
+        said = {(notice.code, notice.camera) for notice in held}
+        held = [
+            notice
+            for notice in held
+            if said.isdisjoint((code, notice.camera) for code in _SAID_BY.get(notice.code, ()))
+        ]
         return sorted(held, key=lambda notice: (-notice.severity, notice.code, notice.robot, notice.border_id))

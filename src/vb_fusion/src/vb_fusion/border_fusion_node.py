@@ -197,11 +197,7 @@ class BorderFusionNode:
             elif state != BORDER or not self._collector.cameras_seeing(now):
                 self._doubts = self._find_doubts(self._live.candidate)
             doubts = self._doubts
-        notices = [
-            Notice.from_values(problem.code, Severity.WARNING, problem.values)
-            for problem in problems
-            if problem is not None
-        ]
+        notices = [Notice.from_error(problem, Severity.WARNING) for problem in problems if problem is not None]
         self._notices.set(notices + doubts)
 
     def _find_doubts(self, drawn: DrawnBorder) -> List[Notice]:

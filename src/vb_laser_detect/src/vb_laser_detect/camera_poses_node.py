@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Tuple, Union
+from typing import Dict, List, Tuple, Union
 
 import rospy
 import tf2_ros
@@ -67,13 +67,11 @@ class CameraPosesNode:
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
         self._look()
-        self._timer = node.WakeTimer(1.0)
-        self._worker = node.Worker(self._timer, self._look)
+        self._timer = node.start_timer(1.0, self._look)
 
     def close(self) -> None:
         """Withdraws its notices."""
-        self._timer.close()
-        self._worker.join(1.0)
+        self._timer.shutdown()
         self._notices.close()
 
     def _on_status(self, message: DetectorStatus) -> None:
@@ -89,7 +87,7 @@ class CameraPosesNode:
                 at = message.position
                 self._watch.add_spot(message.camera, message.header.stamp.to_sec(), at.x, at.y)
 
-    def _look(self, _event: Any = None) -> None:
+    def _look(self) -> None:
         if self._folder:
             self._read()
         with self._lock:

@@ -12,7 +12,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_core.notices import Notice, Severity
-from vb_core.ros.node import Mailbox, WakeTimer, Worker
+from vb_core.ros.node import Mailbox, start_timer
 from vb_core.ros.notices import NoticePublisher
 from vb_laser_detect.calibration.calibration_file import require_own_frame
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
@@ -56,13 +56,11 @@ class DetectorDiagnostics:
         self._watch = InputWatch(rospy.get_time())
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
         self._notices = NoticePublisher()
-        self._timer = WakeTimer(1.0)
-        self._worker = Worker(self._timer, self._publish)
+        self._timer = start_timer(1.0, self._publish)
 
     def close(self) -> None:
         """Withdraws its notices."""
-        self._timer.close()
-        self._worker.join(1.0)
+        self._timer.shutdown()
         self._notices.close()
 
     # ------------------------------------------------------------- what the node tells
@@ -170,7 +168,7 @@ class DetectorDiagnostics:
             found.append(CodedError("no_color", camera=self._camera))
         return found
 
-    def _publish(self, _announced: bool) -> None:
+    def _publish(self) -> None:
         self._tell()
         now = rospy.Time.now()
         status = DetectorStatus(

@@ -52,7 +52,7 @@ class MapRecorderNode:
         # first the borders: a map that comes without them would be stored as one that has none
         self._maps: Optional[rospy.Subscriber] = None
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=10)
-        rospy.Timer(rospy.Duration(params.borders_timeout), self._on_timer, reset=True)
+        node.start_timer(params.borders_timeout, self._on_timer)
 
     def close(self) -> None:
         """Writes what has come and ends."""
@@ -76,7 +76,7 @@ class MapRecorderNode:
                     names.MAP_WITH_BORDERS, messages.OccupancyGridArray, self._on_map, queue_size=10, buff_size=2**24
                 )
 
-    def _on_timer(self, _event: Any) -> None:
+    def _on_timer(self) -> None:
         with self._lock:
             if self._map is None:
                 return

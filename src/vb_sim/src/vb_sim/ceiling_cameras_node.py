@@ -21,7 +21,7 @@ from vb_sim.cameras.camera_node import CameraNode
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.room.floor_texture import render_floor
 from vb_sim.lab_history import Snapshot
-from vb_sim.lab_messages import array_image, models_file
+from vb_sim.lab_messages import array_image
 from vb_sim.room.mesh import world_mesh
 from vb_sim.room.camera_models import CameraModels, load_camera_models
 from vb_sim.room.world import CeilingCamera, World, load_world
@@ -98,7 +98,6 @@ class CeilingCamerasParams(Parameters):
     """The node's own parameters; config/ceiling_cameras.yaml says what they mean."""
 
     world: str = param("")
-    models: str = param("")
     seed: int = param(1, low=0)
     cameras: list = param([])
 
@@ -113,4 +112,4 @@ def build() -> CeilingCamerasNode:
     cameras = [world.camera(str(name)) for name in params.cameras] if params.cameras else list(world.cameras)
     if not cameras:
         rospy.logwarn("world '%s' has no ceiling cameras", world.name)
-    return CeilingCamerasNode(world, load_camera_models(models_file(params.models)), cameras, params.seed)
+    return CeilingCamerasNode(world, load_camera_models(), cameras, params.seed)

@@ -77,11 +77,8 @@ class Lab:
 
         As REP 117 has it: inf where nothing is, -inf where something is nearer than the scanner can measure.
         """
-        model, robot = self.scan_model, self.world.robots[index]
-        beams = max(2, int(round(model.beams * robot.scan_fov / 360.0)))
-        # one that sees all round does not look behind itself twice
-        start = -math.pi if robot.scan_fov >= 360.0 else -math.pi / model.beams * (beams - 1)
-        angles = start + 2.0 * math.pi / model.beams * np.arange(beams)
+        model = self.scan_model
+        angles = -math.pi + 2.0 * math.pi / model.beams * np.arange(model.beams)
         x, y, yaw = self.robots[index].pose
         ranges = self.field.cast((x, y), angles + yaw, model.range_max)
         discs = [
@@ -94,14 +91,10 @@ class Lab:
             discs.append((participant.pose[:2], model.person_radius))
         for center, radius in discs:
             ranges = np.minimum(ranges, cast_disc((x, y), angles + yaw, center, radius))
-        ranges = ranges + model.range_sigma * self._scan_rng.standard_normal(beams)
+        ranges = ranges + model.range_sigma * self._scan_rng.standard_normal(model.beams)
         ranges[ranges > model.range_max] = np.inf
-        ranges[ranges < self.range_min(index)] = -np.inf
+        ranges[ranges < model.range_min] = -np.inf
         return angles, ranges
-
-    def range_min(self, index: int) -> float:
-        """Returns the minimum range [m] of a robot's scanner."""
-        return self.world.robots[index].scan_min or self.scan_model.range_min
 
     def reset(self) -> None:
         """Puts every robot to its start."""

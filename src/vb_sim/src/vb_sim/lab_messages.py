@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-import os
 import struct
 import sys
 from typing import List
 
 import numpy as np
-import rospkg
 import rospy
 from sensor_msgs.msg import Image
 
@@ -66,11 +64,6 @@ def snapshot_from_message(message: LabState) -> Snapshot:
     if message.person_present and _finite(message.person.x, message.person.y, message.person.theta):
         person = (message.person.x, message.person.y, message.person.theta)
     return Snapshot(message.header.stamp.to_sec(), robots, laser, message.laser_color or "red", (0.0, 0.0), person)
-
-
-def models_file(path: str) -> str:
-    """Returns the file of models that a parameter names; for an empty one this package's own."""
-    return path or os.path.join(rospkg.RosPack().get_path("vb_sim"), "config", "models.yaml")
 
 
 def _finite(*values: float) -> bool:

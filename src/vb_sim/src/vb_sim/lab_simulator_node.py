@@ -25,13 +25,17 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
 from vb_msgs.msg import LabState, ParticipantState
 from vb_sim.lab import Lab, Participant
-from vb_sim.lab_messages import models_file
 from vb_sim.room.models import load_models, read_section
 from vb_sim.robot.motion_models import LocalizationModel, RobotModel, ScanModel
-from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
+from vb_sim.pacing import Lockstep, Pacer
 from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
+RATE = 50.0  # [1/s] steps of simulated time; cameras of 25 frames/s need an even multiple of it
+# odom and tf every so many steps: 25 Hz, one per camera frame; scans at 10 Hz, as small scanners have them; amcl_pose at
+# 2 Hz, about AMCL's rate while driving
+POSE_STEPS, SCAN_STEPS, AMCL_STEPS = 2, 5, 25
+TRANSFORM_TOLERANCE = 0.1  # [s] how far ahead map -> odom is dated: AMCL's own default
 # steps in which navigation, driver and AMCL each publish once: 0.1 s, the period of move_base's controller and of scans
 CONTROL_STEPS = 5
 
@@ -41,13 +45,7 @@ class LabSimulatorParams(Parameters):
     """The node's own parameters; the models' are in config/models.yaml."""
 
     world: str = param("")
-    models: str = param("")
     seed: int = param(1, "", low=0)
-    rate: float = param(50.0, "1/s", low=10.0, high=200.0)
-    pose_divisor: int = param(2, "steps", low=1)
-    scan_divisor: int = param(5, "steps", low=1)
-    amcl_divisor: int = param(25, "steps", low=1)
-    transform_tolerance: float = param(0.1, "s", low=0.0, high=1.0)
     localizes: bool = param(True)
     lockstep: bool = param(False)
 
@@ -83,11 +81,11 @@ class LabSimulatorNode:
         /sim/pace (std_msgs/Float64): simulated seconds per real second at most, for drives without people and cameras;
             1 before there is one
     Published topics:
-        /clock (rosgraph_msgs/Clock): `rate`, only with /use_sim_time
-        /sim/lab_state (vb_msgs/LabState): `rate`, ground truth
-        <robot>/odom (nav_msgs/Odometry), /tf (tf2_msgs/TFMessage): map -> odom -> base_link, `rate / pose_divisor`
-        <robot>/scan (sensor_msgs/LaserScan): `rate / scan_divisor`, only while it has subscribers
-        <robot>/amcl_pose (geometry_msgs/PoseWithCovarianceStamped, latched): `rate / amcl_divisor`
+        /clock (rosgraph_msgs/Clock): 50 Hz, only with /use_sim_time
+        /sim/lab_state (vb_msgs/LabState): 50 Hz, ground truth
+        <robot>/odom (nav_msgs/Odometry), /tf (tf2_msgs/TFMessage): map -> odom -> base_link, 25 Hz
+        <robot>/scan (sensor_msgs/LaserScan): 10 Hz, only while it has subscribers
+        <robot>/amcl_pose (geometry_msgs/PoseWithCovarianceStamped, latched): 2 Hz
         /tf_static (tf2_msgs/TFMessage): base_link -> base_laser_link
     Services:
         ~reset (std_srvs/Trigger): moves every robot back to its start
@@ -103,12 +101,10 @@ class LabSimulatorNode:
         self._sigma = (localization.position_sigma, localization.yaw_sigma)
         self._simulated = simulated_time
         self._lock = threading.Lock()
-        self._step_ns = int(round(1e9 / params.rate))
+        self._step_ns = int(round(1e9 / RATE))
         # whole steps, so that cameras at a divisor of the rate fall on them
         self._now_ns = time.time_ns() // self._step_ns * self._step_ns if simulated_time else time.time_ns()
         self._count = 0
-        self._factor = RealTimeFactor()
-        self._real_time_factor = 1.0
         self._closing = False
         lab.step(0.0, self._now_ns * 1e-9)
 
@@ -235,13 +231,12 @@ class LabSimulatorNode:
         if self._clock is not None:
             self._clock.publish(Clock(now))
         self._lab_state.publish(state)
-        if self._count % self._params.pose_divisor == 0:
+        if self._count % POSE_STEPS == 0:
             self._publish_poses(now)
-        if self._count % self._params.scan_divisor == 1 % self._params.scan_divisor:
+        if self._count % SCAN_STEPS == 1:
             self._publish_scans(now)
-        if self._params.localizes and self._count % self._params.amcl_divisor == 0:
+        if self._params.localizes and self._count % AMCL_STEPS == 0:
             self._publish_amcl(now)
-            self._real_time_factor = self._factor.update(time.monotonic(), self._now_ns * 1e-9)
         self._count += 1
 
     # ------------------------------------------------------------ messages
@@ -257,13 +252,12 @@ class LabSimulatorNode:
         state.person_present = participant.present
         state.person = Pose2D(*participant.pose)
         state.participant_doing = participant.doing
-        state.real_time_factor = self._real_time_factor
         return state
 
     def _publish_poses(self, now: rospy.Time) -> None:
         transforms: List[TransformStamped] = []
         # AMCL dates its correction ahead, so that a transform of the present time need not wait for it
-        ahead = now + rospy.Duration(self._params.transform_tolerance)
+        ahead = now + rospy.Duration(TRANSFORM_TOLERANCE)
         for body, connection in zip(self._lab.robots, self._robots):
             with self._lock:
                 odometry, velocity, correction = body.odometry, body.velocity, body.map_to_odom()
@@ -306,8 +300,8 @@ class LabSimulatorNode:
             message.header.stamp, message.header.frame_id = now, connection.laser_frame
             message.angle_min, message.angle_max = float(angles[0]), float(angles[-1])
             message.angle_increment = float(angles[1] - angles[0])
-            message.scan_time = self._params.scan_divisor / self._params.rate
-            message.range_min, message.range_max = self._lab.range_min(index), model.range_max
+            message.scan_time = SCAN_STEPS / RATE
+            message.range_min, message.range_max = model.range_min, model.range_max
             message.ranges = ranges.tolist()
             connection.scan.publish(message)
 
@@ -332,7 +326,7 @@ def build() -> LabSimulatorNode:
     """Reads the parameters and makes the node."""
     parameters.read_required("~world")
     params = parameters.read(LabSimulatorParams)
-    models = load_models(models_file(params.models))
+    models = load_models()
     robot = read_section(models, "robot", RobotModel)
     localization = read_section(models, "localisation", LocalizationModel)
     scan = read_section(models, "scan", ScanModel)

@@ -10,11 +10,9 @@ import actionlib
 import numpy as np
 import rospy
 from geometry_msgs.msg import PoseStamped, Twist
-from map_msgs.msg import OccupancyGridUpdate
 from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedback, MoveBaseGoal, MoveBaseResult
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
-from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Empty, EmptyResponse
 
@@ -27,14 +25,11 @@ from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.transforms import TransformLookup
 from vb_sim.robot.navigator import Navigator
 
-OccupancyGridUpdateArray = numpy_msg(OccupancyGridUpdate)
 Pose = Tuple[float, float, float]
 MAPS = (names.MAP_WITH_BORDERS, names.MAP_WITH_MARGIN)
 
 
 _PERIOD = 0.1  # [s] of commands; more often costs processor time and drives no better at 0.5 m/s
-# [s], [m] of the local costmap: low, as only people look at it
-_LOCAL_PERIOD, _LOCAL_SIZE = 1.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -63,9 +58,7 @@ class NavigationNode:
         cmd_vel (geometry_msgs/Twist): only while a goal is active, and one zero at its end
         move_base/NavfnROS/plan (nav_msgs/Path)
         move_base/global_costmap/costmap (nav_msgs/OccupancyGrid, latched)
-        move_base/global_costmap/costmap_updates (map_msgs/OccupancyGridUpdate)
         move_base/goal (move_base_msgs/MoveBaseActionGoal): goals received on move_base_simple/goal
-        move_base/local_costmap/costmap (nav_msgs/OccupancyGrid): only while it has subscribers
     Parameters:
         ~prefix: of the names of the robot's frames
         robot_profile: in the robot's namespace
@@ -83,8 +76,6 @@ class NavigationNode:
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1, latch=True)
         self._global = rospy.Publisher("~global_costmap/costmap", messages.OccupancyGridArray, queue_size=1, latch=True)
-        self._updates = rospy.Publisher("~global_costmap/costmap_updates", OccupancyGridUpdateArray, queue_size=1)
-        self._local = rospy.Publisher("~local_costmap/costmap", messages.OccupancyGridArray, queue_size=1)
         self._goals = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
         self._static: Dict[str, messages.OccupancyGridArray] = {}  # by topic
         self._maps: node.Mailbox = node.Mailbox()  # which of them has come
@@ -96,7 +87,6 @@ class NavigationNode:
         self._server = actionlib.SimpleActionServer("move_base", MoveBaseAction, self._execute, auto_start=False)
         self._server.start()
         rospy.Subscriber("move_base_simple/goal", PoseStamped, self._on_simple_goal, queue_size=1)
-        self._timer = rospy.Timer(rospy.Duration(_LOCAL_PERIOD), self._publish_local, reset=True)
 
     def close(self) -> None:
         """Stops the robot."""
@@ -122,13 +112,7 @@ class NavigationNode:
             grid = GridMap(grid.data, grid.resolution, (grid.origin[0], grid.origin[1], 0.0))
         costmap = self._navigator.set_map(grid)
         occupancy = grid.with_data(costmap.occupancy())
-        now = rospy.Time.now()
-        self._global.publish(messages.message_from_grid(occupancy, now))
-        update = OccupancyGridUpdateArray()
-        update.header.stamp, update.header.frame_id = now, names.MAP_FRAME
-        update.height, update.width = grid.shape
-        update.data = np.ascontiguousarray(occupancy.data).ravel()
-        self._updates.publish(update)
+        self._global.publish(messages.message_from_grid(occupancy, rospy.Time.now()))
 
     # ------------------------------------------------------------ scan and pose
     def _on_scan(self, message: LaserScan) -> None:
@@ -193,29 +177,6 @@ class NavigationNode:
         goal = MoveBaseActionGoal(goal=MoveBaseGoal(target_pose=pose))
         goal.header.stamp = rospy.Time.now()
         self._goals.publish(goal)
-
-    def _publish_local(self, _event: object) -> None:
-        if not self._local.get_num_connections():
-            return
-        try:
-            static, _ = self._navigator.static()
-            pose = self._pose()
-            with self._lock:
-                obstacles = self._obstacles
-            costmap = self._navigator.with_obstacles(static, pose, obstacles).costmap
-        except CodedError as error:
-            rospy.logdebug("no local costmap: %s", error)
-            return
-        grid = costmap.grid
-        half = int(_LOCAL_SIZE / 2.0 / grid.resolution)
-        row, column = grid.world_to_cell(np.array(pose[:2]))[0]
-        low_row, low_column = max(row - half, 0), max(column - half, 0)
-        window = costmap.occupancy()[low_row : row + half, low_column : column + half]
-        if window.size:
-            x, y = np.array(grid.origin[:2]) + np.array([low_column, low_row]) * grid.resolution
-            self._local.publish(
-                messages.message_from_grid(GridMap(window, grid.resolution, (x, y, 0.0)), rospy.Time.now())
-            )
 
     # ------------------------------------------------------------ driving
     def _execute(self, goal: MoveBaseGoal) -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
-from typing import Deque, Set, Tuple
+from typing import Set, Tuple
 
 CATCH_UP = 0.3  # [s] the most that is caught up
 QUICKEST = 0.7  # the minimum wait, as a share of the period
@@ -70,19 +69,3 @@ class Lockstep:
                 self._condition.wait_for(lambda: self._arrived >= self._expected, self._timeout)
             self._active = self._arrived >= self._expected
             self._arrived.clear()
-
-
-class RealTimeFactor:
-    """Simulated seconds per second of wall time over the last seconds."""
-
-    def __init__(self, window: float = 5.0) -> None:
-        self._window = window
-        self._samples: Deque[Tuple[float, float]] = deque()
-
-    def update(self, wall: float, simulated: float) -> float:
-        """Adds a sample [s, s] and returns the factor; 1 until there is something to measure."""
-        self._samples.append((wall, simulated))
-        while wall - self._samples[0][0] > self._window:
-            self._samples.popleft()
-        first = self._samples[0]
-        return (simulated - first[1]) / (wall - first[0]) if wall - first[0] > 0.5 else 1.0

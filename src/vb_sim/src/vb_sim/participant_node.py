@@ -12,14 +12,12 @@ import numpy as np
 import rospy
 from geometry_msgs.msg import Point, Pose2D
 from std_msgs.msg import String
-from std_srvs.srv import Trigger, TriggerResponse
 
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
 from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
-from vb_sim.lab_messages import models_file
 from vb_sim.room.models import load_models, read_section
 from vb_sim.person.participant_model import ParticipantModel
 from vb_sim.person.participant import Action, CommandReply, ParticipantScript, Perception, Person
@@ -34,10 +32,8 @@ class ParticipantParams(Parameters):
 
     world: str = param("")
     scenario: str = param("")
-    models: str = param("")
     method: str = param("nrs", choices=("nrs", "robot_only"))
     seed: int = param(1, "", low=0)
-    autostart: bool = param(True)
     color: str = param("red", choices=("red", "green"))
 
 
@@ -58,14 +54,12 @@ class ParticipantNode:
             scenario, method, seed, tries, started, ended [s]
     Services called:
         /virtual_borders/command (vb_msgs/Command)
-    Services:
-        ~start (std_srvs/Trigger): begins, or begins again
     Parameters:
         config/participant.yaml
     """
 
     def __init__(self, world: World, scenario: Scenario, model: ParticipantModel, params: ParticipantParams) -> None:
-        self._world, self._scenario, self._model, self._params = world, scenario, model, params
+        self._scenario, self._params = scenario, params
         self._lock = threading.Lock()
         self._percept = Perception()
         self._sees_state = False  # a person who came back must know whether something was left half done
@@ -83,8 +77,8 @@ class ParticipantNode:
         if over:
             self._done.publish(String(str(finished.get("report", ""))))
             rospy.loginfo("%s: had finished already", rospy.get_name())
-        elif params.autostart:
-            self._begin()
+        else:
+            self._script = self._make_person(world, model)
         self._lab_states: node.Mailbox = node.Mailbox()
         self._worker = node.Worker(self._lab_states, self._live)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
@@ -93,7 +87,6 @@ class ParticipantNode:
         self._notices: Dict[str, Set[str]] = {}  # codes by the node that says them
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=10)
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
-        rospy.Service("~start", Trigger, self._on_start)
         node.watch_input(
             f"the lab's state on {names.LAB_STATE}: is lab_simulator running?",
             lambda: self._lab_states.received > 0,
@@ -109,23 +102,12 @@ class ParticipantNode:
         """Ends the worker."""
         self._lab_states.close()
 
-    def _begin(self) -> None:
-        """A fresh person with the same seed."""
-        near = self._scenario.stand if self._params.method == "nrs" else np.array(self._world.robots[0].start[:2])
-        person = Person(self._world, self._scenario, self._model, self._params.seed, near, self._params.method)
-        script = NetworkRobotSystemScript(person) if self._params.method == "nrs" else RobotOnlyScript(person)
-        with self._lock:
-            self._percept.answer, self._percept.answered = None, 0
-            self._script = script
-            self._started = 0.0
+    def _make_person(self, world: World, model: ParticipantModel) -> ParticipantScript:
+        near = self._scenario.stand if self._params.method == "nrs" else np.array(world.robots[0].start[:2])
+        person = Person(world, self._scenario, model, self._params.seed, near, self._params.method)
+        return NetworkRobotSystemScript(person) if self._params.method == "nrs" else RobotOnlyScript(person)
 
     # ------------------------------------------------------------ perception
-    def _on_start(self, _request: Trigger) -> TriggerResponse:
-        if rospy.has_param("~finished"):
-            rospy.delete_param("~finished")
-        self._begin()
-        return TriggerResponse(success=True, message=f"scenario {self._scenario.key}, method {self._params.method}")
-
     def _on_spot(self, message: LaserSpot) -> None:
         seen = (message.position.x, message.position.y)
         with self._lock:
@@ -175,7 +157,7 @@ class ParticipantNode:
             self._spot = action.laser
         self._publish(action, now)
         if action.command:
-            node.start_thread(self._command, script, action)
+            node.start_thread(self._command, action)
         if action.outcome and not over_before:
             self._report(script, seen.now)
 
@@ -191,7 +173,7 @@ class ParticipantNode:
         message.doing = action.doing
         self._state.publish(message)
 
-    def _command(self, script: ParticipantScript, action: Action) -> None:
+    def _command(self, action: Action) -> None:
         try:
             response = commands.send(commands.make_request(action.command, action.source, 18.0), 3.0, 15.0)
             answer = CommandReply(response.success, response.code, response.message)
@@ -199,8 +181,7 @@ class ParticipantNode:
             answer = CommandReply(False, error.code, error.message)
         rospy.loginfo("%s: %s: %s", rospy.get_name(), action.command, answer.message or answer.code)
         with self._lock:
-            if script is self._script:  # an answer to a person who was replaced meanwhile is dropped
-                self._percept.answer, self._percept.answered = answer, action.number
+            self._percept.answer, self._percept.answered = answer, action.number
 
     def _report(self, script: ParticipantScript, now: float) -> None:
         report: Dict[str, Any] = {
@@ -226,5 +207,5 @@ def build() -> ParticipantNode:
         parameters.read_required(name)
     params = parameters.read(ParticipantParams, ignore=("finished",))
     world = load_world(params.world)
-    model = read_section(load_models(models_file(params.models)), "participant", ParticipantModel)
+    model = read_section(load_models(), "participant", ParticipantModel)
     return ParticipantNode(world, world.scenario(params.scenario), model, params)

@@ -17,7 +17,7 @@ from vb_core.ros.messages import message_from_transform
 from vb_sim.cameras.camera_node import CameraNode
 from vb_sim.room.floor_texture import render_floor
 from vb_sim.lab_history import Snapshot
-from vb_sim.lab_messages import array_image, models_file
+from vb_sim.lab_messages import array_image
 from vb_sim.room.mesh import world_mesh
 from vb_sim.room.camera_models import CameraModels, load_camera_models
 from vb_sim.cameras.robot_view import RobotView
@@ -108,7 +108,6 @@ class RobotCameraParams(Parameters):
     """The node's own parameters; config/robot_camera.yaml says what they mean."""
 
     world: str = param("")
-    models: str = param("")
     seed: int = param(1, low=0)
     robot: str = param("")
     tf_prefix: str = param("")
@@ -122,5 +121,5 @@ def build() -> RobotCameraNode:
     params = parameters.read(RobotCameraParams)
     world = load_world(params.world)
     robot = world.robot(params.robot) if params.robot else world.robots[0]
-    models = load_camera_models(models_file(params.models))
+    models = load_camera_models()
     return RobotCameraNode(world, models, robot, params.seed, params.tf_prefix)

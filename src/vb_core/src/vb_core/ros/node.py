@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import ctypes
 import inspect
 import socket
@@ -10,7 +11,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Deque, Generic, Iterable, List, Optional, TypeVar
+from typing import Any, Callable, Deque, Generic, Iterable, Iterator, List, Optional, TypeVar
 
 import rosgraph
 import rosgraph.network
@@ -155,44 +156,6 @@ def disable_heap_trimming() -> None:
     _tune_malloc(_M_TRIM_THRESHOLD, 128 << 20)
 
 
-class Mailbox(Generic[T]):
-    """A mailbox for one item: the newest wins, the one it replaces counts as dropped.
-
-    A subscriber's callback puts, a worker thread takes: slow work never makes a queue grow.
-    """
-
-    def __init__(self) -> None:
-        self._condition = threading.Condition()
-        self._item: Optional[T] = None
-        self._closed = False
-        self.received = 0
-        self.dropped = 0
-
-    def put(self, item: T) -> None:
-        """Puts an item; one that is still there is dropped."""
-        with self._condition:
-            self.received += 1
-            if self._item is not None:
-                self.dropped += 1
-            self._item = item
-            self._condition.notify()
-
-    def get(self) -> Optional[T]:
-        """Waits for an item and takes it; None once the mailbox is closed."""
-        with self._condition:
-            while self._item is None and not self._closed:
-                self._condition.wait()
-            item, self._item = self._item, None
-            return item
-
-    def close(self) -> None:
-        """Wakes up the waiting thread; `get` then returns None."""
-        with self._condition:
-            self._closed = True
-            self._item = None
-            self._condition.notify_all()
-
-
 class Queue(Generic[T]):
     """A queue for a worker: no item is skipped, order is kept, the number is limited."""
 
@@ -223,6 +186,32 @@ class Queue(Generic[T]):
         with self._condition:
             self._closed = True
             self._condition.notify_all()
+
+
+class Mailbox(Queue[T]):
+    """A queue of one item: the newest wins, and the one it replaces counts as dropped. Closing it takes out what is there.
+
+    A subscriber's callback puts, a worker thread takes: slow work never makes a queue grow.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.received = 0
+        self.dropped = 0
+
+    def put(self, item: T) -> bool:
+        """Puts an item in place of one that is still there."""
+        with self._condition:
+            self.received += 1
+            self.dropped += len(self._items)
+            self._items.clear()
+            return super().put(item)
+
+    def close(self) -> None:
+        """Wakes up the waiting thread; `get` then returns None."""
+        with self._condition:
+            self._items.clear()
+            super().close()
 
 
 MIN_POLL_PERIOD = 0.002  # [s] of wall time between two looks at simulated time
@@ -276,33 +265,63 @@ class WakeTimer:
         self._wake.set()
 
 
+@contextlib.contextmanager
+def _ending_with_a_fault() -> Iterator[None]:
+    """Ends the node, with a traceback, if what is done within raises; roslaunch then restarts it.
+
+    A thread that had died alone would leave a node that runs on and does not do its work.
+    """
+    sound = False
+    try:
+        yield
+        sound = True
+    finally:
+        if not sound:
+            shut_down_with_error(CodedError("internal_error"))
+
+
 def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
-    """Runs work in a separate thread; a fault ends the node with a traceback, and roslaunch restarts it."""
+    """Runs work in a separate thread; a fault ends the node."""
 
     def run() -> None:
-        sound = False
-        try:
+        with _ending_with_a_fault():
             work(*arguments)
-            sound = True
-        finally:
-            if not sound:
-                shut_down_with_error(CodedError("internal_error"))
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     return thread
 
 
+def _handle(work: Callable[..., None], *arguments: Any) -> None:
+    """Does one piece of work; a `CodedError` is logged, and what topics raise as they close during shutdown is left out."""
+    try:
+        work(*arguments)
+    except CodedError as error:
+        rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
+    except rospy.ROSException:
+        if not rospy.is_shutdown():
+            raise
+
+
+def start_timer(period: float, work: Callable[[], None]) -> rospy.Timer:
+    """Does work every `period` [s] of ROS time, also after time was set back; faults are treated as a `Worker`'s."""
+
+    def run(_event: Any) -> None:
+        with _ending_with_a_fault():
+            _handle(work)
+
+    return rospy.Timer(rospy.Duration(period), run, reset=True)
+
+
 class Worker:
     """A thread that handles the items of a Mailbox, Queue or WakeTimer one after the other, and survives a faulty item.
 
-    A `CodedError` is a faulty item. Anything else is a fault of the node: it ends with a traceback, and roslaunch
-    restarts it; a node whose worker alone had died would run on deaf.
+    A `CodedError` is a faulty item. Anything else is a fault of the node, which ends.
     """
 
     def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
         self._mailbox = mailbox
-        self._handle = handle
+        self._do = handle
         self._thread = start_thread(self._work)
 
     def join(self, timeout: float) -> None:
@@ -314,14 +333,7 @@ class Worker:
             item = self._mailbox.get()
             if item is None:
                 return
-            try:
-                self._handle(item)
-            except CodedError as error:
-                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
-            except rospy.ROSException:
-                if not rospy.is_shutdown():
-                    raise
-                return
+            _handle(self._do, item)
 
 
 LOG_DELAY = 5.0  # [s] of wall time before the first log line about waiting, and the next

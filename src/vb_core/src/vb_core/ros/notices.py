@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import threading
 import time
-from typing import Callable, Dict, Iterable, List, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Tuple
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
 
 from vb_core import names
 from vb_core.notices import REPEAT_PERIOD, Notice, ActiveNotices, Severity
+from vb_core.ros import node
 from vb_core.ros.messages import mapping_from_values, values_from_mapping
 from vb_msgs.msg import Notice as NoticeMessage
 from vb_msgs.msg import NoticeArray
@@ -89,9 +90,9 @@ class NoticePublisher:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._notices: List[Notice] = []
-        self._logged: Dict[Tuple[str, ...], float] = {}  # [s] of wall time when each held last
+        self._logged: Dict[Tuple[Any, ...], float] = {}  # [s] of wall time when each held last
         self._publisher = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=10, latch=True)
-        self._timer = rospy.Timer(rospy.Duration(REPEAT_PERIOD), lambda _event: self._publish(), reset=True)
+        self._timer = node.start_timer(REPEAT_PERIOD, self._publish)
         self._publish()
 
     def set(self, notices: Iterable[Notice]) -> None:
@@ -122,7 +123,8 @@ class NoticePublisher:
         """Returns the warnings and errors that did not hold a moment ago: what flickers is logged once."""
         now, new = time.monotonic(), []
         for notice in self._notices:
-            key = (notice.code, notice.robot, notice.border_id, notice.camera)
+            # a warning that becomes an error is news
+            key = (notice.code, notice.robot, notice.border_id, notice.camera, notice.severity)
             if notice.severity >= Severity.WARNING and now - self._logged.get(key, -math.inf) > LOG_PERIOD:
                 new.append(notice)
             self._logged[key] = now

@@ -90,7 +90,7 @@ class CameraWatch:
     def missing(self, now: float) -> List[Notice]:
         """Returns a notice for each camera whose detector has not reported for too long at a time [s]."""
         return [
-            _notice(camera, CodedError("detector_missing"))
+            Notice.from_error(CodedError("detector_missing"), Severity.ERROR, camera)
             for camera in sorted(self._reports)
             if self._is_missing(camera, now)
         ]
@@ -105,7 +105,7 @@ class CameraWatch:
             age = min(ages, key=abs, default=0.0)
             known = len(ages) == _CLOCK_REPORTS and not self._is_missing(camera, now)
             if known and abs(age) > MAX_CLOCK_OFFSET:
-                found.append(_notice(camera, CodedError("camera_clock", age=f"{age:.2f}")))
+                found.append(Notice.from_error(CodedError("camera_clock", age=f"{age:.2f}"), Severity.ERROR, camera))
         return found
 
     def misfits(
@@ -143,7 +143,7 @@ class CameraWatch:
                 continue
             # its detector says that the frame is another one's: it will get its own first, then comes the pose
             if frames.count(report.frame) < 2:
-                found.append(_notice(camera, fault))
+                found.append(Notice.from_error(fault, Severity.ERROR, camera))
         return found
 
     def disagreements(self, now: float) -> List[Notice]:
@@ -157,12 +157,8 @@ class CameraWatch:
             apart = distance_between(fresh[first], fresh[second])
             if apart > _MAX_DISAGREEMENT:
                 values = {"first": first, "second": second, "cm": f"{100 * apart:.0f}"}
-                found.append(_notice(second, CodedError("cameras_disagree", **values)))
+                found.append(Notice.from_error(CodedError("cameras_disagree", **values), Severity.ERROR, second))
         return found
-
-
-def _notice(camera: str, error: CodedError) -> Notice:
-    return Notice.from_error(error, Severity.ERROR, camera)
 
 
 def distance_between(first: Sequence[Sighting], second: Sequence[Sighting]) -> float:

@@ -222,7 +222,7 @@ class DatabaseFiles:
         return sorted((self.folder / "copies").glob("*.db"), key=files.read_revision, reverse=True)
 
     def _report(self, code: str, severity: Severity, **values: Any) -> None:
-        self.notices.append(Notice.from_values(code, severity, values))
+        self.notices.append(Notice.from_error(CodedError(code, **values), severity))
 
     def _lose_replica(self, error: Exception) -> None:
         if self._replica is not None:

@@ -54,15 +54,3 @@ def apply_color_filters(values: np.ndarray, weights: np.ndarray, encoding: str, 
     result[even_row::2, even_column::2] = values[even_row::2, even_column::2] * red
     result[odd_row::2, odd_column::2] = values[odd_row::2, odd_column::2] * blue
     return result
-
-
-def decode(image: np.ndarray, encoding: str) -> np.ndarray:
-    """Decodes an image of any of the encodings to (H, W, 3) bgr, for people to look at."""
-    if encoding == "bayer_rggb8":
-        # OpenCV names a pattern by its second row and column: RGGB is its BG
-        return cv2.cvtColor(image, cv2.COLOR_BayerBG2BGR)
-    if encoding == "rgb8":
-        return cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    if encoding == "mono8":
-        return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    return image

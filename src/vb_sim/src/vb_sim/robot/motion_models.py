@@ -37,7 +37,7 @@ class LocalizationModel(Parameters):
 
 @dataclass(frozen=True)
 class ScanModel(Parameters):
-    """A laser scanner above the robot's middle; how wide it looks is the robot's `scan_fov` in the world."""
+    """A laser scanner above the robot's middle, which looks all round."""
 
     beams: int = param(360, "", low=4, high=1440)
     range_min: float = param(0.12, "m", low=0.0)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, field
-from typing import Any, Mapping, Tuple
+from pathlib import Path
+from typing import Any, Mapping, Tuple, Union
 
 import numpy as np
 
 from vb_core.parameters import Parameters, param
 from vb_sim.room.bodies import AVERAGE, BodyProportions
-from vb_sim.room.models import load_models, read_section
+from vb_sim.room.models import MODELS, load_models, read_section
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class CameraModels:
         return self.optics.pointer_height * self.body.height / AVERAGE.height
 
 
-def load_camera_models(path: str) -> CameraModels:
+def load_camera_models(path: Union[str, Path] = MODELS) -> CameraModels:
     """Reads the sections `optics`, `camera_noise`, `robot_camera` and `body`; others belong to others.
 
     Raises:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Mapping, Type, TypeVar
+from typing import Any, Mapping, Type, TypeVar, Union
 
 import yaml
 
@@ -11,6 +11,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters
 
 P = TypeVar("P", bound=Parameters)
+MODELS = Path(__file__).resolve().parents[3] / "config" / "models.yaml"
 
 
 def read_document(path: Path, what: str) -> Any:
@@ -32,8 +33,8 @@ def read_document(path: Path, what: str) -> Any:
         raise CodedError(f"bad_{what}", f"the {what} file '{path}' is not valid YAML{line}") from None
 
 
-def load_models(path: str) -> Mapping[str, Any]:
-    """Reads the sections of a models file.
+def load_models(path: Union[str, Path] = MODELS) -> Mapping[str, Any]:
+    """Reads the sections of a models file, by default this package's own.
 
     Raises:
         CodedError: "no_models", "bad_models", as `read_document`.

@@ -180,8 +180,6 @@ class Robot(Parameters):
     camera_pitch: float = param(30.0, "deg", low=0.0, high=89.0)
     camera_fov: float = param(58.0, "deg", low=10.0, high=150.0)
     camera_rate: float = param(25.0, "1/s", above=0.0, high=120.0)
-    scan_fov: float = param(360.0, "deg", above=1.0, high=360.0)
-    scan_min: float = param(0.0, "m", low=0.0, high=2.0)
 
     def start_pose(self) -> Tuple[float, float, float]:
         """Returns the pose (x, y, yaw) [m, m, rad] at the start."""
