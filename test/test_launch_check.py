@@ -184,7 +184,7 @@ def test_a_misspelt_parameter_is_named_with_its_file_and_all_known_ones(files):
     "name, free",
     [
         ("lab", {"state", "calibration", "record", "map_name", "page_address"}),
-        ("simulation", {"world", "seed", "state", "record", "page_address"}),
+        ("simulation", {"world", "seed", "state", "record", "maps", "page_address"}),
         ("borders_only", {"state", "robot_frames", "page_address"}),
     ],
 )

@@ -3,7 +3,6 @@
 
     python3 bench/lab/page.py                     1 and 20 browsers' links: share of a core, stamp of a spot to the message
     python3 bench/lab/page.py --browser           the same time up to the picture in a real browser
-    python3 bench/lab/page.py --axe FILE          axe-core (its axe.min.js) on the page in both sizes, light and dark
 
 Roscore and nodes are on free ports of loopback. The browsers' links are a process of their own: what they cost is not the
 page's. Hostile messages: page_hostile.py.
@@ -18,7 +17,6 @@ import subprocess
 import sys
 import time
 from contextlib import ExitStack
-from pathlib import Path
 from typing import List
 
 from tornado.httpclient import HTTPRequest
@@ -33,7 +31,6 @@ LISTENER = "from bench.lab import page; page.listen_many({port}, {count}, {secon
 SHOWN = """window.delays = []; const map = window.virtualBorders.map, set = map.setSpots.bind(map);
   map.setSpots = (spots) => { set(spots); const newest = Math.max(...Object.values(spots).map((s) => s[3]));
     requestAnimationFrame(() => requestAnimationFrame(() => window.delays.push(Date.now() / 1000 - newest))) }"""
-AXE = "axe.run(document).then((r) => arguments[0](r.violations.map((v) => `${v.impact}: ${v.id}`)))"
 
 
 async def listen(port, until, stamps, sizes):
@@ -97,39 +94,16 @@ def show(table: Table, port: int, seconds: float) -> None:
         page.close()
 
 
-def check_access(table: Table, port: int, axe: Path) -> None:
-    """Lists what axe-core finds in the main view, while drawing, and in a dialog."""
-    from phone import PHONE, WALL, Browser
-
-    for size, language in ((size, language) for size in (PHONE, WALL) for language in ("en", "de")):
-        page, found = Browser(f"http://127.0.0.1:{port}/", size, language), []
-        for dark in (False, True):
-            page.resize(size, dark)
-            page.driver.refresh()
-            page.wait_ready()
-            page.run("document.querySelectorAll('details').forEach((e) => { e.open = true })")
-            for opener in ("", "#draw", "#settings-button"):
-                if opener:
-                    page.click(opener)
-                page.driver.execute_script(axe.read_text(encoding="utf-8"))
-                found += page.driver.execute_async_script(AXE)
-        page.close()
-        table.add(what="axe", size=f"{size[0]} x {size[1]}", language=language, violations=", ".join(found) or "none")
-
-
 def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--browsers", type=int, nargs="+", default=[1, 20], help="how many links")
     parser.add_argument("--seconds", type=float, default=30.0, help="of drawing")
     parser.add_argument("--browser", action="store_true")
-    parser.add_argument("--axe", type=Path, metavar="FILE")
     given = parser.parse_args()
     table = Table(given.csv)
     with ExitStack() as stack:
         port, _ = start(stack)
-        if given.axe:
-            check_access(table, port, given.axe)
-        elif given.browser:
+        if given.browser:
             show(table, port, given.seconds)
         else:
             cost(table, port, given.browsers, given.seconds)

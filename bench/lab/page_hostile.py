@@ -230,10 +230,10 @@ async def main() -> int:
         port, folder = start(stack, network=True)
         page = Page(port, yaml.safe_load((folder / "page_codes.yaml").read_text()))
         AsyncHTTPClient.configure(None, max_clients=50)
-        _, cookie = await page.log_in(page.codes["operator"])
         for number, attack in enumerate(ATTACKS):
             if attack.__name__ not in given.only:
                 continue
+            _, cookie = await page.log_in(page.codes["operator"])
             link = await page.link(cookie)
             held = node_process("/map_integrator") if attack is previews else None
             if held is not None:

@@ -34,7 +34,11 @@ LAUNCH = """<launch>
     <param name="port" value="{port}"/><param name="events_file" value="{state}/e.jsonl"/>
     <param name="address" value="{address}"/><param name="codes_file" value="{state}/page_codes.yaml"/></node>
 </launch>"""
-CERTIFICATE = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=lab -keyout page.key -out page.crt"
+# as docs/how-to/use-the-page.md has it
+CERTIFICATE = (
+    "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
+    " -keyout page.key -out page.crt"
+)
 
 
 def wait(condition: Callable[[], Any], what: str, seconds: float = 60.0) -> None:

@@ -137,11 +137,6 @@ def test_letters_contrast_with_their_ground(letters, ground):
     assert (light + 0.05) / (dark + 0.05) > 4.0
 
 
-def test_cameras_keep_their_colour():
-    assert colors.camera_color("hall") == colors.camera_color("hall")
-    assert colors.camera_color("")
-
-
 def test_blend():
     assert colors.blend((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.25) == (0.25, 0.25, 0.25)
     assert colors.blend((0.2, 0.2, 0.2), (1.0, 1.0, 1.0), -3.0) == (0.2, 0.2, 0.2)

@@ -112,26 +112,13 @@ def run(*command, **options):
 def authority(tmp_path_factory):
     """A throw-away authority with a broker's certificate for 127.0.0.1, and another authority."""
     folder = tmp_path_factory.mktemp("authority")
+    key = "openssl req -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes"
     for name in ("ca", "other"):
-        made = ("-keyout", f"{name}.key", "-out", f"{name}.crt")
-        run("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", f"/CN={name}", *made, cwd=folder)
-    run(
-        "openssl",
-        "req",
-        "-newkey",
-        "rsa:2048",
-        "-nodes",
-        "-subj",
-        "/CN=broker",
-        "-keyout",
-        "b.key",
-        "-out",
-        "b.csr",
-        cwd=folder,
-    )
+        run(*f"{key} -x509 -subj /CN={name} -keyout {name}.key -out {name}.crt".split(), cwd=folder)
+    run(*f"{key} -subj /CN=broker -keyout b.key -out b.csr".split(), cwd=folder)
     (folder / "names").write_text("subjectAltName=IP:127.0.0.1")
-    signed = ("-CA", "ca.crt", "-CAkey", "ca.key", "-CAcreateserial", "-extfile", "names", "-out", "b.crt")
-    run("openssl", "x509", "-req", "-in", "b.csr", *signed, cwd=folder)
+    signed = "openssl x509 -req -in b.csr -CA ca.crt -CAkey ca.key -CAcreateserial -extfile names -out b.crt"
+    run(*signed.split(), cwd=folder)
     return folder
 
 

@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import unittest
+from contextlib import closing
 from datetime import datetime
 from pathlib import Path
 from xmlrpc.client import ServerProxy
@@ -452,8 +453,7 @@ class PageTest(unittest.TestCase):
         self.remove_all()
 
     def test_3ab_two_fingers_enlarge_the_page_and_stop_keeps_its_place_on_the_screen(self):
-        small = Browser(self.browser.url, (360, 640), mobile=True)
-        try:
+        with closing(Browser(self.browser.url, (360, 640), mobile=True)) as small:
             small.wait_ready()
             # on the screen, and not in the page: what was seen of it times the scale
             place = """const { scale, offsetLeft, offsetTop } = visualViewport,
@@ -485,8 +485,6 @@ class PageTest(unittest.TestCase):
             for size in ((360, 640), (640, 360), PHONE, WALL):
                 small.resize(size)
                 self.assertGreaterEqual(small.run(gap), 24, size)
-        finally:
-            small.close()
         self.browser.click("#resume")
         wait_until(lambda: not self.heard[names.STATE].stopped, "go on")
 
@@ -573,8 +571,7 @@ class PageTest(unittest.TestCase):
         self.browser.click("#review button", "Cancel")
 
     def test_3ae_a_wall_with_a_warning_hides_no_name_and_a_dialog_moves_nothing_behind_it(self):
-        small = Browser(self.browser.url, (360, 640))
-        try:
+        with closing(Browser(self.browser.url, (360, 640))) as small:
             small.wait_ready()
             small.click("#wall")
             for point in ([3.2, 3.95], [3.2, 3.1]):  # a doorway
@@ -606,8 +603,6 @@ class PageTest(unittest.TestCase):
             self.assertEqual(
                 small.run("return getComputedStyle(document.getElementById('dialog-title')).outlineStyle"), "none"
             )
-        finally:
-            small.close()
 
     def test_3af_a_border_keeps_its_mark_which_tells_why_it_is_not_in_force(self):
         marks = """return Object.fromEntries([...document.querySelectorAll('#borders .name')].map(
@@ -708,8 +703,7 @@ class PageTest(unittest.TestCase):
 
     # ------------------------------------------------------------- what is seen
     def test_5_two_browsers_two_sizes_two_languages(self):
-        other = Browser(self.browser.url, WALL, "de", dark=True)
-        try:
+        with closing(Browser(self.browser.url, WALL, "de", dark=True)) as other:
             other.wait_ready()
             self.assertEqual(other.run("return document.documentElement.lang"), "de")
             self.store_carpet()
@@ -738,13 +732,10 @@ class PageTest(unittest.TestCase):
                 self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
                 self.assertEqual(faults_of(browser), [])
             self.assertEqual(other.faults(), [])
-        finally:
-            other.close()
 
     def test_5a_what_a_tap_brings_up_fits_a_small_phone(self):
         self.store_carpet("The longest name that anybody thought of for a piece of floor", "The longest name")
-        small = Browser(self.browser.url, (360, 640), "de")
-        try:
+        with closing(Browser(self.browser.url, (360, 640), "de")) as small:
             small.wait_ready()
             small.wait("document.querySelector('#borders .switch')", what="the border")
             self.assertLessEqual(
@@ -803,8 +794,6 @@ class PageTest(unittest.TestCase):
             small.resize((640, 360))
             small.click("#review button", "Abbrechen")
             self.assertEqual(small.faults(), [])
-        finally:
-            small.close()
         self.remove_all()
 
     def test_5b_each_robot_has_a_line_and_each_camera_its_picture_below_its_line(self):

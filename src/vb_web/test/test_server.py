@@ -22,6 +22,10 @@ from vb_web.view import View
 
 CODES = AccessCodes("view-er22", "oper-at33")
 BOUNDS = action_requests.Bounds((0.0, 0.0), (8.0, 5.0))
+CERTIFICATE = (
+    "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=lab"
+    " -addext subjectAltName=IP:127.0.0.1 -keyout page.key -out page.crt"
+)
 
 
 class FakeBackend:
@@ -123,29 +127,7 @@ def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path)
     (tmp_path / "page.crt").write_text("")
     with pytest.raises(ParameterError, match="go together"):
         ServerParams.scheme.fget(params)
-    subprocess.run(
-        [
-            "openssl",
-            "req",
-            "-x509",
-            "-newkey",
-            "rsa:2048",
-            "-nodes",
-            "-days",
-            "2",
-            "-subj",
-            "/CN=lab",
-            "-addext",
-            "subjectAltName=IP:127.0.0.1",
-            "-keyout",
-            "page.key",
-            "-out",
-            "page.crt",
-        ],
-        cwd=str(tmp_path),
-        check=True,
-        stderr=subprocess.DEVNULL,
-    )
+    subprocess.run(CERTIFICATE.split(), cwd=str(tmp_path), check=True, stderr=subprocess.DEVNULL)
     assert params.scheme == "https"
     assert ServerParams(codes_file=params.codes_file).scheme == "http"  # this computer's own browser
     running = Running(Sessions(CODES), params)

@@ -90,13 +90,6 @@ def test_no_word_of_the_page_is_left_over():
     assert not left
 
 
-def test_languages_name_the_same_values():
-    english, german = sentences.catalog("en"), sentences.catalog("de")
-    page = [code for code in english if code.startswith("page_")]
-    assert page and all(sentences.placeholders(english[code]) == sentences.placeholders(german[code]) for code in page)
-    assert {code for code in german if code.startswith("page_")} == set(page)
-
-
 def test_the_page_loads_nothing_from_elsewhere():
     for path in STATIC.iterdir():
         text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")

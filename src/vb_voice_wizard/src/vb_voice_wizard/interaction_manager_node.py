@@ -125,7 +125,7 @@ class InteractionManagerNode:
         self._timer = node.WakeTimer(_REPEATED_AFTER)
         self._storing = node.WakeTimer(_STORE_PERIOD)
         node.Worker(self._timer, lambda _woken: self._on_beat())
-        node.Worker(self._storing, lambda _woken: self._latch.store())
+        node.Worker(self._storing, self._store)
         rospy.Subscriber(names.STOP, Stop, self._on_stop, queue_size=10)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver, queue_size=20)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
@@ -182,6 +182,12 @@ class InteractionManagerNode:
             else:
                 self._publish()
 
+    def _store(self, stopped: bool) -> None:
+        self._latch.store()
+        if stopped:
+            with self._lock:
+                self._remember()
+
     # ------------------------------------------------------------------ commands
     def _handle(self, order: CommandRequest) -> Answer:
         command = normalize(order.command)
@@ -202,8 +208,11 @@ class InteractionManagerNode:
         self._stop.publish(Stop(id=identity, source=source))
         with self._lock:
             answer = self._interaction.command(STOP, source, rospy.get_time(), identity=identity)
-            self._changed()
-        return answer if self._latch.store() else Answer(True, "stop_not_stored")
+            self._publish()
+        stored = self._latch.store()
+        # what was said last has time; the person waits for no more than the stop's own file
+        self._storing.set()
+        return answer if stored else Answer(True, "stop_not_stored")
 
     def _carry_out(self, command: str, order: CommandRequest) -> Answer:
         with self._lock:

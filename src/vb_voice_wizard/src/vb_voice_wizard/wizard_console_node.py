@@ -7,29 +7,27 @@ import os
 import select
 import sys
 import termios
-import threading
 import time
 import tty
 from typing import Any, List, Optional
 
 import rosgraph
 import rospy
-from rich.console import Console
+from rich.console import Group
 from rich.live import Live
+from rich.text import Text
 from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.ros import commands
 from vb_core.ros.messages import BorderPreviewArray
 from vb_core.ros.notices import NoticeListener
-from vb_msgs.msg import BorderProgress, SpeechCommand, InteractionState, VirtualBorderArray
+from vb_msgs.msg import BorderProgress, SpeechCommand, InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.confirmation import ANSWERS
-from vb_voice_wizard.console import view as console_view
-from vb_voice_wizard.console.keys import COMMAND_KEYS, QUIT_KEY, letters
-from vb_voice_wizard.console.view import BAD, GOOD, NOTE, ConsoleContent
+from vb_voice_wizard.console import BAD, COMMAND_KEYS, GOOD, NOTE, QUIT_KEY, ConsoleContent, letters, printable
 
-_PERIOD = 0.2  # [s] between two looks at the screen: an operator cannot follow more
+_PERIOD = 0.2  # [s] between two looks at what changed: an operator cannot follow more
 _SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second
 _MIN_CONFIDENCE_SHOWN = 0.1  # confidence of something spoken that was not understood
 
@@ -39,8 +37,8 @@ class WizardConsoleNode:
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
-        /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
-        /virtual_borders/notices (vb_msgs/NoticeArray), /virtual_borders/voice/heard (vb_msgs/SpeechCommand)
+        /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/notices (vb_msgs/NoticeArray)
+        /virtual_borders/voice/heard (vb_msgs/SpeechCommand)
 
     Services called:
         /virtual_borders/command (vb_msgs/Command)
@@ -51,64 +49,56 @@ class WizardConsoleNode:
     """
 
     def __init__(self, source: str, language: str = sentences.ENGLISH) -> None:
-        self._lock = threading.RLock()
         self._view = ConsoleContent(language=language)
-        self._changed = threading.Event()
+        self._live = Live(auto_refresh=False, transient=True)
         self._heard_at = 0.0
-        self._answered = rospy.Time(0)
+        self._answered: Optional[rospy.Time] = None
         self._orders = commands.CommandSender(source, self._on_answer)
         self._orders.connect()
-        self._notices = NoticeListener(self._changed.set)
+        self._notices = NoticeListener()
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
-        rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
-        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "preview", queue_size=1)
-        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
+        for topic, kind, where in (
+            (names.PROGRESS, BorderProgress, "progress"),
+            (names.PREVIEW, BorderPreviewArray, "preview"),
+        ):
+            rospy.Subscriber(
+                topic, kind, lambda message, where=where: setattr(self._view, where, message), queue_size=1
+            )
         rospy.Subscriber(names.SPEECH_COMMANDS, SpeechCommand, self._on_speech_command, queue_size=5)
 
     # ------------------------------------------------------------------ ROS
-    def _store(self, what: Any, where: str) -> None:
-        with self._lock:
-            setattr(self._view, where, what)
-        self._changed.set()
-
-    def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._store(message.borders, "borders")
-
     def _on_state(self, message: InteractionState) -> None:
         self._heard_at = time.monotonic()
-        self._store(message, "state")
+        self._view.state = message
         if message.last_command and message.last_answered != self._answered:
             self._answered = message.last_answered
             who = message.last_source or self._view.words("console_somebody")
             said = CommandResponse(code=message.last_code, values=message.last_values, message=message.last_message)
             text = f"{who}, {self._view.words('command_' + message.last_command)}: {self._view.sentence(said)}"
-            self._add_message(text, GOOD if message.last_success else BAD)
+            self._say(text, GOOD if message.last_success else BAD)
 
     def _on_speech_command(self, message: SpeechCommand) -> None:
         # what was understood comes with the state, as any command
         if not message.accepted and message.confidence >= _MIN_CONFIDENCE_SHOWN:
-            self._add_code(
-                "console_not_understood",
-                NOTE,
-                command=f"$command_{ANSWERS.get(message.command, message.command)}",
-                confidence=f"{message.confidence:.2f}",
-                reason=f"$utterance_{message.reason}",
-            )
+            values = {
+                "command": f"$command_{ANSWERS.get(message.command, message.command)}",
+                "confidence": f"{message.confidence:.2f}",
+                "reason": f"$utterance_{message.reason}",
+            }
+            self._say(self._view.words("console_not_understood", **values), NOTE)
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
-        """Handles a pressed key; its command runs in a separate thread, so that the screen does not freeze.
+        """Handles a pressed key; its command runs in a separate thread, so that the keyboard is read on.
 
         Returns:
             Whether the console is to be left.
         """
-        if key == QUIT_KEY:
-            return True
-        if key not in COMMAND_KEYS:
-            self._add_code("console_key_unknown", NOTE, key=key)
-        elif not self._orders.put(COMMAND_KEYS[key]):
-            self._add_code("console_too_many_keys", BAD)
-        return False
+        if key in COMMAND_KEYS and not self._orders.put(COMMAND_KEYS[key]):
+            self._say(self._view.words("console_too_many_keys"), BAD)
+        elif key not in COMMAND_KEYS and key != QUIT_KEY:
+            self._say(self._view.words("console_key_unknown", key=key), NOTE)
+        return key == QUIT_KEY
 
     def _on_answer(
         self, _request: CommandRequest, _context: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
@@ -116,48 +106,39 @@ class WizardConsoleNode:
         # the answer arrives with the state; "busy" is not remembered there
         if error is not None:
             what = sentences.translate(error.code, error.values, self._view.language, error.message)
-            self._add_code("console_try_again", BAD, what=what)
+            self._say(self._view.words("console_try_again", what=what), BAD)
         elif answer is not None and answer.code == "busy":
-            self._add_message(self._view.sentence(answer), BAD)
-
-    def _add_code(self, code: str, style: str, **values: Any) -> None:
-        self._add_message(self._view.words(code, **values), style)
-
-    def _add_message(self, text: str, style: str) -> None:
-        with self._lock:
-            self._view.add_message(time.strftime("%H:%M:%S"), text, style)
-        self._changed.set()
+            self._say(self._view.sentence(answer), BAD)
 
     # ------------------------------------------------------------------ screen
+    def _say(self, text: str, style: str) -> None:
+        """Writes a line with the time of day above what holds now; from any thread."""
+        self._live.console.print(Text(time.strftime("%H:%M:%S "), "dim").append_text(printable(text, style)))
+
     def run(self) -> None:
-        """Shows the screen until it is left."""
-        console = Console()
+        """Shows what happens until it is left."""
         keyboard = sys.stdin.fileno()
         before = termios.tcgetattr(keyboard)
         try:
             # key by key, without an echo; control-C still interrupts
             tty.setcbreak(keyboard)
-            # a whole screen is written over the one before, and only if something changed: nothing flickers
-            with Live(console=console, screen=True, auto_refresh=False) as live:
-                self._show(console, live, keyboard)
+            with self._live:
+                self._follow(keyboard)
         except KeyboardInterrupt:
             pass
         finally:
             termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
 
-    def _show(self, console: Console, live: Live, keyboard: int) -> None:
-        shown_size = None
+    def _follow(self, keyboard: int) -> None:
+        shown = None
         while not rospy.is_shutdown():
-            with self._lock:
-                view, silent = self._view, time.monotonic() - self._heard_at > _SILENCE_TIMEOUT
-                if silent and view.state is not None:
-                    view.state = None
-                    self._changed.set()
-                view.notices = tuple(self._notices.current())
-                if self._changed.is_set() or console.size != shown_size:
-                    self._changed.clear()
-                    shown_size = console.size
-                    live.update(console_view.render(view, rospy.get_time(), *shown_size), refresh=True)
+            if time.monotonic() - self._heard_at > _SILENCE_TIMEOUT:
+                self._view.state = None
+            self._view.notices = tuple(self._notices.current())
+            lines = self._view.lines(rospy.get_time())
+            if (lines, self._live.console.size) != shown:  # nothing flickers
+                shown = lines, self._live.console.size
+                self._live.update(Group(*lines), refresh=True)
             typed = ""
             if select.select([keyboard], [], [], _PERIOD)[0]:
                 typed = os.read(keyboard, 64).decode("utf-8", "replace")

@@ -187,10 +187,13 @@ class PageServer:
             body_timeout=_PATIENCE,
         )
         sockets = bind_sockets(self.params.port, self.params.address)
-        server.add_sockets(sockets)
+        for listening in sockets:
+            self._loop.add_reader(listening, server.accept, listening)
         self._started.set_result(sockets[0].getsockname()[1])
         await self._closing.wait()
-        server.stop()
+        for listening in sockets:
+            self._loop.remove_reader(listening)
+            listening.close()
         for browser in list(self.browsers):
             browser.close(1001)
         await asyncio.sleep(0.05)
@@ -253,10 +256,18 @@ class _BoundedServer(HTTPServer):
         super().initialize(*args, **kwargs)
         self._page = page
 
-    def _handle_connection(self, connection: socket.socket, address: Any) -> None:
-        # Tornado's own has no limit, and begins the handshake, which costs more than all the rest
+    def accept(self, listening: socket.socket) -> None:
+        """Lets one newcomer in at each turn of the loop.
+
+        Tornado's own takes all that wait, up to 128, whose handshakes then come in one turn, and those who are there
+        wait for it: a handshake costs more than all the rest.
+        """
+        try:
+            connection, address = listening.accept()
+        except OSError:  # it is gone again, or there are no more open files
+            return
         if self._page.connections.allows(address[0], time.monotonic()):
-            super()._handle_connection(connection, address)
+            self._handle_connection(connection, address)
         else:
             connection.close()
 

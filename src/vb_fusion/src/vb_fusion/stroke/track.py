@@ -58,7 +58,7 @@ class Places:
 
 
 def find_places(seen: Observations) -> Places:
-    """Finds the places of each time bin: where cameras saw most, at most a MAX_SIMULTANEOUS_PLACES of them."""
+    """Finds the places of each time bin: where cameras saw most, at most MAX_SIMULTANEOUS_PLACES of them."""
     moment_of = time_bins(seen.stamps)
     group = moment_of.copy()
     # apart where there is a gap along x, then along y, then along x again

@@ -1,0 +1,116 @@
+"""What the wizard console says, and what its keys mean. Needs the messages, no node.
+
+The idea: one key is one command, what happens is one line each, and what holds now is below the last of them. Borders
+are on the page and the display, where they can be seen.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Any, Dict, List, Optional, Tuple
+
+from rich.text import Text
+
+from vb_core import sentences
+from vb_core.notices import Notice
+from vb_core.ros.messages import mapping_from_values
+from vb_core.vocabulary import COMMANDS, DEFAULT, STATES
+from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
+
+GOOD, BAD, NOTE, WRONG = "green", "yellow", "cyan", "bold red"
+COMMAND_KEYS: Dict[str, str] = {command.key: name for name, command in COMMANDS.items()}
+QUIT_KEY = "q"
+# what a terminal sends for an arrow or function key
+_SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|)")
+_CONTROLS = dict.fromkeys([*range(0x20), *range(0x7F, 0xA0)])
+
+
+def letters(typed: str) -> str:
+    """Returns the letters in what a terminal sent; arrow, function and control keys mean nothing.
+
+    Capital letters stay what they are, and mean nothing either: on a slow line one may be the end of such a sequence.
+    """
+    return "".join(filter(str.isprintable, _SEQUENCE.sub("", typed)))
+
+
+def printable(text: str, style: str = "") -> Text:
+    """Returns a text without control characters: names and sentences come from elsewhere, and rich lets ESC pass."""
+    return Text(text.translate(_CONTROLS), style)
+
+
+@dataclass
+class ConsoleContent:
+    """What holds now: the newest messages, as they came."""
+
+    state: Optional[InteractionState] = None  # None: the interaction manager is not heard
+    progress: BorderProgress = field(default_factory=BorderProgress)
+    preview: BorderPreview = field(default_factory=BorderPreview)
+    notices: Tuple[Notice, ...] = ()  # the most severe first
+    language: str = sentences.ENGLISH
+
+    def words(self, code: str, **values: Any) -> str:
+        """Returns the words for a code in the operator's language."""
+        return sentences.translate(code, values, self.language)
+
+    def sentence(self, said: Any) -> str:
+        """Returns what a message with code, values and English sentence says, in the operator's language."""
+        values = mapping_from_values(said.values)
+        return sentences.translate(said.code, values, self.language, said.message) if said.code else said.message
+
+    def lines(self, now: float = 0.0) -> List[Text]:
+        """Writes what holds at a ROS time [s]: state, drawing, keys, what saving would do, and notices."""
+        found = [self._state_line(now), self._keys()]
+        found += [printable(text, style) for text, style in self._preview()]
+        return found + [printable(f"! {notice.sentence(self.language)}", BAD) for notice in self.notices]
+
+    def _state_line(self, now: float) -> Text:
+        state, drawn = self.state, self.progress
+        if state is None:
+            return printable(self.words("console_waiting_manager"), "bold yellow")
+        text = Text()
+        if state.stopped:
+            # before everything else
+            text.append(f" {self.words('console_stopped')} ", "bold white on red")
+            text.append_text(printable(f" {state.stopped_by} ", "bold red"))
+        text.append(
+            f" {self.words('state_' + state.name).upper()} ", f"reverse {STATES.get(state.name, DEFAULT).color}"
+        )
+        if state.interaction_id:
+            text.append(f"  {_clock(state.guide_s + state.border_s + state.seed_s)}")
+        if state.interaction_id and state.interaction_id == drawn.interaction_id:
+            counts = {"border": drawn.border_spots, "seed": drawn.seed_spots, "ignored": drawn.ignored_spots}
+            text.append(f"  {self.words('console_spots', **counts)}")
+            text.append_text(printable("  " + ", ".join(drawn.cameras_seeing_spot), "bold green"))
+        if state.confirm_save:
+            text.append("  " + self.words("console_confirm"), "bold yellow")
+        if not state.ends_at.is_zero():
+            text.append("  " + self.words("console_ends_in", time=_clock(state.ends_at.to_sec() - now)), "bold yellow")
+        return text
+
+    def _preview(self) -> List[Tuple[str, str]]:
+        preview = self.preview
+        good, text = preview.available and preview.success, self.sentence(preview)
+        if good:
+            text = self.words("preview_restricts", area=f"{preview.area_m2:.2f}")
+            if preview.free_parts > 1:
+                text += " " + self.words("preview_parts", parts=preview.free_parts)
+        issues = [(self.sentence(one), WRONG if one.severity == BorderIssue.ERROR else BAD) for one in preview.issues]
+        return ([(text, GOOD if good else BAD)] if text else []) + [
+            (f"! {what}", style) for what, style in issues if what not in text
+        ]
+
+    def _keys(self) -> Text:
+        available = self.state.available_commands if self.state is not None else ()
+        text = Text()
+        for key, command in COMMAND_KEYS.items():
+            shown, dim = self.words("console_space") if key == " " else key, "" if command in available else "dim "
+            # a key stays with its word where a line ends
+            words = self.words("command_" + command).replace(" ", "\u00a0")
+            text.append(f"\u00a0{shown}\u00a0", dim + "reverse").append(f"\u00a0{words}", dim.strip()).append(" ")
+        return text.append(f"\u00a0{QUIT_KEY}\u00a0", "reverse").append(f"\u00a0{self.words('console_quit')}")
+
+
+def _clock(seconds: float) -> str:
+    whole = max(0, int(seconds))
+    return f"{whole // 60}:{whole % 60:02d}"

@@ -1,1 +1,0 @@
-"""The wizard console: keys and screen."""
