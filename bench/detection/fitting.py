@@ -82,7 +82,7 @@ class Oracle(SpotClassifier):
         self.rows: List[Dict[str, float]] = []
         self.truth: List[bool] = []
 
-    def classify(self, blob: Blob, features: Dict[str, float]) -> Tuple[float, str]:
+    def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Tuple[float, str]:
         """Returns the truth."""
         right = self._near(blob, self.frame.spots)
         if right or not self._near(blob, self.frame.unclear):

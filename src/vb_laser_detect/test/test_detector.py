@@ -260,7 +260,7 @@ def test_people_beside_it_do_not_take_a_spots_turn():
 
 def test_a_doubtful_spot_that_stays_is_learnt():
     class Doubtful(SpotClassifier):
-        def classify(self, blob, features):
+        def classify(self, blob, features, expected=False):
             return 0.7, "peak"
 
     scene = Scene()

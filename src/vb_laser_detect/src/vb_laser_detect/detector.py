@@ -44,9 +44,6 @@ from vb_laser_detect.detector_params import DetectorParams
 __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
 _MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
-# its surroundings say nothing about a spot that is where it was expected; nor does its colour, which it has shown and
-# which other light, or the places of a mosaic that it falls on, may now hide
-_NOT_OF_EXPECTED = ("fall", "busy", "chroma_mosaic")
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _LATEST = 1.0  # [s] an image that is older than this beside the last one is no late one: the clock was set
@@ -167,9 +164,8 @@ class SpotDetector:
         rejection, probability, place = blob.problem, 0.0, None
         if not rejection:
             measured = {**blob.features, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
-            if expected is not None and expected.holds(blob.u, blob.v):
-                measured = {name: value for name, value in measured.items() if name not in _NOT_OF_EXPECTED}
-            probability, reason = self._classifier.classify(blob, measured)
+            is_expected = expected is not None and expected.holds(blob.u, blob.v)
+            probability, reason = self._classifier.classify(blob, measured, is_expected)
             if probability < self.params.min_probability:
                 rejection = reason
             elif self._geometry is not None:

@@ -25,6 +25,9 @@ _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
 _GRAY = 0.85  # a floor is grey if its weakest channel has this share of the strongest
+# its surroundings say nothing against a spot that is where it was expected; nor does its colour, which it has shown and
+# which other light, or the places of a mosaic that it falls on, may now hide
+_NOT_OF_EXPECTED = ("fall", "busy", "chroma_mosaic")
 _SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
@@ -283,11 +286,12 @@ class SpotClassifier:
     def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
         self.curves, self.intercept = curves, intercept
 
-    def classify(self, blob: Blob, features: Dict[str, float]) -> Tuple[float, str]:
+    def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Tuple[float, str]:
         """Weighs a blob's features; one that says nothing (NaN) adds nothing.
 
         Args:
             blob: itself; the curves do not use it.
+            expected: a spot was seen until now, and should be there.
 
         Returns:
             The probability that it is a spot, 0 ... 1, and the feature that speaks most against it.
@@ -296,6 +300,8 @@ class SpotClassifier:
         for name, value in features.items():
             if name in self.curves and not math.isnan(value):
                 part = float(np.interp(value, *self.curves[name]))
+                if expected and name in _NOT_OF_EXPECTED:
+                    part = max(0.0, part)
                 logit += part
                 if part < least:
                     least, reason = part, name
