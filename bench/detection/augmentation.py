@@ -14,6 +14,7 @@ import numpy as np
 
 GAMMA, SATURATED = 2.2, 245
 PAINT_EVERY, _SHOWS = 12, 30  # [pictures]; [grey levels] that a painted spot must stand out by to be asked for
+_SIGMAS = 0.7, 5.0  # [px] of painted spots
 _LEVELS = 16383  # of linear light
 
 
@@ -66,18 +67,20 @@ class PaintedSpot(NamedTuple):
 
     @staticmethod
     def draw(random: np.random.Generator, width: int, height: int) -> "PaintedSpot":
-        """Draws one that is within an image, from barely seen to saturated."""
+        """Draws one that is within an image, from barely seen to saturated, as small as from a ceiling or seen from near."""
         u, v = random.uniform((24, 24), (width - 24, height - 24))
         strong, leak = int(random.integers(1, 3)), random.uniform(0.05, 0.6, 3)
         color = tuple(1.0 if channel == strong else float(leak[channel]) for channel in range(3))
-        return PaintedSpot(float(u), float(v), float(random.uniform(0.7, 2.2)), float(random.uniform(0.12, 3.0)), color)
+        sigma, peak = float(np.exp(random.uniform(*np.log(_SIGMAS)))), float(random.uniform(0.12, 3.0))
+        return PaintedSpot(float(u), float(v), sigma, peak, color)
 
     def shows_in(self, picture: np.ndarray) -> bool:
         """Returns whether it stands out from what is around it."""
         u, v = int(round(self.u)), int(round(self.v))
-        part = picture[v - 7 : v + 8, u - 7 : u + 8].max(axis=2).astype(int)
+        reach = max(7, int(3.0 * self.sigma))
+        part = picture[v - reach : v + reach + 1, u - reach : u + reach + 1].max(axis=2).astype(int)
         rim = np.concatenate([part[0], part[-1], part[:, 0], part[:, -1]])
-        return bool(part[5:10, 5:10].max() - np.median(rim) >= _SHOWS)
+        return bool(part[reach - 2 : reach + 3, reach - 2 : reach + 3].max() - np.median(rim) >= _SHOWS)
 
 
 class OtherCamera:

@@ -73,7 +73,10 @@ class Examples(NamedTuple):
 
 
 class Oracle(SpotClassifier):
-    """Stands in for the classifier: answers from the current frame's labels, and records the candidates."""
+    """Stands in for the classifier: answers from the current frame's labels, and records the candidates.
+
+    What is beside a labelled spot is not recorded: in each image it is much the same, and would count many times.
+    """
 
     def __init__(self, reach: float) -> None:
         super().__init__({}, 0.0)
@@ -85,7 +88,7 @@ class Oracle(SpotClassifier):
     def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Tuple[float, str]:
         """Returns the truth."""
         right = self._near(blob, self.frame.spots)
-        if right or not self._near(blob, self.frame.unclear):
+        if right or not (self.frame.spots or self._near(blob, self.frame.unclear)):
             self.rows.append(dict(features))
             self.truth.append(right)
         return float(right), "known"

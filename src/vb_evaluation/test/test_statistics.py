@@ -128,6 +128,22 @@ def test_the_interval_covers_the_truth_as_often_as_it_says():
     assert 0.92 <= np.mean(hits) <= 0.98
 
 
+@pytest.mark.parametrize(
+    "values, text",
+    [((2.411, 2.1, 2.8), "2.41 [2.10, 2.80]"), ((2.411, math.nan, math.nan), "2.41 [?]"), ((math.nan,) * 3, "-")],
+)
+def test_an_interval_is_written_with_what_is_known_of_it(values, text):
+    written = statistics.Interval(*values).text(2)
+    assert written == text or (text == "-" and "[" not in written)
+
+
+@pytest.mark.parametrize("differences, p", [([], math.nan), ([0.0, 0.0], 1.0)])
+def test_pairs_that_do_not_differ_say_nothing_against_equality_and_no_pairs_say_nothing(differences, p):
+    found = statistics.signed_rank(np.array(differences))
+    assert found.zeros == len(differences) and found.n == 0
+    assert found.p == p or (math.isnan(found.p) and math.isnan(p))
+
+
 def test_few_participants():
     three = statistics.compare_paired([3.0, 4.0, 5.0], [1.0, 1.0, 1.0])
     assert three.shift.confidence == 0.75 and three.test.p_exact == 0.25

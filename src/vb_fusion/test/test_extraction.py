@@ -197,8 +197,16 @@ def test_legs_that_lean_to_each_other_close_once_the_opening_weighted_by_the_tur
             geometry.resample_chain(np.array([[-gap / 2, height], [-half, 0], [half, 0], [gap / 2, height]]), 0.01)
         )
 
+    def hooked(gap):
+        """The same with ends that turn outwards over a centimetre, as a pointer is switched on and off."""
+        line = geometry.resample_chain(np.array([[-gap / 2, 0.5 * (base - gap) / np.tan(tilt)], [-1.0, 0.0]]), 0.01)
+        line[0] += [-0.008, 0.0]
+        ends = np.vstack([line, [[1.0, 0.0]], (line * [-1.0, 1.0])[::-1]])
+        return closure.classify_closure(geometry.resample_chain(ends, 0.005))
+
     widest = closure.MAX_OPENING_RATIO * base
     assert opening < widest  # so that it is this rule that decides
+    assert hooked(0.9 * opening).closed
     assert classify(0.95 * opening).code == "closed_gap"
     assert classify(min(1.05 * opening, 0.5 * (opening + widest))).code == "open_wide"
 

@@ -474,6 +474,19 @@ def test_a_turn_is_no_faster_than_0_8_rad_per_second_and_without_driving(bearing
     assert (request.v, request.w) == (0.0, pytest.approx(math.copysign(0.8, bearing)))
 
 
+def test_a_follower_without_pose_or_spot_asks_for_no_motion_and_forgets_what_it_did():
+    follower = SpotFollower()
+    assert follower.compute_request((0.0, 0.0, 0.0)) == VelocityRequest(0.0, 0.0, "no_camera")
+    follower.view = VIEW
+    for spot, pose in ((None, (0.0, 0.0, 0.0)), ((2.0, 0.0), None)):
+        follower.spot = (FAR_DISTANCE + 0.1, 0.0)
+        assert follower.compute_request((0.0, 0.0, 0.0)).v > 0.0
+        follower.spot = spot
+        assert follower.compute_request(pose) == VelocityRequest(0.0, 0.0, "spot_lost")
+        follower.spot = (0.5 * (GOOD_DISTANCE + FAR_DISTANCE), 0.0)
+        assert follower.compute_request((0.0, 0.0, 0.0)).v == 0.0, "it begins anew"
+
+
 def test_a_spot_between_the_zones_neither_starts_nor_ends_a_turn():
     follower = SpotFollower()
     follower.view = VIEW
