@@ -262,7 +262,7 @@ def drops_a_wheel(rig, faulty):
     rig.arbiter.gate.set_contact(("wheel_drop", 0), "all" if faulty else "")
 
 
-LATEST = 0.5 + DT  # what robots.md promises, and a step in which it is noticed
+LATEST = 0.5  # [s], as robots.md promises
 FAULTS = {
     # what is lost: (how, the code, the latest that wheels must rest [s])
     "scan": (silences("scan"), "scan_lost", LATEST),
