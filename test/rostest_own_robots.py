@@ -13,6 +13,8 @@ import rosgraph
 import rospy
 import rostest
 import tf2_ros
+from dynamic_reconfigure.msg import Config, DoubleParameter
+from dynamic_reconfigure.srv import Reconfigure, ReconfigureResponse
 from geometry_msgs.msg import Point, PoseStamped, Twist
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import LaserScan
@@ -49,6 +51,10 @@ class Robots:
         with self._lock:
             self.poses[name], self._velocities[name] = pose, (0.0, 0.0)
 
+    def rests(self, name):
+        with self._lock:
+            return self._velocities[name] == (0.0, 0.0)
+
     def _on_velocity(self, message, name):
         with self._lock:
             self._velocities[name] = (message.linear.x, message.angular.z)
@@ -71,6 +77,27 @@ class Robots:
                 odom = message_from_transform(geometry.transform_from_pose2d(0, 0, 0), "map", f"{name}/odom", now)
                 place = geometry.transform_from_pose2d(*pose)
                 self._tf.sendTransform([odom, message_from_transform(place, f"{name}/odom", f"{name}/base_link", now)])
+
+
+class LocalPlanner:
+    """What a local planner's dynamic_reconfigure server is: values that are set by a service, and told."""
+
+    def __init__(self, name):
+        self._values = {"max_vel_trans": 0.5, "max_vel_x": 0.5, "min_vel_trans": 0.1}
+        self._updates = rospy.Publisher(f"{name}/parameter_updates", Config, queue_size=5, latch=True)
+        rospy.Service(f"{name}/set_parameters", Reconfigure, self._on_request)
+
+    def limit(self):
+        return self._values["max_vel_trans"]
+
+    def set(self, values):
+        self._values.update(values)
+        config = Config(doubles=[DoubleParameter(name, value) for name, value in self._values.items()])
+        self._updates.publish(config)
+        return config
+
+    def _on_request(self, request):
+        return ReconfigureResponse(self.set({entry.name: entry.value for entry in request.config.doubles}))
 
 
 class OwnRobots(unittest.TestCase):
@@ -268,20 +295,41 @@ class OwnRobots(unittest.TestCase):
         self.assertFalse(self.browser.run("return Boolean(document.getElementById('laser').getClientRects().length)"))
         self.robots.speeds["ada"] = 0.0
         self.drive("ada", 6.0, 1.5)
-        self.wait(lambda: self.status("ada").has_goal, "ada to set out")
+        self.wait(lambda: self.robots.speeds["ada"] > 0.1, "ada to drive")
         self.browser.click("#stop")
-        self.wait(lambda: not self.status("ada").has_goal, "ada to stop")
+        self.wait(lambda: not self.status("ada").has_goal and self.robots.rests("ada"), "ada to stop")
         self.browser.wait_text("#banners", "stopped")
         self.drive("ada", 5.0, 3.0)
         self.wait(lambda: ("goal_while_stopped", "ada") in self.notices(), "the goal to be refused")
-        self.wait(lambda: not self.status("ada").has_goal, "the goal to be cancelled")
+        self.wait(lambda: not self.status("ada").has_goal and self.robots.rests("ada"), "the goal to be cancelled")
         self.browser.click("#resume")
         self.browser.wait("!document.body.classList.contains('stopped')", what="the end of the stop")
         self.drive("ada", 6.5, 1.5)
         self.wait(lambda: self.status("ada").has_goal, "ada to go on")
 
+    def test_7_slow_zones_through_navigation_alone(self):
+        """bob has a local planner whose speed can be set; it is in the zone."""
+        planner = LocalPlanner("/bob/move_base/DWAPlannerROS")
+        self.wait(lambda: self.status("bob").obeys_speed, "bob to obey")
+        self.assertEqual(planner.limit(), 0.5)
+        self.add("Lane", [(6.5, 2.5), (7.5, 2.5), (7.5, 3.5), (6.5, 3.5)], zone=VirtualBorder.SLOW, max_speed=0.1)
+        self.wait(lambda: planner.limit() == 0.1, "bob to be slow")
+        planner.set({"max_vel_trans": 0.5})  # as if it had been restarted
+        self.wait(lambda: planner.limit() == 0.1, "bob to be slow again")
+        # where it is not known that it has left the zone, it stays slow
+        self.addCleanup(setattr, self.robots, "localized", True)
+        self.robots.localized = False
+        self.wait(lambda: not self.status("bob").localized, "bob to be lost")
+        seen = self.heard[names.ROBOTS].header.seq
+        self.wait(lambda: self.heard[names.ROBOTS].header.seq > seen + 1, "another look")
+        self.assertEqual(planner.limit(), 0.1)
+        self.robots.put("bob", (5.5, 3.0, math.pi))
+        self.addCleanup(self.robots.put, "bob", START["bob"])
+        self.robots.localized = True
+        self.wait(lambda: planner.limit() == 0.5, "bob's usual speed")
+
     # ------------------------------------------------------------- step 3: the driver, without cameras
-    def test_7_the_driver_without_cameras(self):
+    def test_8_the_driver_without_cameras(self):
         self.start("rviz:=false", "robot_types:=turtlebot2", robots="cid")
         driver = (names.DRIVERS, "cid")
         self.wait(lambda: driver in self.heard and self.heard[driver].code == "idle", "cid's driver")

@@ -200,40 +200,6 @@ def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(
 
 
 # ------------------------------------------------------------ the gate
-@pytest.mark.parametrize(
-    "lost, code",
-    [
-        ("scan", "scan_lost"),
-        ("pose", "pose_lost"),
-        ("localisation", "pose_lost"),
-        ("state", "state_lost"),
-        ("clock", "clock_stopped"),
-    ],
-)
-@pytest.mark.parametrize("who", ["follow", "navigation"])
-def test_without_scan_pose_state_or_clock_it_rests_in_time_and_without_a_jerk(who, lost, code):
-    rig = Rig()
-    if who == "follow":
-        rig.follows(1.8)
-    else:
-        rig.navigation = (0.5, 0.0)
-        rig.step(1.0)
-    # a spot that is drawn away for ever: only the gate can stop the robot
-    rig.silent.add(lost)
-    began = rig.now
-    while rig.now - began < 3.0:
-        rig.spot = (rig.pose[0] + 1.6, rig.pose[1]) if who == "follow" else None
-        rig.step()
-    stopped = [command for command in rig.commands if command.code == code]
-    assert stopped and all(command.v == command.w == 0.0 for command in stopped)
-    assert len(stopped) >= (3.0 - INPUT_TIMEOUT) / DT - 2, "in time, and for good"
-    speeds = np.array([command.v for command in rig.commands])
-    assert -np.diff(speeds).min() <= 1.5 * PROFILE.limits.deceleration * DT, "its brakes can follow"
-    rig.silent.clear()
-    rig.step(1.0)
-    assert abs(rig.commands[-1].v) > 0.05, "it goes on when it is back"
-
-
 def test_what_comes_a_little_late_slows_it_and_does_not_stop_it():
     rig = Rig()
     rig.navigation = (0.5, 0.0)

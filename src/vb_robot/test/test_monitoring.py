@@ -1,11 +1,14 @@
 """What robot_monitor reads from a robot's navigation, which goals it calls out of reach, and what it asks of a planner."""
 
 import math
+import threading
 
 import numpy as np
 import pytest
 from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import ReconfigureResponse
+
+from vb_testing import wait_until
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
@@ -226,18 +229,28 @@ class Planner:
 
     def __init__(self, monkeypatch):
         self.values = {"max_vel_trans": 0.5, "max_vel_x": 0.5, "min_vel_trans": 0.1}
-        self.asked, self.refuses, self.kept = 0, False, {}
+        self.asked, self.refuses, self.kept, self.heard_by = 0, False, {}, []
+        self.answers = threading.Event()
+        self.answers.set()
         monkeypatch.setattr(navigation_limits.services, "call", self.call)
+        monkeypatch.setattr(navigation_limits.rospy, "Subscriber", lambda *args, **_: self.heard_by.append(args[2]))
         monkeypatch.setattr(navigation_limits.rospy, "get_param", lambda name, default: self.kept.get(name, default))
         monkeypatch.setattr(navigation_limits.rospy, "set_param", self.kept.__setitem__)
         monkeypatch.setattr(navigation_limits.rospy, "delete_param", self.kept.__delitem__)
 
     def call(self, _name, _service, request, *_rest):
         self.asked += 1
+        self.answers.wait()
         if not self.refuses:
             self.values.update({entry.name: entry.value for entry in request.config.doubles})
         found = [DoubleParameter(name, value) for name, value in self.values.items()]
         return ReconfigureResponse(Config(doubles=[*found, DoubleParameter("sim_time", 2.0)]))
+
+    def set(self, **values):
+        """Sets values as a person or a restart does."""
+        self.values.update(values)
+        for hear in self.heard_by:
+            hear(Config(doubles=[DoubleParameter(name, value) for name, value in self.values.items()]))
 
     def speed(self):
         return PlannerSpeed("/move_base/DWAPlannerROS", wiring.PLANNERS["DWAPlannerROS"])
@@ -268,7 +281,7 @@ def test_what_a_person_sets_between_zones_is_the_usual_speed_from_then_on(monkey
     speed = planner.speed()
     for limit in (0.2, math.inf):
         speed.apply(limit)
-    planner.values["max_vel_x"] = 0.4
+    planner.set(max_vel_x=0.4)
     for limit in (0.2, math.inf):
         speed.apply(limit)
     assert planner.values["max_vel_x"] == 0.4
@@ -284,3 +297,31 @@ def test_a_planner_that_keeps_its_speed_does_not_obey_and_is_asked_again(monkeyp
     planner.refuses = False
     speed.apply(0.2)
     assert planner.values["max_vel_x"] == 0.2
+
+
+def test_a_higher_speed_that_is_set_in_a_slow_zone_is_limited_again_and_only_that(monkeypatch):
+    """So is a planner that was restarted there: it says its values as it starts."""
+    planner = Planner(monkeypatch)
+    speed, usual = planner.speed(), dict(planner.values)
+    speed.apply(0.2)
+    asked = planner.asked
+    planner.set(max_vel_trans=0.15, sim_time=3.0)
+    speed.apply(0.2)
+    assert planner.asked == asked
+    planner.set(**usual)
+    speed.apply(0.2)
+    assert planner.values["max_vel_trans"] == planner.values["max_vel_x"] == 0.2
+    speed.apply(math.inf)
+    assert {name: planner.values[name] for name in usual} == usual
+
+
+def test_a_planner_that_hangs_keeps_nobody_waiting_and_is_not_said_to_obey(monkeypatch):
+    planner = Planner(monkeypatch)
+    planner.answers.clear()
+    speed = planner.speed()
+    speed.ask(0.2)
+    wait_until(lambda: planner.asked == 1, "the planner to be asked")
+    speed.ask(0.1)  # returns while the planner hangs
+    assert not speed.obeys and planner.values["max_vel_x"] == 0.5
+    planner.answers.set()
+    wait_until(lambda: planner.values["max_vel_x"] == 0.1 and speed.obeys, "the newest limit")

@@ -13,7 +13,7 @@ import rosgraph
 import rospy
 
 from vb_core import names, offer
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
@@ -24,7 +24,15 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.robots import connections_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_core.stop_latch import HeldStops, new_id
-from vb_msgs.msg import DetectorStatus, DriverState, InteractionState, RobotStatusArray, Stop, VirtualBorderArray
+from vb_msgs.msg import (
+    DetectorStatus,
+    DriverState,
+    InteractionState,
+    RobotStatusArray,
+    Stop,
+    VirtualBorder,
+    VirtualBorderArray,
+)
 from vb_msgs.srv import SendRobot, SendRobotResponse
 from vb_robot.inputs import borders_for, subscribe_map
 from vb_robot.monitoring.navigation_limits import limit_around
@@ -73,6 +81,7 @@ class RobotMonitorNode:
         [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal)
         [<robot>/]move_base/status (actionlib_msgs/GoalStatusArray)
         <planner>/plan (nav_msgs/Path): of the global planner
+        <planner>/parameter_updates (dynamic_reconfigure/Config): of the local planner, whether its limit still holds
         /tf, /tf_static (tf2_msgs/TFMessage)
     Published topics:
         /virtual_borders/robots (vb_msgs/RobotStatusArray, latched)
@@ -94,6 +103,7 @@ class RobotMonitorNode:
         self._lock = threading.RLock()
         self._stops = HeldStops()  # in memory: the manager keeps a stop, and its state says so
         self._speed_limits: Optional[GridMap] = None
+        self._slow_zones: Optional[bool] = None  # whether there are any, whose map is to come; None: not heard of yet
         self._cameras: Dict[str, None] = {}
         self._offer = offer.offer(offer.Connections())
         self._faulty_since: Dict[Any, float] = {}
@@ -138,7 +148,9 @@ class RobotMonitorNode:
         for queue in (self._timer, self._graph_timer, self._reviews):
             queue.close()
         for robot in self._robots.values():
-            self._limit(robot, math.inf)
+            speed = robot.speed
+            if self._params.obey and speed is not None:
+                speed.release()
 
     # ------------------------------------------------------------- callbacks
     def _on_map(self, which: str, robots: List[WatchedRobot], grid: GridMap) -> None:
@@ -149,6 +161,7 @@ class RobotMonitorNode:
                 robot.set_map(which, grid)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
+        self._slow_zones = any(border.in_force and border.zone == VirtualBorder.SLOW for border in message.borders)
         with self._lock:
             for robot in self._robots.values():
                 robot.set_borders(borders_for(robot.name, message))
@@ -181,15 +194,14 @@ class RobotMonitorNode:
             if not robot.status(True).driver:
                 robot.cancel_goals()
 
-    def _limit(self, robot: WatchedRobot, limit: float) -> None:
-        """Sets a planner's speed limit [m/s]; whether it obeys is part of what is offered."""
-        robot.obeys_speed = False
-        if self._params.obey and robot.speed is not None:
-            try:
-                robot.speed.apply(limit)
-                robot.obeys_speed = True
-            except CodedError as error:
-                rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
+    def _limit(self, robot: WatchedRobot) -> Optional[float]:
+        """Returns the speed limit [m/s] where a robot is, inf for none; None while that is not known."""
+        if robot.pose is None or self._slow_zones is None:
+            return None
+        if not self._slow_zones:
+            return math.inf
+        reach = SLOW_DOWN_DISTANCE + (robot.wiring.radius or 0.0)
+        return limit_around(self._speed_limits, robot.pose[:2], reach) if self._speed_limits is not None else None
 
     # ------------------------------------------------------------- goals
     def _review(self, robot: WatchedRobot) -> None:
@@ -236,11 +248,10 @@ class RobotMonitorNode:
     def _look(self) -> None:
         for robot in self._robots.values():
             robot.locate()
-            limit = math.inf
-            if robot.pose is not None:
-                reach = SLOW_DOWN_DISTANCE + (robot.wiring.radius or 0.0)
-                limit = limit_around(self._speed_limits, robot.pose[:2], reach)
-            self._limit(robot, limit)
+            speed, limit = robot.speed, self._limit(robot)
+            # a planner keeps its limit while it is not known whether it may be lifted
+            if self._params.obey and speed is not None and limit is not None:
+                speed.ask(limit)
         self._obey_stop()
         self._tell()
 

@@ -1,7 +1,8 @@
 """Obeying stop and slow zones without the driver: by what a robot's own navigation can be asked.
 
 The idea: a local planner's highest speed is a parameter that can be set while it drives, and a goal can be cancelled.
-Both are requests: a planner that hangs, a joystick or another program that commands the wheels do not hear them.
+Both are requests: a planner that hangs, a joystick or another program that commands the wheels do not hear them. Each
+planner is asked by a thread of its own, so that one that hangs keeps no other robot waiting.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dynamic_reconfigure.srv import Reconfigure, ReconfigureRequest
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.ros import services
+from vb_core.ros import node, services
 
 TIMEOUT = 2.0  # [s] a planner that has not answered by then does not obey
 
@@ -50,16 +51,47 @@ class PlannerSpeed:
     """The speed limit of one local planner.
 
     Its usual values are kept on the parameter server while it is limited, so that they come back although this node or
-    the planner was restarted meanwhile. What a person sets while there is no limit is its usual value from then on.
+    the planner was restarted meanwhile. What a person sets while there is no limit is its usual value from then on; a
+    higher speed that is set, or that a restarted planner has, while there is one is limited again.
 
     Args:
         server: the planner's name, for instance /move_base/DWAPlannerROS; names: of its values.
+
+    Attributes:
+        obeys: whether the planner has confirmed the last limit that it was asked for.
     """
 
     def __init__(self, server: str, names) -> None:
         self._server, self._names = server, tuple(names)
         self._kept = f"/usual_speed{server}"
         self._set: Optional[float] = None  # the limit in force; None: not known
+        self._highest: Mapping[str, float] = {}  # the values under it
+        self.obeys = False
+        self._asked: node.Mailbox = node.Mailbox()
+        self._worker = node.Worker(self._asked, self.apply)
+        self._updates = rospy.Subscriber(f"{server}/parameter_updates", Config, self._on_update, queue_size=5)
+
+    def ask(self, limit: float) -> None:
+        """Has the planner asked for a limit [m/s], inf for none, without waiting for it."""
+        self._asked.put(limit)
+
+    def close(self) -> None:
+        """Asks no more."""
+        self._asked.close()
+        self._updates.unregister()
+
+    def release(self) -> None:
+        """Gives the planner its usual speed back, and asks no more."""
+        self.close()
+        self._worker.join(2.0 * TIMEOUT)
+        try:
+            self.apply(math.inf)
+        except CodedError as error:
+            rospy.logwarn("%s: %s", rospy.get_name(), error)
+
+    def _on_update(self, config: Config) -> None:
+        if any(entry.value > self._highest.get(entry.name, math.inf) + 1e-6 for entry in config.doubles):
+            self._set = None
 
     def apply(self, limit: float) -> None:
         """Sets the limit [m/s], inf for none; asks nothing of the planner if it is in force already.
@@ -67,9 +99,16 @@ class PlannerSpeed:
         Raises:
             CodedError: "no_service", "no_response", or "planner_refused" if it keeps a higher speed.
         """
-        if limit == self._set:
-            return
-        self._set = None
+        if limit != self._set:
+            try:
+                self._set, self._highest = None, {}
+                self._apply(limit)
+                self.obeys = True
+            except CodedError:
+                self.obeys = False
+                raise
+
+    def _apply(self, limit: float) -> None:
         usual = rospy.get_param(self._kept, None)
         if usual is None:
             usual = self._ask({})
@@ -78,6 +117,8 @@ class PlannerSpeed:
                 return
             rospy.set_param(self._kept, usual)
         wanted = limited(usual, limit)
+        if not math.isinf(limit):
+            self._highest = wanted
         got = self._ask(wanted)
         if any(got[name] > value + 1e-6 for name, value in wanted.items()):
             raise CodedError("planner_refused", planner=self._server, limit=f"{limit:.2f}")

@@ -48,7 +48,6 @@ class WatchedRobot:
         self.name, self.frame = name, frame
         self.who = sentences.robot_value(name)
         self.wiring = Wiring()
-        self.obeys_speed = False
         self.pose: Optional[Tuple[float, float, float]] = None
         self.goal: Optional[Tuple[float, float]] = None
         self.speed: Optional[PlannerSpeed] = None
@@ -98,6 +97,8 @@ class WatchedRobot:
         if (seen.radius, seen.maps) != (self.wiring.radius, self.wiring.maps):
             self._review = None
         if (seen.move_base, seen.planner) != (self.wiring.move_base, self.wiring.planner):
+            if self.speed is not None:
+                self.speed.close()
             names_of = wiring.PLANNERS.get(seen.planner)
             self.speed = PlannerSpeed(f"{seen.move_base}/{seen.planner}", names_of) if names_of else None
         if seen.path != self.wiring.path:
@@ -154,7 +155,7 @@ class WatchedRobot:
             plans_round_borders=seen.plans_round_borders,
             driver=self._has_driver() and self._in_control,
             obeys_stop=cancels and bool(seen.move_base),
-            obeys_speed=self.obeys_speed,
+            obeys_speed=self.speed is not None and self.speed.obeys,
             localized=self.pose is not None,
             has_goal=goal is not None,
             goal=Point(*goal, 0.0) if goal else Point(),
