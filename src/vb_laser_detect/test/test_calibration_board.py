@@ -122,6 +122,14 @@ def test_cameras_that_hardly_see_the_spot_together_are_not_compared(other):
     assert math.isnan(distance_between(draw(), other))
 
 
+def test_two_spots_at_once_of_one_camera_say_nothing():
+    """Also those of a name that two cameras have."""
+    seen = draw(phase=0.01)
+    double = [(stamp, x + 1.0, y) for stamp, x, y in seen[::2]]
+    assert distance_between(draw(), seen + double) < 0.01 and distance_between(seen + double, draw()) < 0.01
+    assert math.isnan(distance_between(draw(), seen + [(stamp, x + 1.0, y) for stamp, x, y in seen]))
+
+
 def test_a_gap_is_not_bridged():
     """Between two sightings that are far apart in time the spot is not where a straight line says."""
     assert distance_between(draw(), draw(gap=(2.0, 8.0))) < 0.003

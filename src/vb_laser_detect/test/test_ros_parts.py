@@ -170,6 +170,17 @@ def test_what_is_wrong_with_images_is_told(report, kinds, images, told):
     assert red.told() == [(code, severity, "red") for code, severity in told]
 
 
+def test_a_camera_that_sends_nothing_is_silent_and_not_too_bright(report):
+    red = report()
+    play(red, 100.0, 108.0, level=255, age=60.0)
+    assert [code for code, _, _ in red.told()] == ["camera_clock", "camera_too_bright"]
+    for now in np.arange(108.0, 120.0, 0.5):
+        red.at(now)
+        codes = [code for code, _, _ in red.told()]
+        assert codes == ["camera_silent"] or "camera_silent" not in codes
+    assert codes == ["camera_silent"]
+
+
 def test_a_camera_that_the_detector_reads_says_why_it_is_silent_and_nothing_else(report):
     red = report(own_source=True)
     red.set_source_fault(CodedError("camera_unplugged", source="/dev/video0"), is_silent=True)

@@ -484,7 +484,7 @@ def test_a_follower_without_pose_or_spot_asks_for_no_motion_and_forgets_what_it_
         follower.spot = spot
         assert follower.compute_request(pose) == VelocityRequest(0.0, 0.0, "spot_lost")
         follower.spot = (0.5 * (GOOD_DISTANCE + FAR_DISTANCE), 0.0)
-        assert follower.compute_request((0.0, 0.0, 0.0)).v == 0.0, "it begins anew"
+        assert follower.compute_request((0.0, 0.0, 0.0)).v == 0.0, "it starts again"
 
 
 def test_a_spot_between_the_zones_neither_starts_nor_ends_a_turn():

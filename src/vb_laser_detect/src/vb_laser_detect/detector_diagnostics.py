@@ -51,6 +51,7 @@ class DetectorDiagnostics:
         self._counts = DetectorCounts()
         self._lock = threading.Lock()
         self._faults: Dict[str, Tuple[Notice, rospy.Time]] = {}  # by code, and when it was met last
+        self._poor: Dict[str, Tuple[Notice, rospy.Time]] = {}  # the same, of what images that come are like
         self._source_fault: Optional[Notice] = None
         self._silent_source = False
         self._watch = InputWatch(rospy.get_time())
@@ -71,11 +72,11 @@ class DetectorDiagnostics:
     def fault(self, error: CodedError, severe: bool = False) -> None:
         """Counts a fault of the input, and tells it for some seconds; `severe`: it is a fault of the program."""
         self._counts.count_rejection(error.code)
-        self._meet(error, severe)
+        self._meet(self._faults, error, severe)
 
-    def _meet(self, error: CodedError, severe: bool) -> None:
+    def _meet(self, faults: Dict[str, Tuple[Notice, rospy.Time]], error: CodedError, severe: bool) -> None:
         with self._lock:
-            self._faults[error.code] = self._notice(error, severe), rospy.Time.now()
+            faults[error.code] = self._notice(error, severe), rospy.Time.now()
 
     def set_source_fault(self, error: Optional[CodedError], is_silent: bool) -> None:
         """Tells what is wrong with a camera that the detector reads itself, until it is called again.
@@ -152,9 +153,12 @@ class DetectorDiagnostics:
             missing = CodedError("camera_robot_lost", **missing.values)
         if missing is None and not self._silent_source:
             for error in self._quality():
-                self._meet(error, error.code == "camera_clock")
+                self._meet(self._poor, error, error.code == "camera_clock")
+        else:
+            self._poor.clear()
         with self._lock:
-            told = [one for one, at in self._faults.values() if abs((now - at).to_sec()) < _FAULT_LIFETIME]
+            met = [*self._faults.values(), *self._poor.values()]
+            told = [one for one, at in met if abs((now - at).to_sec()) < _FAULT_LIFETIME]
             if self._source_fault is not None:
                 told.append(self._source_fault)
         self._notices.set([*([] if missing is None else [self._notice(missing, True)]), *told])

@@ -13,13 +13,14 @@ from typing import Any, Dict, List, Optional, Tuple
 from rich.text import Text
 
 from vb_core import sentences
-from vb_core.notices import Notice
+from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import mapping_from_values
 from vb_core.vocabulary import COMMANDS, DEFAULT, STATES
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
 
 GOOD, BAD, NOTE, WRONG = "green", "yellow", "cyan", "bold red"
 COMMAND_KEYS: Dict[str, str] = {command.key: name for name, command in COMMANDS.items()}
+SEVERITIES = {Severity.INFO: NOTE, Severity.WARNING: BAD, Severity.ERROR: WRONG}
 QUIT_KEY = "q"
 # what a terminal sends for an arrow or function key
 _SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|)")
@@ -62,7 +63,7 @@ class ConsoleContent:
         """Writes what holds at a ROS time [s]: state, drawing, keys, what saving would do, and notices."""
         found = [self._state_line(now), self._keys()]
         found += [printable(text, style) for text, style in self._preview()]
-        return found + [printable(f"! {notice.sentence(self.language)}", BAD) for notice in self.notices]
+        return found + [printable(f"! {one.sentence(self.language)}", SEVERITIES[one.severity]) for one in self.notices]
 
     def _state_line(self, now: float) -> Text:
         state, drawn = self.state, self.progress

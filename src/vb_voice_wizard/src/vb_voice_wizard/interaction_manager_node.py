@@ -122,6 +122,7 @@ class InteractionManagerNode:
         self._notices = NoticePublisher()
         with self._lock:
             self._publish()
+        self._stop_unwritten = False
         self._timer = node.WakeTimer(_REPEATED_AFTER)
         self._storing = node.WakeTimer(_STORE_PERIOD)
         node.Worker(self._timer, lambda _woken: self._on_beat())
@@ -138,6 +139,7 @@ class InteractionManagerNode:
         self._timer.close()
         self._storing.close()
         self._preview.close()
+        self._remember_stop()
 
     # ------------------------------------------------------------------ inputs
     def _on_progress(self, message: BorderProgress) -> None:
@@ -182,10 +184,15 @@ class InteractionManagerNode:
             else:
                 self._publish()
 
-    def _store(self, stopped: bool) -> None:
+    def _store(self, _woken: bool) -> None:
         self._latch.store()
-        if stopped:
-            with self._lock:
+        self._remember_stop()
+
+    def _remember_stop(self) -> None:
+        """Writes down what a stop left for later."""
+        with self._lock:
+            if self._stop_unwritten:
+                self._stop_unwritten = False
                 self._remember()
 
     # ------------------------------------------------------------------ commands
@@ -208,6 +215,7 @@ class InteractionManagerNode:
         self._stop.publish(Stop(id=identity, source=source))
         with self._lock:
             answer = self._interaction.command(STOP, source, rospy.get_time(), identity=identity)
+            self._stop_unwritten = True
             self._publish()
         stored = self._latch.store()
         # what was said last has time; the person waits for no more than the stop's own file

@@ -136,8 +136,9 @@ class WizardConsoleNode:
                 self._view.state = None
             self._view.notices = tuple(self._notices.current())
             lines = self._view.lines(rospy.get_time())
-            if (lines, self._live.console.size) != shown:  # nothing flickers
-                shown = lines, self._live.console.size
+            looks = [(line.plain, line.style, line.spans) for line in lines], self._live.console.size
+            if looks != shown:  # nothing flickers
+                shown = looks
                 self._live.update(Group(*lines), refresh=True)
             typed = ""
             if select.select([keyboard], [], [], _PERIOD)[0]:

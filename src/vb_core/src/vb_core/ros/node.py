@@ -242,7 +242,8 @@ class WakeTimer:
             woken = not self._closed and self._wake.wait(self._period)
         else:
             woken = self._get_simulated()
-        self._wake.clear()
+        if woken:  # else what is announced just now is for the next time
+            self._wake.clear()
         return None if self._closed else woken
 
     def _get_simulated(self) -> bool:

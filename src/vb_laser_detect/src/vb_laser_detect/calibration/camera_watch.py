@@ -79,7 +79,7 @@ class CameraWatch:
 
         Nobody has to draw for the comparison: whenever people use the laser where cameras overlap, spots are compared.
         """
-        if abs(stamp - self._moved.get(camera, -math.inf)) > _POSE_LATENCY:
+        if math.isfinite(x + y) and abs(stamp - self._moved.get(camera, -math.inf)) > _POSE_LATENCY:
             self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((stamp, x, y))
 
     def forget_spots(self, camera: str, now: float) -> None:
@@ -167,9 +167,9 @@ def distance_between(first: Sequence[Sighting], second: Sequence[Sighting]) -> f
     Cameras do not take their images at the same time, and a spot moves: the second one's place is interpolated to the
     first one's time, between two of its sightings that follow each other at its usual pace.
     """
-    if min(len(first), len(second)) < _MIN_COMMON:
+    a, b = _single(first), _single(second)
+    if min(len(a), len(b)) < _MIN_COMMON:
         return math.nan
-    a, b = np.array(sorted(first)), np.array(sorted(second))
     steps = np.diff(b[:, 0])
     before = np.searchsorted(b[:, 0], a[:, 0], side="right") - 1
     inside = (before >= 0) & (before < len(steps))
@@ -181,6 +181,13 @@ def distance_between(first: Sequence[Sighting], second: Sequence[Sighting]) -> f
     share = ((a[:, 0] - b[before, 0]) / steps[before])[:, None]
     off = b[before, 1:] + share * (b[before + 1, 1:] - b[before, 1:]) - a[:, 1:]
     return float(np.median(np.linalg.norm(off, axis=1)))
+
+
+def _single(sightings: Sequence[Sighting]) -> np.ndarray:
+    """Returns sightings (N, 3) in the order of time, without those of images in which a camera saw two spots."""
+    seen = np.array(sorted(sightings)).reshape(-1, 3)
+    _, moment, counts = np.unique(seen[:, 0], return_inverse=True, return_counts=True)
+    return seen[counts[moment] == 1]
 
 
 def read_files(folder: str, cameras: Sequence[str]) -> Dict[str, Union[CameraPose, CodedError]]:

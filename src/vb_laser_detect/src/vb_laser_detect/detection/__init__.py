@@ -1,1 +1,1 @@
-"""From an image to spots, in the order of the stages: format, proposals, features, classifier, tracking."""
+"""From an image to spots, in the order of the stages: format, proposals, features, tracking."""

@@ -1,4 +1,4 @@
-"""Counts and rates of a detector, and what it lacks, for its status message and diagnostics."""
+"""Counts and rates of a detector, and what it lacks, for its status message and notices."""
 
 from __future__ import annotations
 

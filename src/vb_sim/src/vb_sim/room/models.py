@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Mapping, Type, TypeVar, Union
 
+import rospkg
 import yaml
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters
 
 P = TypeVar("P", bound=Parameters)
-MODELS = Path(__file__).resolve().parents[3] / "config" / "models.yaml"
+MODELS = Path(rospkg.RosPack().get_path("vb_sim")) / "config" / "models.yaml"
 
 
 def read_document(path: Path, what: str) -> Any:
