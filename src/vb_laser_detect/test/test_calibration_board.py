@@ -9,7 +9,7 @@ import pytest
 from board_scene import CAMERA, POSE, corners_on_map, p2_of, render_board
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration.board import PAPERS_MM, BoardParams, draw_board, find_board, write_board
-from vb_laser_detect.calibration.camera_watch import distance_between
+from vb_laser_detect.calibration import camera_watch
 from vb_laser_detect.detection.projection import pixels_of
 
 BOARD = BoardParams.for_paper("A3")
@@ -103,6 +103,10 @@ def draw(offset=(0.0, 0.0), phase=0.0, seconds=10.0, gap=(), period=0.04):
             place = np.array([math.cos(0.6 * t), math.sin(0.6 * t)]) + offset + rng.normal(0, 0.001, 2)
             result.append((100.0 + t, *place))
     return result
+
+
+def distance_between(first, second):
+    return camera_watch.distance_between(*map(camera_watch.single_spots, (first, second)))
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.03, -0.02)])

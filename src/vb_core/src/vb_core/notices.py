@@ -48,7 +48,9 @@ class Notice:
     @classmethod
     def from_error(cls, error: CodedError, severity: Severity, camera: str = "") -> "Notice":
         """Makes a notice of an error; of which camera it is said, `camera` or the error's value, stands in both places."""
-        values = {key: str(value) for key, value in {**error.values, **({"camera": camera} if camera else {})}.items()}
+        values = {key: str(value) for key, value in error.values.items()}
+        if camera:
+            values["camera"] = camera
         return cls(error.code, severity, camera=values.get("camera", ""), values=values, message=error.message)
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:

@@ -154,9 +154,9 @@ class DetectorDiagnostics:
         if missing is None and not self._silent_source:
             for error in self._quality():
                 self._meet(self._poor, error, error.code == "camera_clock")
-        else:
-            self._poor.clear()
         with self._lock:
+            if missing is not None or self._silent_source:
+                self._poor.clear()
             met = [*self._faults.values(), *self._poor.values()]
             told = [one for one, at in met if abs((now - at).to_sec()) < _FAULT_LIFETIME]
             if self._source_fault is not None:

@@ -120,9 +120,9 @@ class InteractionManagerNode:
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=10)
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
+        self._stop_unwritten = False
         with self._lock:
             self._publish()
-        self._stop_unwritten = False
         self._timer = node.WakeTimer(_REPEATED_AFTER)
         self._storing = node.WakeTimer(_STORE_PERIOD)
         node.Worker(self._timer, lambda _woken: self._on_beat())
@@ -192,7 +192,6 @@ class InteractionManagerNode:
         """Writes down what a stop left for later."""
         with self._lock:
             if self._stop_unwritten:
-                self._stop_unwritten = False
                 self._remember()
 
     # ------------------------------------------------------------------ commands
@@ -295,7 +294,7 @@ class InteractionManagerNode:
         self._remember()
 
     def _remember(self) -> None:
-        interaction = self._interaction
+        interaction, self._stop_unwritten = self._interaction, False
         try:
             self._state_file.write({"interaction": interaction.to_mapping(), "answers": self._answer_cache.to_list()})
         except CodedError as error:

@@ -149,7 +149,7 @@ class CameraWatch:
     def disagreements(self, now: float) -> List[Notice]:
         """Returns a notice for each two cameras that saw the laser at different places: one was moved, or has another's pose."""
         fresh = {
-            camera: [one for one in seen if 0.0 <= now - one[0] <= _SIGHTING_LIFETIME]
+            camera: single_spots([one for one in seen if 0.0 <= now - one[0] <= _SIGHTING_LIFETIME])
             for camera, seen in self._sightings.items()
         }
         found = []
@@ -161,13 +161,15 @@ class CameraWatch:
         return found
 
 
-def distance_between(first: Sequence[Sighting], second: Sequence[Sighting]) -> float:
+def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     """Returns how far apart [m] two cameras see the same spot (median); NaN if they hardly saw it together.
 
     Cameras do not take their images at the same time, and a spot moves: the second one's place is interpolated to the
     first one's time, between two of its sightings that follow each other at its usual pace.
+
+    Args:
+        a, b: (N, 3) as `single_spots` returns them.
     """
-    a, b = _single(first), _single(second)
     if min(len(a), len(b)) < _MIN_COMMON:
         return math.nan
     steps = np.diff(b[:, 0])
@@ -183,7 +185,7 @@ def distance_between(first: Sequence[Sighting], second: Sequence[Sighting]) -> f
     return float(np.median(np.linalg.norm(off, axis=1)))
 
 
-def _single(sightings: Sequence[Sighting]) -> np.ndarray:
+def single_spots(sightings: Sequence[Sighting]) -> np.ndarray:
     """Returns sightings (N, 3) in the order of time, without those of images in which a camera saw two spots."""
     seen = np.array(sorted(sightings)).reshape(-1, 3)
     _, moment, counts = np.unique(seen[:, 0], return_inverse=True, return_counts=True)

@@ -2,7 +2,7 @@
 
 The idea: a local planner's highest speed is a parameter that can be set while it drives, and a goal can be cancelled.
 Both are requests: a planner that hangs, a joystick or another program that commands the wheels do not hear them. Each
-planner is asked by a thread of its own, so that one that hangs keeps no other robot waiting.
+planner is asked in its own thread, so that one that hangs keeps no other robot waiting.
 """
 
 from __future__ import annotations
