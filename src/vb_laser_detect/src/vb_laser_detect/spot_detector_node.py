@@ -106,7 +106,7 @@ class SpotDetectorNode:
         given = self._params
         where = given.camera, given.frame or f"{given.camera}_optical_frame"
         if given.source:
-            return CameraFeed(*where, given.source, capture, image, given.settings, self._mailbox.put, self._report)
+            return CameraFeed(*where, given.source, capture, image, given.settings, self._mailbox, self._report)
         rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), given.camera, image)
         compressed = given.image_transport == "compressed"
         return TopicFeed(
