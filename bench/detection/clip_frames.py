@@ -32,6 +32,11 @@ def is_clip(group: str) -> bool:
     return not group.startswith(("ceiling: ", "robot: ", "recording: "))
 
 
+def reach_in(video: dict) -> float:
+    """Returns how near to a label [px] a clip's spot is right."""
+    return REACH_PX * max(1.0, video["width"] / 640.0)
+
+
 def left_out_with(groups: Sequence[str]) -> Dict[str, List[str]]:
     """Returns what is left out with each clip, all of its camera and all of its room, and with each scene: a fifth."""
     parts = np.random.default_rng(1).permutation(np.arange(len(groups)) % 5)

@@ -49,31 +49,36 @@ NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the fi
 SCENE_REACH_PX = 14.0
 
 
-def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None) -> Examples:
-    """Examples of one clip, seen by a camera that stands still: what it sees moving is only judged by.
+def frames_near_shots(
+    folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None, role: str = "stationary"
+) -> Iterator[LabeledFrame]:
+    """Yields the frames of one clip that tell enough: those near a shot, and the first ones.
 
     Args:
+        group: its name, and how it was taken.
         taken: how another camera takes the same pictures, and spots that are painted into them.
+        role: of the camera, see clips.py.
     """
-    size, skipped = max(1.0, video["width"] / 640.0), clip_frames.UNLABELED.get(name, ())
+    skipped = clip_frames.UNLABELED.get(name, ())
     shots = np.array([one["frame"] for one in video["labels"]])
     other = OtherCamera(taken, zlib.crc32(group.encode())) if taken else None
+    for number, (stamp, image, labels) in enumerate(clip_frames.frames_of(folder / "clips" / name, video, role)):
+        far = not len(shots) or np.abs(shots - number).min() > NEAR_FRAMES
+        if far and len(shots) and number > FIRST_FRAMES:
+            continue
+        here = [(one["x"], one["y"]) for one in labels if not one["near"]]
+        near = [(one["x"], one["y"]) for one in labels if one["near"]]
+        near += [(u, v) for u in range(0, 1280, 8) for v in range(0, 720, 8)] if number in skipped else []
+        if other is not None:
+            image, seen, unseen = other.take(image, here, paint=far and number > PAINT_EVERY)
+            here, near = here + seen, near + unseen
+        yield LabeledFrame(stamp, image, here, near)
 
-    def frames() -> Iterator[LabeledFrame]:
-        every = clip_frames.frames_of(folder / "clips" / name, video, "stationary")
-        for number, (stamp, image, labels) in enumerate(every):
-            far = not len(shots) or np.abs(shots - number).min() > NEAR_FRAMES
-            if far and len(shots) and number > FIRST_FRAMES:
-                continue
-            here = [(one["x"], one["y"]) for one in labels if not one["near"]]
-            near = [(one["x"], one["y"]) for one in labels if one["near"]]
-            near += [(u, v) for u in range(0, 1280, 8) for v in range(0, 720, 8)] if number in skipped else []
-            if other is not None:
-                image, seen, unseen = other.take(image, here, paint=far and number > PAINT_EVERY)
-                here, near = here + seen, near + unseen
-            yield LabeledFrame(stamp, image, here, near)
 
-    return collect(frames(), DetectorParams.stationary(confirm_frames=1), group, clip_frames.REACH_PX * size)
+def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None) -> Examples:
+    """Examples of one clip, seen by a camera that stands still: what it sees moving is only judged by."""
+    frames = frames_near_shots(folder, name, video, group, taken)
+    return collect(frames, DetectorParams.stationary(confirm_frames=1), group, clip_frames.reach_in(video))
 
 
 def from_recording(bag_file: str, topic: str) -> Examples:
