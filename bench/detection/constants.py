@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 """Which numbers of the detector's stages matter: each is halved and doubled, and judged on cameras that were left out.
 
-    python3 bench/detection/constants.py --clips DIR --examples FOLDER --csv FILE [--only WORD ...]
+    python3 bench/detection/constants.py --clips DIR --left-out EXAMPLES --csv FILE [--only WORD ...]
 
-DIR as clips.py takes it, FOLDER as training.py kept it. A row for each number and factor: spots found and false ones of the
+DIR and EXAMPLES as clips.py takes them. A row for each number and factor: spots found and false ones of the
 clips' frames near shots, of the same set dark (augmentation.py), of the same through the panning window, each by a classifier
-that was fitted without the clip's camera and room, and of the rendered scenes. Numbers that only tell time and place
-(tracking, projection) are judged by the scenes, and scenes are played only if the clips show no difference. Numbers are those
-with a name of their own, and others but indices, guards against division by zero, and what is given by arithmetic or by
+that was fitted without the clip's camera and room, and of the rendered scenes (--share of their time; 0: none). Numbers that only
+tell time and place (tracking, projection) are judged by the scenes, and scenes are played only if the clips show no
+difference. Numbers are those with a name of their own, and others but indices, guards against division by zero, and what is given by arithmetic or by
 pixels (halves, two, three channels, bytes); parameters are not among them.
 --only goes on with modules with a WORD in their name.
 """
@@ -43,7 +43,7 @@ PACKAGE = Path("vb_laser_detect/src/vb_laser_detect")
 STAGES = ("proposals", "background", "image_registration", "features", "tracking", "projection")
 TIMED = ("tracking", "projection")
 STRUCTURE = (0, 0.5, 1, 2, 3, 255, 1000)
-WITHOUT_SHOTS, SHARE, SEED = 100, 0.08, 1  # frames of clips without labels; of each scene's time; rooms as frames.py's
+WITHOUT_SHOTS, SEED = 100, 1  # frames of clips without labels; rooms as frames.py's
 
 
 class Number(NamedTuple):
@@ -109,7 +109,7 @@ class Clips:
                 group, taken = takes(name, np.random.default_rng(zlib.crc32(name.encode())))[1]
             frames = frames_near_shots(folder, name, video, group, taken, role)
             kept = list(itertools.islice(frames, None if video["labels"] else WITHOUT_SHOTS))
-            self._clips.append((judges[group], reach_in(video), kept))
+            self._clips.append((judges.get(group), reach_in(video), kept))
 
     def count(self, source: Optional[Path]) -> Tuple[int, int]:
         """Returns how many labelled spots a version finds, and how many false ones."""
@@ -130,15 +130,15 @@ def _is_near(place: Tuple[float, float], others: Sequence[Tuple[float, float]], 
 class Scenes:
     """The rendered scenes' images, and who judges each."""
 
-    def __init__(self, judges: Dict[str, Any]) -> None:
+    def __init__(self, judges: Dict[str, Any], share: float) -> None:
         room, rooms, self._scenes = lab(), Rooms(SEED), []
         for scene in ceiling_scenes(room) + mobile_scenes(room):
             camera = Camera(scene, rooms)
             images = []
-            for t, index, snapshot in course(scene, SHARE, LEARN_S):
+            for t, index, snapshot in course(scene, share, LEARN_S):
                 image, frame, view = camera.picture(index, snapshot)
                 images.append((t, image.copy(), frame, view))  # the view draws the next one into the same memory
-            self._scenes.append((scene, camera, judges[scene.title], images))
+            self._scenes.append((scene, camera, judges.get(scene.title), images))
 
     def count(self, source: Optional[Path]) -> Tuple[int, int]:
         """Returns as `Clips.count`."""
@@ -184,20 +184,22 @@ def in_process(*given: Any) -> Dict[str, Any]:
 def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--clips", type=Path, metavar="DIR", required=True)
-    parser.add_argument("--examples", type=Path, metavar="FOLDER", default=TOP / "out" / "spot_examples")
+    parser.add_argument("--left-out", type=Path, metavar="EXAMPLES", help="else the packaged classifier judges")
+    parser.add_argument("--share", type=float, default=0.08)
     parser.add_argument("--only", nargs="+", default=[""], metavar="WORD")
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    examples = load_examples(sorted(given.examples.glob("*.npz")))
-    judges, groups = judges_of_clips(examples), [str(group) for group in np.unique(examples.groups)]
-    of_scenes = fit_without(
-        examples, {group: out for group, out in left_out_with(groups).items() if not is_clip(group)}
-    )
+    judges: Dict[str, Any] = {}
+    if given.left_out:
+        examples = load_examples(sorted(given.left_out.glob("*.npz")))
+        left_out = left_out_with([str(group) for group in np.unique(examples.groups)])
+        of_scenes = fit_without(examples, {group: out for group, out in left_out.items() if not is_clip(group)})
+        judges = {**judges_of_clips(examples), **of_scenes}
     inputs = {
         "clips": Clips(given.clips, judges),
         "set dark": Clips(given.clips, judges, dark=True),
         "panning": Clips(given.clips, judges, "window"),
-        "scenes": Scenes(of_scenes),
+        **({"scenes": Scenes(judges, given.share)} if given.share else {}),
     }
     table, before = Table(given.csv), in_process(inputs, None, 1.0, {})
     table.add(module="as it is", number="", value="", factor="", **_row(before, before))
