@@ -27,7 +27,7 @@ SAMPLES = {
     "maps/crashes.py": "--crashes 3",
     "maps/integration.py": "--sizes 320x200 --borders 2 --rounds 1",
     "mutants.py": "--modules vb_core.geometry --each 1",
-    "detection/training.py": "--scenes grey --share 0.02 --examples {folder}/examples --out {folder}/made.json",
+    "detection/training.py": "--clips {clips} --scenes grey --share 0.02 --examples {folder}/examples --out {folder}/made.json",
 }
 
 

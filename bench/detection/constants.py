@@ -7,8 +7,8 @@ DIR and EXAMPLES as clips.py takes them. A row for each number and factor: spots
 clips' frames near shots, of the same set dark (augmentation.py), of the same through the panning window, each by a classifier
 that was fitted without the clip's camera and room, and of the rendered scenes (--share of their time; 0: none). Numbers that only
 tell time and place (tracking, projection) are judged by the scenes, and scenes are played only if the clips show no
-difference. Numbers are those with a name of their own, and others but indices, guards against division by zero, and what is given by arithmetic or by
-pixels (halves, two, three channels, bytes); parameters are not among them.
+difference. Numbers are those with a name of their own, and others but indices, guards against division by zero, and what is
+given by arithmetic or by pixels (halves, two, three channels, bytes); parameters are not among them.
 --only goes on with modules with a WORD in their name.
 """
 

@@ -138,7 +138,7 @@ def collect(frames: Iterable[LabeledFrame], params: DetectorParams, group: str, 
 def fit(examples: Examples) -> SpotClassifier:
     """Fits the curves: a logistic regression over ramps whose signs are fixed, one convex problem with one solution.
 
-    Within a kind (clips; each kind of rendered scene, "kind: name"; recordings) each example counts alike, a false spot
+    Within a kind (clips; each kind of rendered scene, "kind: name") each example counts alike, a false spot
     as three missed ones; the spots of all kinds weigh the same together. Classes must not be balanced within a kind:
     one that shows few other bright things would price each at dozens of spots, and shift its limits into the spots.
     """

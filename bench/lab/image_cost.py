@@ -31,7 +31,7 @@ from vb_core.ros.images import message_from_image
 from vb_evaluation.processes import Child
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
 from vb_laser_detect.detection.projection import ImageGeometry
-from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
+from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.detector import SpotDetector
 
 
@@ -59,11 +59,7 @@ class Search:
     """Decodes and searches images as a detector does, and adds up the thread's time."""
 
     def __init__(self, decode: Callable[[bytes], Picture]) -> None:
-        self._decode, self._detector, self._projector = (
-            decode,
-            SpotDetector(),
-            FloorProjection(ProjectionParams(), None, []),
-        )
+        self._decode, self._detector, self._projector = (decode, SpotDetector(), FloorProjection())
         self._model: Any = None
         self.times: List[float] = []
 

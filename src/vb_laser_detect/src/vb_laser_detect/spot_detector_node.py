@@ -77,7 +77,7 @@ class SpotDetectorNode:
             raise ParameterError(rospy.resolve_name("~camera"), "the camera's name must be set")
         self._params = params
         self._mobile = detector.moving_camera
-        self._projector = FloorProjection(projection_params, None, params.ignore_regions)
+        self._projector = FloorProjection(projection_params)
         self._detector = SpotDetector(detector)
         self._params_lock = threading.Lock()  # parameters change between images, never within one
         self._reader = PixelReader()
