@@ -43,7 +43,8 @@ def numbers(video, pause_s, count):
         else:
             enough.set()
 
-    source = CameraSource(str(video), CaptureParams(), handle, lambda error: None).start()
+    source = CameraSource(str(video), CaptureParams(), handle, lambda error: None)
+    source.start()
     assert enough.wait(60.0)
     source.close()
     return np.array(seen), source.late
@@ -61,6 +62,21 @@ def test_images_that_come_too_late_are_left_out_until_one_stands_by_itself(video
     # what is seen after a gap is whole: it has the brightness of an image that needs no other one
     after = np.flatnonzero(np.diff(seen) > 3.0) + 1
     assert len(after) and np.abs((seen[after] + KEY_EVERY / 2) % KEY_EVERY - KEY_EVERY / 2).max() < 4.0
+
+
+def test_a_fault_of_the_program_is_told_and_the_camera_is_opened_again(video):
+    told, again = [], threading.Event()
+
+    def handle(shot):
+        if len(told) < 2:  # "images come", then the fault
+            raise KeyError("a bug")
+        again.set()
+
+    source = CameraSource(str(video), CaptureParams(), handle, lambda error: told.append(error and error.code))
+    source.start()
+    assert again.wait(60.0)
+    source.close()
+    assert told[:3] == [None, "internal_error", None]
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,8 @@ class CameraFeed:
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
         self._setting = threading.Lock()
         self._late = 0
-        self._source = CameraSource(source, params, self._take, self._tell).start()
+        self._source = CameraSource(source, params, self._take, self._tell)
+        self._source.start()
 
     def close(self) -> None:
         """Sets the camera free."""

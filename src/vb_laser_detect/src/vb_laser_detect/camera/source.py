@@ -13,6 +13,7 @@ import errno
 import re
 import threading
 import time
+import traceback
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
@@ -169,10 +170,9 @@ class CameraSource:
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def start(self) -> "CameraSource":
-        """Begins to read."""
+    def start(self) -> None:
+        """Begins to read: `handle` and `report` may be called before this returns."""
         self._thread.start()
-        return self
 
     def close(self) -> None:
         """Ends reading; waits until the camera is free for others."""
@@ -186,6 +186,9 @@ class CameraSource:
                 self._read()
             except CodedError as error:
                 self._report(error.without_traceback())
+            except Exception:  # a fault of the program must not silence the camera for good
+                traceback.print_exc()
+                self._report(CodedError("internal_error"))
             self._closed.wait(_RETRY_PERIOD)
 
     def _read(self) -> None:
