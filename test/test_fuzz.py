@@ -3,7 +3,7 @@
 The idea: no list of attacks. A message's strategy follows its definition (genpy's slots), a parameter
 class's its fields, a launch file's its arguments, a file's the bytes of a good one with some of them
 changed; a new field or argument is in the examples by itself. FUZZ_EXAMPLES says how many per test: few in
-`make test`, thousands in `make soak`.
+`make test`, thousands before a release.
 """
 
 import dataclasses
