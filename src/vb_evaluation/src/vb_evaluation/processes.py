@@ -24,8 +24,8 @@ _PORTS = range(20000, 32768)  # Linux hands out those above
 def free_port(wanted: int = 0) -> int:
     """Finds an unused TCP port on loopback: the wanted one if it is free.
 
-    It is none that the system hands out by itself: until whoever it is for listens there, a connection that is made by
-    anybody else would take it.
+    It is none of those that the system hands out by itself: anybody's connection could take one of those before the
+    server that it is meant for listens.
     """
     while True:
         port = wanted or secrets.choice(_PORTS)
