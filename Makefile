@@ -42,7 +42,6 @@ rostest: setup ## only the tests of nodes
 
 docs: ## the documentation as a site, into out/site
 	@test -x out/mkdocs/bin/mkdocs || { python3 -m venv out/mkdocs && out/mkdocs/bin/pip install -q mkdocs-material==9.6.14; }
-	@out/mkdocs/bin/python scripts/reference --site
 	@out/mkdocs/bin/mkdocs build --quiet --strict
 
 study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 CONFIG=file OUT=folder PROCESSES=number
