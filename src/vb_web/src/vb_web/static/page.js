@@ -4,7 +4,8 @@
 // side to be restricted; "review" moves corners of the draft; "go" sends a robot there.
 "use strict";
 import { Link, Words } from "./link.js";
-import { MapView, distance, inside, middle, pairs, simplify } from "./map.js";
+import { MapView } from "./map.js";
+import { distance, inside, middle, pairs, simplify } from "./shapes.js";
 
 const $ = (id) => document.getElementById(id);
 const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
