@@ -1,5 +1,6 @@
 """Ground truths, protocol, and measures of recordings that other packages' code writes."""
 
+import argparse
 import dataclasses
 import json
 import tempfile
@@ -9,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from vb_core.errors import CodedError
 from vb_core.files import append_line
@@ -16,7 +18,7 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
 from vb_evaluation.report.page import write_report
-from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, protocol
+from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, protocol, session
 from vb_evaluation.study_kit.__main__ import main
 from vb_evaluation.study_kit.ground_truth import find_ground_truths, read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
@@ -594,3 +596,27 @@ def test_a_dry_run_with_simulated_people(tmp_path, monkeypatch):
         float(row["error_mean_cm"]) == pytest.approx(simulated["error_mean_cm"], abs=0.01)
         and simulated["error_mean_cm"] < 20.0
     )
+
+
+# ------------------------------------------------------------------ what is recorded
+def test_topics():
+    found = session.topics(["red", "green"], ["", "anna"])
+    assert {"/map", "/tf_static", "/virtual_borders/spots", "/red/camera_info", "/odom", "/anna/odom"} <= set(found)
+    assert not [topic for topic in found if "image" in topic]
+
+
+def test_a_restarted_recorder_takes_the_next_file(tmp_path):
+    assert session.next_bag(tmp_path).name == "01.bag"
+    (tmp_path / "bags" / "01.bag").touch()
+    (tmp_path / "bags" / "02.bag.active").touch()
+    assert session.next_bag(tmp_path).name == "03.bag"
+
+
+def test_session_says_revision_and_plan(tmp_path, monkeypatch):
+    monkeypatch.setattr(session.rospy, "get_param", lambda name: {"use_sim_time": True})
+    given = argparse.Namespace(method="robot_only", cameras="", robots="")
+    (tmp_path / "run.yaml").write_text("order: 4\nparticipant: p03\nscenario: carpet\n")
+    session._describe(tmp_path, given)
+    found = yaml.safe_load((tmp_path / "session.yaml").read_text())
+    assert found["run"] == {"order": 4, "participant": "p03", "scenario": "carpet"}
+    assert found["revision"] and found["method"] == "robot_only" and found["cameras"] == []
