@@ -78,7 +78,7 @@ def mutations(node: ast.AST) -> Iterator[Tuple[str, Callable[[Any], None]]]:
     elif isinstance(node, (ast.BinOp, ast.BoolOp)) and type(node.op) in SWAPS:
         new = SWAPS[type(node.op)]
         yield new.__name__, lambda one: setattr(one, "op", new())
-    elif isinstance(node, ast.Constant) and type(node.value) in (int, float) and not 0 < abs(node.value) < ROUNDING:
+    elif isinstance(node, ast.Constant) and type(node.value) in (int, float) and not 0 < abs(node.value) <= ROUNDING:
         for value in (node.value * 2 if node.value else 1, -node.value if node.value else -1):
             yield f"{node.value} is {value}", lambda one, value=value: setattr(one, "value", value)
     elif isinstance(node, (ast.If, ast.IfExp, ast.While)):
