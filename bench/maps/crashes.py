@@ -117,7 +117,7 @@ def flip(folder: Path, random: np.random.Generator) -> str:
 def crash(kind: str, folder: Path, seed: int) -> Dict[str, Any]:
     """Crashes once on a folder that goes on; returns what came of it."""
     random = np.random.default_rng(seed)
-    size = max([path.stat().st_size for path in folder.glob("*.db*")] or [0])
+    size = max([path.stat().st_size for path in folder.glob("borders*.jsonl")] or [0])
     limit = int(size * random.uniform(0.2, 1.3)) + 4096 if kind == "full" else None
     reader, writer = os.pipe()
     process = os.fork()

@@ -65,8 +65,8 @@ def test_refusals_change_nothing(tmp_path):
     keeper.add(square(10, 10), 1.0)
     before, cells, revision = keeper.borders, keeper.map_with_borders.data.copy(), keeper.revision
 
-    def read_files():  # what SQLite's readers note in its shared memory is no change
-        return {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and path.suffix != ".db-shm"}
+    def read_files():
+        return {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
     files = read_files()
     for code, action in (

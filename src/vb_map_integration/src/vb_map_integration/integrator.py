@@ -70,21 +70,6 @@ class MapIntegrator:
         self._map_id = ""
         self._check = BorderCheck(params)
 
-    def reopen(self, now: float = 0.0) -> bool:
-        """Opens a database again that failed, once its disk can be written; returns whether it did.
-
-        Raises:
-            CodedError: as at a start; this integrator is closed then.
-        """
-        if not self._database.can_reopen():
-            return False
-        self._database = self._database.reopen()
-        self._recognizer = PlaceRecognizer(self._database, self.params.map_name)
-        if self.has_map:
-            self._map_id = ""
-            self.set_map(self.physical, now)
-        return True
-
     def close(self) -> None:
         """Releases the database."""
         self._database.close()
@@ -234,7 +219,7 @@ class MapIntegrator:
             if not place or known is None or known.place != place:
                 place = self._database.add_map(grid, self._map_id, place, transform)
         else:
-            if known is not None and known.id == known.place and self._database.count(known.place):
+            if known is not None and known.id == known.place and self._database.borders(known.place):
                 raise CodedError("drawn_on_this_map")
             place = self._database.add_map(grid, self._map_id)
         if name:
@@ -358,11 +343,11 @@ class MapIntegrator:
 
     def undo(self, now: float = 0.0) -> ChangeResult:
         """Undoes the last change; raises CodedError "nothing_to_undo"."""
-        return self._make_change(self._database.prepare_undo(self._recognition.place), "undo", "changed back", now)
+        return self._make_change(self._database.prepare("undo", self._recognition.place), "undo", "changed back", now)
 
     def redo(self, now: float = 0.0) -> ChangeResult:
         """Redoes what was undone last; raises CodedError "nothing_to_redo"."""
-        return self._make_change(self._database.prepare_redo(self._recognition.place), "redo", "changed again", now)
+        return self._make_change(self._database.prepare("redo", self._recognition.place), "redo", "changed again", now)
 
     @property
     def available_commands(self) -> List[str]:

@@ -167,7 +167,8 @@ class MapIntegratorNode:
         if frame and frame != self._params.frame_id:
             raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=self._params.frame_id)
         grid = messages.grid_from_message(message)
-        self._with_database(lambda: self._use_map(grid))
+        with self._lock:
+            self._use_map(grid)
 
     def _use_map(self, grid: GridMap) -> None:
         first = not self._integrator.has_map
@@ -228,35 +229,11 @@ class MapIntegratorNode:
 
     def _follow_schedules(self, _event: Any) -> None:
         with self._lock:
-            turned = () if self._reopen() else self._integrator.follow_schedules(self._now().to_sec())
+            turned = self._integrator.follow_schedules(self._now().to_sec())
             for border in turned:
                 rospy.loginfo("%s: '%s' goes on or off by its schedule", rospy.get_name(), border.name)
             if turned:
                 self._publish()
-
-    def _reopen(self) -> bool:
-        """Opens a database that failed, if that can be done now; one that cannot be opened ends the node."""
-        try:
-            if not self._integrator.reopen(self._now().to_sec()):
-                return False
-        except CodedError as error:  # as at a start, for instance since another process has taken it meanwhile
-            node.shut_down_with_error(error)
-            raise
-        rospy.loginfo("%s: the database of borders was opened again", rospy.get_name())
-        self._notices.set(self._integrator.notices)
-        if self._integrator.has_map:
-            self._publish()
-        return True
-
-    def _with_database(self, action: Callable[[], Any]) -> Any:
-        """Does something; once more if the database failed meanwhile and could be repaired."""
-        with self._lock:
-            try:
-                return action()
-            except CodedError:
-                if not self._reopen():
-                    raise
-                return action()
 
     # ------------------------------------------------------------- services
     def _requested(self, request: Any) -> VirtualBorder:
@@ -332,7 +309,8 @@ class MapIntegratorNode:
     def _answer(self, response: Any, action: Callable[[], Any]) -> Any:
         """Does what a request asks for; a refusal fills in the response."""
         try:
-            return self._with_database(action)
+            with self._lock:
+                return action()
         except CodedError as error:
             return self._refused(response, error)
 
@@ -410,16 +388,14 @@ class MapIntegratorNode:
             return ListBordersResponse(self._array(self._now()))
 
     def _trigger(self, command: str) -> TriggerResponse:
-        def change() -> TriggerResponse:
-            outcome = getattr(self._integrator, command)(self._now().to_sec())
-            self._publish()
-            rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
-            return TriggerResponse(True, outcome.message)
-
         try:
-            return self._with_database(change)
+            with self._lock:
+                outcome = getattr(self._integrator, command)(self._now().to_sec())
+                self._publish()
         except CodedError as error:
             return TriggerResponse(False, str(error))
+        rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
+        return TriggerResponse(True, outcome.message)
 
     def _save(self, request: Any) -> SaveMapResponse:
         response = SaveMapResponse()
