@@ -17,7 +17,7 @@ from vb_map_integration.storage import database as module
 from vb_map_integration.storage import durable_values
 from vb_map_integration.storage.database import Database
 from vb_map_integration.storage.durable_values import FILES, DurableValues
-from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_map_integration.integrator import MapIntegrator
 
 from integrators import GRID, integrator, square
 
@@ -92,7 +92,7 @@ def test_undo_and_redo_survive_a_restart(tmp_path):
 
 def test_the_history_is_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MAX_CHANGES", 5)
-    keeper = integrator(check_reachability=False)
+    keeper = integrator()
     for number in range(9):
         keeper.add(square(10 + number, 10), 1.0 + number)
     for _ in range(5):
@@ -107,7 +107,7 @@ def test_a_second_integrator_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(durable_values, "LOCK_TIMEOUT", 0.1)
     first = integrator(tmp_path)
     with pytest.raises(CodedError) as caught:
-        MapIntegrator(IntegratorParams(), tmp_path)
+        MapIntegrator(tmp_path)
     assert caught.value.code == "database_in_use"
     first.add(square(10, 10), 1.0)
     first.close()
@@ -140,7 +140,7 @@ import sys
 sys.path.insert(0, {test!r})
 from pathlib import Path
 from test_database import command, integrator
-keeper = integrator(Path({root!r}), check_reachability=False)
+keeper = integrator(Path({root!r}))
 while True:
     command(keeper, keeper.revision)
     print(keeper.revision, flush=True)
@@ -158,7 +158,7 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_answered(tmp_path):
         process.send_signal(signal.SIGKILL)
         rest = process.communicate()[0].split()
         said = int(rest[-1]) if rest else said
-        keeper = integrator(tmp_path, check_reachability=False)
+        keeper = integrator(tmp_path)
         assert said <= keeper.revision <= said + 1 and codes(keeper) == []
         keeper.close()
 
@@ -178,7 +178,7 @@ for number in range(3):
         keeper.add(square(50, 50), 2.0)
         print("taken")
     except CodedError as error:
-        print(error.code, *(border.id for border in keeper.borders if keeper.status(border)[0]))
+        print(error.code, *(border.id for border in keeper.borders if keeper.in_force.status(border)[0]))
 """
 
 
@@ -194,7 +194,7 @@ def test_on_a_full_disk_borders_act_and_each_change_is_refused(tmp_path, size):
 
 def test_a_schedule_is_followed_on_a_full_disk_too(tmp_path, monkeypatch):
     start = datetime.datetime(2026, 11, 23, 7, 59).timestamp()  # a Monday
-    keeper = MapIntegrator(IntegratorParams(), tmp_path)
+    keeper = MapIntegrator(tmp_path)
     keeper.set_map(GRID, start)
     keeper.add(square(10, 10, schedule="mon 08:00-12:00"), start)
 
@@ -202,8 +202,11 @@ def test_a_schedule_is_followed_on_a_full_disk_too(tmp_path, monkeypatch):
         raise CodedError("cannot_write", what="", reason="disk is full")
 
     monkeypatch.setattr(files, "write_together", fail)
-    assert keeper.follow_schedules(start + 1.0) == () and not keeper.status(keeper.borders[0])[0]
-    assert keeper.follow_schedules(start + 60.0) == keeper.borders and keeper.status(keeper.borders[0]) == (True, "")
+    assert keeper.follow_schedules(start + 1.0) == () and not keeper.in_force.status(keeper.borders[0])[0]
+    assert keeper.follow_schedules(start + 60.0) == keeper.borders and keeper.in_force.status(keeper.borders[0]) == (
+        True,
+        "",
+    )
     assert (keeper.map_with_borders.data == 100).sum() > (GRID.data == 100).sum()
     keeper.close()
 

@@ -1,6 +1,6 @@
 """Values on the disk, kept so that neither a crash nor a damaged file costs what was acknowledged.
 
-The idea: there is so little to keep that each change writes all of it anew, beside what is there, and then puts it in its
+The idea: there is so little to keep that each change writes all of it again, beside what is there, and then puts it in its
 place. So a file is either whole or not there. Its first line is the checksum of the rest, and there is a second file with
 the same: at a start the sound one with the highest revision is read, and what is wrong with the other is put right.
 
