@@ -22,6 +22,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import messages, services
+from vb_core.vocabulary import DEFAULT
 from vb_evaluation import metrics
 from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.study_kit.session import ROBOT_IMAGES
@@ -180,7 +181,7 @@ class _Player:
         if topic == names.STATE:
             # a cancelled drawing is forgotten with the state's end
             message = decode_message(entry, InteractionState)
-            self._request("" if message.state == message.DEFAULT else message.interaction_id)
+            self._request("" if message.name == DEFAULT.name else message.interaction_id)
         elif topic == names.SPOTS and counts:
             camera = decode_message(entry, LaserSpot).camera
             if camera in counts:

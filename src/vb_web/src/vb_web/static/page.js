@@ -41,7 +41,7 @@ const button = (code, onclick, kind = "", values = {}) =>
   element("button", { type: "button", class: kind, onclick }, say(code, values));
 const operator = () => hello.role === "operator";
 const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
-// What is connected, and so what is offered; while nobody has said, everything is.
+// What is connected, and so what is offered; where it is not known (null: not any more), everything is.
 const offers = (command) => !view.offer || view.offer.commands.includes(command);
 const robotName = (name) => name || "$the_robot";
 const row = (table, name) => hello[table].find((one) => one.name === name) || {};
@@ -973,6 +973,7 @@ function drawBanners() {
     if (view.health && view.health.manager && view.health.silent)
       put("bad", say("page_state_old", { time: clock(view.health.silent) }));
     if (view.health && !view.health.integrator) put("bad", say("page_integrator_gone"));
+    if (view.offer === null) put("bad", say("page_monitor_gone"));
     if (view.borders && view.borders.unconfirmed)
       put(
         "",
@@ -1015,8 +1016,15 @@ function drawNotices() {
 function drawHealth() {
   const cameras = view.cameras || [],
     drivers = view.drivers || {};
-  const wrong = view.offer ? view.offer.lines.filter((line) => line.severity).length : 0;
-  const bad = [...cameras, ...Object.values(drivers)].filter((one) => !one.there).length + wrong;
+  // each camera and robot with a problem once, whoever tells it; a notice about the only robot has its name in a value
+  const about = (one) =>
+    one.camera ? `camera ${one.camera}` : one.robot || one.values.who ? `robot ${one.robot || one.values.who}` : "";
+  const told = [...(view.offer ? view.offer.lines : []), ...(view.notices || [])].filter((one) => one.severity);
+  const bad = new Set([
+    ...cameras.filter((one) => !one.there).map((one) => `camera ${one.name}`),
+    ...Object.keys(drivers).filter((name) => !drivers[name].there).map((name) => `robot ${robotName(name)}`),
+    ...told.map(about).filter(Boolean),
+  ]).size;
   $("health-sum").textContent = bad
     ? say(bad === 1 ? "page_problem" : "page_problems", { count: bad })
     : cameras.length || Object.keys(drivers).length || (view.offer && view.offer.state === "ready")
@@ -1200,6 +1208,7 @@ const DRAW = {
   },
   offer() {
     drawState();
+    drawBanners();
     drawHealth();
     drawReview();
   },
