@@ -23,7 +23,6 @@ SAMPLES = {
     "lab/image_cost.py": "--spans 0",
     "lab/page.py": "--browsers 1 --seconds 1",
     "lab/page_hostile.py": "--seconds 1 --only nothing slow_headers",
-    "lab/soak.py": "--hours 0.05",
     "maps/crashes.py": "--crashes 3",
     "maps/integration.py": "--sizes 320x200 --borders 2 --rounds 1",
     "mutants.py": "--modules vb_core.geometry --each 1",

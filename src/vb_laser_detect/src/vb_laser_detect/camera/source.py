@@ -2,18 +2,18 @@
 
 One idea for all of them: a demuxer (PyAV) delivers packets. A packet of motion JPEG is an image by itself and is decoded
 only when it is searched, and only as far: one that comes too late costs nothing. Packets of other codecs build on each other, and are
-decoded as they come; once they are late, none is until the next that stands by itself. A file has no hurry: it waits for
-whoever takes its images. Whatever ends the stream, it is said in one sentence, and the camera is opened again.
+decoded as they come; once they are late, none is until the next that stands by itself. A file has no hurry: it waits until
+its images are taken. Whatever ends the stream, it is said in one sentence, and the camera is opened again.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import logging
 import re
 import threading
 import time
+import traceback
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
@@ -178,10 +178,9 @@ class CameraSource:
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def start(self) -> "CameraSource":
-        """Begins to read."""
+    def start(self) -> None:
+        """Begins to read: `handle` and `report` may be called before this returns."""
         self._thread.start()
-        return self
 
     def close(self) -> None:
         """Ends reading; waits until the camera is free for others."""
@@ -195,9 +194,9 @@ class CameraSource:
                 self._read()
             except CodedError as error:
                 self._report(error.without_traceback())
-            except Exception as error:  # what a strange stream reveals must not silence the camera for good
-                logging.getLogger(__name__).exception("while reading %s", printable(self.address))
-                self._report(CodedError("camera_fault", source=printable(self.address), why=str(error)))
+            except Exception:  # a fault of the program must not silence the camera for good
+                traceback.print_exc()
+                self._report(CodedError("internal_error"))
             self._closed.wait(_RETRY_PERIOD)
 
     def _read(self) -> None:
