@@ -22,7 +22,7 @@ from typing import Dict, Iterable, List, NamedTuple
 
 import av
 import numpy as np
-from scipy.signal import resample_poly
+import soxr
 
 from bench.frame import Table, arguments, share
 from vb_core.sounds import SOUNDS
@@ -113,7 +113,7 @@ class Room:
         plays = {}
         if sound:
             begin = max(0, int((before + at) * RATE))
-            tone = resample_poly(synthesize(sound).astype(float), 1, TONE_RATE // RATE)[: len(pcm) - begin]
+            tone = soxr.resample(synthesize(sound).astype(float), TONE_RATE, RATE)[: len(pcm) - begin]
             pcm[begin : begin + len(tone)] += tone * (0.5 * PEAK / np.abs(tone).max())
             plays[begin // PIECE] = sound
         found = []
