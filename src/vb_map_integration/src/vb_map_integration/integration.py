@@ -25,11 +25,12 @@ import shapely
 
 from vb_core import masks
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
+from vb_core.notices import Notice
 from vb_map_integration.grid import curve, raster
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError, make_issue
+from vb_map_integration.borders.issues import IntegrationError, warning
 
-__all__ = ["ERROR", "WARNING", "Area", "Issue", "Integration", "IntegrationError", "integrate", "restricted_area"]
+__all__ = ["Area", "Integration", "IntegrationError", "integrate", "restricted_area"]
 
 # [m] length of a curve's end that gives the direction of its extension: longer than a hand's tremor, shorter than a doorway
 EXTENSION_FIT_LENGTH = 0.3
@@ -67,7 +68,7 @@ class Area:
     over_unknown: bool
     area_m2: float
     line: np.ndarray
-    issues: Tuple[Issue, ...]
+    issues: Tuple[Notice, ...]
 
     def region(self, shape: Tuple[int, int]) -> np.ndarray:
         """Returns (H, W) bool, the cells that the border restricts."""
@@ -90,7 +91,7 @@ class Integration:
 
     posterior: GridMap
     region: np.ndarray
-    issues: Tuple[Issue, ...]
+    issues: Tuple[Notice, ...]
     area_m2: float
     line: np.ndarray
 
@@ -126,7 +127,7 @@ def restricted_area(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequ
     try:
         return task.area(robots)
     except IntegrationError as error:
-        error.issues = (*task.issues, *error.issues)
+        error.warnings = tuple(task.issues)
         raise
 
 
@@ -143,11 +144,11 @@ class _Task:
         grid = prior.world_to_grid(np.concatenate([border.points, [border.seed]]))
         self.points, self.seed = grid[:-1], grid[-1]
         self.cells = np.ascontiguousarray(prior.data).view(np.uint8)
-        self.issues: List[Issue] = []
+        self.issues: List[Notice] = []
 
     def warn(self, code: str, **values: str) -> None:
         """Adds a warning."""
-        self.issues.append(make_issue(WARNING, code, **values))
+        self.issues.append(warning(code, **values))
 
     def area(self, robots: Sequence[Sequence[float]]) -> Area:
         """Computes what the border restricts."""
