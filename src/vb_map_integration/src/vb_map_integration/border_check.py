@@ -9,7 +9,7 @@ from vb_core.notices import Notice
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import warning
 from vb_map_integration.grid.free_parts import count_free_parts
-from vb_map_integration.grid.layered_map import LayeredMap, Region
+from vb_map_integration.grid.layered_map import LayeredMap
 from vb_map_integration.integration import Area, restricted_area
 
 
@@ -55,7 +55,7 @@ class BorderCheck:
             IntegrationError: with what was found before.
         """
         area = restricted_area(before.physical, border, robots)
-        after = before.with_regions({border.id: Region.of(area) if border.zone.restricts else None})
+        after = before.with_regions({border.id: area if border.zone.restricts else None})
         issues = list(area.issues)
         parts, left = self._count(before), self._count(after)
         self._parts = [(before, parts), (after, left)]

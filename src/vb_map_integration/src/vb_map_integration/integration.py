@@ -16,7 +16,7 @@ undo, and maps that change are `integrator.MapIntegrator`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import List, Optional, Sequence, Tuple
 
 import cv2
@@ -27,6 +27,7 @@ from vb_core import masks
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.notices import Notice
 from vb_map_integration.grid import curve, raster
+from vb_map_integration.grid.region import Region
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError, warning
 
@@ -49,32 +50,16 @@ _FILLED = 128
 
 
 @dataclass(frozen=True)
-class Area:
+class Area(Region):
     """What a border restricts on a map.
 
     Attributes:
-        window: the part of the map that it is in.
-        mask: (h, w) uint8 of that window; obstacles are not among the cells.
-        value: 0 .. 100, what the cells are raised to.
-        over_unknown: whether unknown cells are raised too.
-        area_m2: [m^2].
         line: (M, 2) [m] map frame, the border as it acts: a curve with its extensions.
         issues: warnings.
     """
 
-    window: raster.Window
-    mask: np.ndarray = field(repr=False)
-    value: int
-    over_unknown: bool
-    area_m2: float
     line: np.ndarray
     issues: Tuple[Notice, ...]
-
-    def region(self, shape: Tuple[int, int]) -> np.ndarray:
-        """Returns (H, W) bool, the cells that the border restricts."""
-        region = raster.filled(shape, 0).view(bool)
-        np.not_equal(self.mask, 0, out=region[self.window])
-        return region
 
 
 @dataclass(frozen=True)
@@ -103,8 +88,8 @@ def integrate(prior: GridMap, border: VirtualBorder) -> Integration:
     """
     area = restricted_area(prior, border)
     posterior = np.array(prior.data, order="C")
-    raster.paint(posterior[area.window], area.mask, area.value, area.over_unknown)
-    return Integration(prior.with_data(posterior), area.region(prior.shape), area.issues, area.area_m2, area.line)
+    area.apply(posterior)
+    return Integration(prior.with_data(posterior), area.spread(prior.shape), area.issues, area.area_m2, area.line)
 
 
 def restricted_area(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[float]] = ()) -> Area:

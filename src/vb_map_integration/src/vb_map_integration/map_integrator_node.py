@@ -335,7 +335,7 @@ class MapIntegratorNode:
         except CodedError as error:
             return self._refused(response, error)
         after = check.layered_map.map_with_borders
-        region = after.with_data(np.where(check.area.region(after.shape), np.int8(100), np.int8(0)))
+        region = after.with_data(np.where(check.area.spread(after.shape), np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
         response.area_m2, response.line = check.area.area_m2, messages.points_from_array(check.area.line)
         response.free_parts = check.free_parts
