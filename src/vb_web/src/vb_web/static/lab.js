@@ -67,8 +67,15 @@ export function drawNotices() {
 export function drawHealth() {
   const cameras = view.cameras || [],
     drivers = view.drivers || {};
-  const wrong = view.offer ? view.offer.lines.filter((line) => line.severity).length : 0;
-  const bad = [...cameras, ...Object.values(drivers)].filter((one) => !one.there).length + wrong;
+  // each camera and robot with a problem once, whoever tells it; a notice about the only robot has its name in a value
+  const about = (one) =>
+    one.camera ? `camera ${one.camera}` : one.robot || one.values.who ? `robot ${one.robot || one.values.who}` : "";
+  const told = [...(view.offer ? view.offer.lines : []), ...(view.notices || [])].filter((one) => one.severity);
+  const bad = new Set([
+    ...cameras.filter((one) => !one.there).map((one) => `camera ${one.name}`),
+    ...Object.keys(drivers).filter((name) => !drivers[name].there).map((name) => `robot ${robotName(name)}`),
+    ...told.map(about).filter(Boolean),
+  ]).size;
   $("health-sum").textContent = bad
     ? say(bad === 1 ? "page_problem" : "page_problems", { count: bad })
     : cameras.length || Object.keys(drivers).length || (view.offer && view.offer.state === "ready")

@@ -139,6 +139,7 @@ export function drawBanners() {
     if (view.health && view.health.manager && view.health.silent)
       put("bad", say("page_state_old", { time: clock(view.health.silent) }));
     if (view.health && !view.health.integrator) put("bad", say("page_integrator_gone"));
+    if (view.offer === null) put("bad", say("page_monitor_gone"));
     if (view.borders && view.borders.unconfirmed)
       put(
         "",

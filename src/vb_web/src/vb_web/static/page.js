@@ -61,6 +61,7 @@ const DRAW = {
   },
   offer() {
     drawState();
+    drawBanners();
     drawHealth();
     drawReview();
   },

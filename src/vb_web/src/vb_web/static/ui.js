@@ -27,7 +27,7 @@ export const button = (code, onclick, kind = "", values = {}) =>
   element("button", { type: "button", class: kind, onclick }, say(code, values));
 export const operator = () => hello.role === "operator";
 export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
-// What is connected, and so what is offered; while nobody has said, everything is.
+// What is connected, and so what is offered; where it is not known (null: not any more), everything is.
 export const offers = (command) => !view.offer || view.offer.commands.includes(command);
 export const robotName = (name) => name || "$the_robot";
 export const row = (table, name) => hello[table].find((one) => one.name === name) || {};
