@@ -23,7 +23,6 @@ import cv2
 import numpy as np
 import shapely
 
-from vb_core import masks
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.notices import Notice
 from vb_map_integration.grid import curve, raster
@@ -203,7 +202,7 @@ class _Task:
         # the outer area is all that is connected with the seed, also behind the polygon
         self.warn("restricts_outside")
         start = row, column
-        blocked = masks.threshold_mask(cells, threshold - 1, cv2.CMP_GT)
+        blocked = cv2.inRange(cells, threshold, 255)
         if blocked[start]:
             barred = blocked.copy()
             barred[window] = np.bitwise_or(barred[window], inner)
@@ -211,7 +210,7 @@ class _Task:
         _, _, _, (left, top, width, depth) = cv2.floodFill(blocked, None, start[::-1], _FILLED, flags=4)
         blocked[window] = cv2.subtract(blocked[window], inner)
         outer = slice(top, top + depth), slice(left, left + width)
-        return outer, masks.threshold_mask(blocked[outer], _FILLED, cv2.CMP_EQ)
+        return outer, cv2.inRange(blocked[outer], _FILLED, _FILLED)
 
     def wall(self) -> Tuple[raster.Window, np.ndarray]:
         """Returns the free cells of a band along a chain: a window, and a (h, w) uint8 mask of it."""
@@ -229,7 +228,7 @@ class _Task:
         mask[rows - top, columns - left] = 255
         if reach:
             mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-        free = masks.threshold_mask(cells[window], OCCUPIED_THRESHOLD, cv2.CMP_LT)
+        free = cv2.inRange(cells[window], 0, OCCUPIED_THRESHOLD - 1)
         return window, cv2.bitwise_and(mask, free)
 
     def curve(self) -> Tuple[raster.Window, np.ndarray, np.ndarray]:
@@ -281,11 +280,11 @@ class _Task:
 def _count_free(cells: np.ndarray) -> int:
     """Counts the cells that are neither obstacles nor unknown."""
     parts = (cells[block] for block in raster.row_blocks(cells.shape))
-    return sum(cv2.countNonZero(masks.threshold_mask(part, OCCUPIED_THRESHOLD, cv2.CMP_LT)) for part in parts)
+    return sum(cv2.countNonZero(cv2.inRange(part, 0, OCCUPIED_THRESHOLD - 1)) for part in parts)
 
 
 def _framed(cells: np.ndarray) -> np.ndarray:
     """Masks (H + 2, W + 2) uint8 what no fill may enter: obstacles, unknown, and a frame round the map."""
     framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
-    masks.threshold_mask(cells, OCCUPIED_THRESHOLD - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
+    cv2.inRange(cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
     return framed
