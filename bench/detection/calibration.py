@@ -18,12 +18,12 @@ import cv2
 import numpy as np
 
 from bench.detection.rooms import lab
-from bench.frame import TOP, Table, arguments
+from bench.frame import Table, arguments
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration.pose import Correspondences, PoseEstimationParams, estimate_pose
 from vb_laser_detect.detection.projection import floor_points, pixels_of
 from vb_sim.cameras.camera_calibration import calibrated_pose
-from vb_sim.room.camera_models import load_camera_models
+from vb_sim.models import load_models
 
 LIMIT_MM = 10.0  # what the floor error should be under
 # where a person puts spots, as parts of the image's width and height, the first ones first; and how loosely
@@ -131,7 +131,7 @@ def main() -> int:
     room, table = Lab(given.camera), Table(given.csv)
     for name, way in WAYS.items():
         table.add(way=name, **calibrate(room, way, given.repetitions, given.seed))
-    optics = load_camera_models(str(TOP / "src/vb_sim/config/models.yaml")).optics
+    optics = load_models().optics
     drawn = [calibrated_pose(room.camera, optics, seed) for seed in range(given.repetitions)]
     table.add(way="simulated lab (models.yaml)", **room.figures(drawn))
     return 0

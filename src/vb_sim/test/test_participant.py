@@ -9,11 +9,9 @@ from hypothesis import strategies as st
 from shapely.geometry import Point, Polygon
 
 from vb_core import geometry
-from vb_core.errors import ParameterError
 from vb_sim.person.hand import Stroke, Tremor, perceive_border, load_styles
 from vb_sim.person.walking import distance_to_chain
-from vb_sim.room.models import load_models, read_section
-from vb_sim.person.participant_model import ParticipantModel
+from vb_sim.models import ParticipantModel
 from vb_sim.person.participant import Perception, Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript
@@ -330,24 +328,6 @@ def test_the_spot_is_drawn_away_from_the_robot():
     assert np.allclose(choose_order(border, False, np.array([4.0, 0.0])), border[::-1])
 
 
-# ------------------------------------------------------------ parameters
-def test_the_models_file_has_every_value_of_the_participant():
-    models = load_models(str(PACKAGE / "config" / "models.yaml"))
-    assert read_section(models, "participant", ParticipantModel) == ParticipantModel()
-    assert set(models["participant"]) == set(ParticipantModel.__dataclass_fields__)
-
-
-@pytest.mark.parametrize("key, value", [("drawing_speed", 0.3), ("patience", -1.0), ("tries", 0), ("tremour", 0.01)])
-def test_bad_parameters_are_named(key, value):
-    with pytest.raises(ParameterError, match=f"participant/{key}"):
-        read_section({"participant": {key: value}}, "participant", ParticipantModel)
-
-
-def test_unknown_scenario_names_the_key():
-    with pytest.raises(ParameterError, match="scenario.*attic.*room, carpet, corner"):
-        WORLD.scenario("attic")
-
-
 def test_who_is_told_that_the_robot_comes_does_not_step_aside():
     percept = Perception(now=5.0)
     percept.read(["robot_touches_border"])
@@ -360,11 +340,3 @@ def test_who_is_asked_to_confirm_looks_at_the_preview_and_says_save_once_more():
     sim = system("room", refuse_saves=["confirm_save"])
     assert sim.run(120.0) == "saved"
     assert [command for command, _, _ in sim.commands] == ["define_border", "define_seed", "save", "save"]
-
-
-def test_the_display_is_read_by_its_codes():
-    percept = Perception(now=7.0)
-    percept.read(["floor_ahead_not_seen", "hold still"])
-    assert percept.hold_requested < 0.0
-    percept.read(["robot_inside_border", "spot_not_seen_robot_looks"])
-    assert percept.hold_requested == 7.0

@@ -19,7 +19,7 @@ from vb_core.grid_map import FREE, GridMap
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.person.hand import Stroke, Tremor, load_styles
 from vb_sim.person.walking import Walker
-from vb_sim.person.participant_model import ParticipantModel
+from vb_sim.models import ParticipantModel
 from vb_sim.room.world import Scenario, World
 
 Step = Generator[None, None, None]

@@ -10,7 +10,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_sim.person.participant_model import ParticipantModel
+from vb_sim.models import ParticipantModel
 from vb_sim.robot.costmap import Costmap, CostmapParams
 from vb_sim.robot.planner import Planner
 
