@@ -52,7 +52,7 @@ def drawn(seed, overlap=True):
     models = Models()
     believed = calibrated_pose(BLUE, models.optics, seed)
     blue = on_floor(BLUE.model(), BLUE.pose(), believed, line[by_blue]) + rng.normal(0.0, 0.002, (by_blue.sum(), 2))
-    sigmas = (models.localisation.position_sigma, models.localisation.position_sigma, models.localisation.yaw_sigma)
+    sigmas = (models.localization.position_sigma, models.localization.position_sigma, models.localization.yaw_sigma)
     off = np.array(sigmas) * rng.normal(size=3)
     true = geometry.transform_from_pose2d(*ROBOT) @ view.T_base_camera
     guess = geometry.transform_from_pose2d(*(np.array(ROBOT) + off)) @ view.T_base_camera

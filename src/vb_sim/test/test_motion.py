@@ -42,7 +42,7 @@ def small_world(**more):
 def body(
     model=RobotModel(), localization=LocalizationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0.0, 0.0, 0.0)
 ):
-    models = Models(robot=model, localisation=localization)
+    models = Models(robot=model, localization=localization)
     return RobotBody(start, 0.18, models, clearance, np.random.default_rng(seed))
 
 
@@ -178,7 +178,7 @@ def test_same_seed_same_world():
 # ------------------------------------------------------------ scanner
 def test_beams_meet_the_walls_where_they_are():
     world = small_world(furniture=[])
-    lab = Lab(world, Models(localisation=SURE, scan=ScanModel(range_sigma=0.0)))
+    lab = Lab(world, Models(localization=SURE, scan=ScanModel(range_sigma=0.0)))
     angles, ranges = lab.scan(0)
     # distances from (1.0, 1.5) to the walls of a 4 m x 3 m room
     with np.errstate(divide="ignore"):

@@ -160,7 +160,7 @@ class Models:
     """All sections."""
 
     robot: RobotModel = field(default_factory=RobotModel)
-    localisation: LocalizationModel = field(default_factory=LocalizationModel)
+    localization: LocalizationModel = field(default_factory=LocalizationModel, metadata={"section": "localisation"})
     scan: ScanModel = field(default_factory=ScanModel)
     optics: Optics = field(default_factory=Optics)
     camera_noise: CameraNoise = field(default_factory=CameraNoise)
@@ -186,10 +186,11 @@ def load_models(path: Union[str, Path] = MODELS) -> Models:
 
 def read_models(document: Any) -> Models:
     """Reads the sections of a document, as `load_models`."""
-    sections = {item.name: item.default_factory for item in fields(Models)}
+    sections = {item.metadata.get("section", item.name): item for item in fields(Models)}
     if not isinstance(document, dict) or not set(document) <= set(sections):
         raise ParameterError("models", f"expected sections {', '.join(sections)}")
-    return Models(**{name: sections[name].from_mapping(section, name) for name, section in document.items()})
+    found = {name: sections[name].default_factory.from_mapping(part, name) for name, part in document.items()}
+    return Models(**{sections[name].name: part for name, part in found.items()})
 
 
 def read_document(path: Path, what: str) -> Any:

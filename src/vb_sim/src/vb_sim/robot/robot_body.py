@@ -48,7 +48,7 @@ class RobotBody:
     ) -> None:
         self._start = start
         self._radius = radius
-        self._model, self._localization = models.robot, models.localisation
+        self._model, self._localization = models.robot, models.localization
         self._clearance = clearance
         self._rng = rng
         self.pose: Pose = start
