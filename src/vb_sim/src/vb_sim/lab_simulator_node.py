@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import threading
 import time
 import warnings
@@ -54,14 +53,10 @@ class RobotConnection:
     """Publishers of one robot. Frames and topics carry its namespace; one without has none."""
 
     def __init__(self, robot: Robot) -> None:
-        topic = f"/{robot.namespace.strip('/')}/" if robot.namespace.strip("/") else "/"
-        prefix = topic[1:]
-        self.topic = topic
-        self.odom_frame, self.base_frame, self.laser_frame = (
-            prefix + "odom",
-            prefix + "base_link",
-            prefix + "base_laser_link",
-        )
+        prefix = f"{robot.namespace.strip('/')}/".lstrip("/")
+        self.topic = topic = f"/{prefix}"
+        self.odom_frame, self.base_frame = prefix + "odom", prefix + "base_link"
+        self.laser_frame = prefix + "base_laser_link"
         self.odom = rospy.Publisher(topic + "odom", Odometry, queue_size=5)
         self.amcl = rospy.Publisher(topic + "amcl_pose", PoseWithCovarianceStamped, queue_size=1, latch=True)
         self.scan = rospy.Publisher(topic + "scan", LaserScan, queue_size=2)
@@ -113,17 +108,11 @@ class LabSimulatorNode:
         self._static_tf = tf2_ros.StaticTransformBroadcaster()
         self._static_tf.sendTransform([self._laser_mount(connection) for connection in self._robots])
         for index, connection in enumerate(self._robots):
-            rospy.Subscriber(
-                connection.topic + "cmd_vel", Twist, self._on_cmd_vel, index, queue_size=1, tcp_nodelay=True
-            )
+            topic, callback = connection.topic + "cmd_vel", self._on_cmd_vel
+            rospy.Subscriber(topic, Twist, callback, index, queue_size=1, tcp_nodelay=True)
             if params.lockstep:
-                rospy.Subscriber(
-                    connection.topic + "cmd_vel/navigation",
-                    Twist,
-                    functools.partial(self._on_navigation, index),
-                    queue_size=1,
-                    tcp_nodelay=True,
-                )
+                topic, callback = topic + "/navigation", self._on_navigation
+                rospy.Subscriber(topic, Twist, callback, index, queue_size=1, tcp_nodelay=True)
         if params.lockstep:
             rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
@@ -145,7 +134,7 @@ class LabSimulatorNode:
         if self._params.lockstep:
             self._lockstep[index].arrive("driver")
 
-    def _on_navigation(self, index: int, _message: Twist) -> None:
+    def _on_navigation(self, _message: Twist, index: int) -> None:
         self._lockstep[index].arrive("navigation")
 
     def _on_transform(self, message: rospy.AnyMsg) -> None:

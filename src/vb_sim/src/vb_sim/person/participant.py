@@ -455,13 +455,6 @@ class ParticipantScript:
                 # the display shows what would be restricted: looks at it, and means it
                 yield from self.person.react()
                 continue
-            if self.person.last_answer.code not in ("busy", "no_service", "no_response", "save_unanswered"):
+            if self.person.last_answer.code != "busy":
                 return
-            # the node that should answer is being restarted; perhaps the border was saved all the same
             yield from self.person.wait(1.5)
-            if (
-                self.person.last_answer.code in ("no_response", "save_unanswered")
-                and self.person.percept.state == DEFAULT
-            ):
-                self.person.last_answer = CommandReply(True, "ok", "the display says that nothing is under way")
-                return

@@ -32,6 +32,7 @@ class Motion:
         arrived: the goal is reached.
         blocked: something blocks the path.
         off_path: [m] distance from the path.
+        path: (N, 2) [m] a new path, if there is one since the last step.
     """
 
     speed: float = 0.0
@@ -39,6 +40,7 @@ class Motion:
     arrived: bool = False
     blocked: bool = False
     off_path: float = 0.0
+    path: Optional[np.ndarray] = None
 
 
 class Follower:
@@ -69,10 +71,6 @@ class Follower:
         """Sets the path (N, 2) [m], N >= 1, from about where the robot is to the goal."""
         self._path = np.asarray(path, dtype=float)
         self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self._path, axis=0), axis=1))])
-
-    def remaining(self, pose: Pose) -> np.ndarray:
-        """Returns the rest (M, 2) [m] of the path."""
-        return self._path[self._nearest(pose) :] if len(self._path) else self._path
 
     def halt(self) -> None:
         """Records that another node stopped the robot."""
