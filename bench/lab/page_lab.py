@@ -10,7 +10,7 @@ import time
 import xmlrpc.client
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Callable, Tuple
+from typing import Any, Callable, Tuple, Union
 
 import numpy as np
 import psutil
@@ -41,11 +41,12 @@ CERTIFICATE = (
 )
 
 
-def wait(condition: Callable[[], Any], what: str, seconds: float = 60.0) -> None:
+def wait(condition: Callable[[], Any], what: Union[str, Callable[[], str]], seconds: float = 60.0) -> None:
+    """Waits for a condition; ends the bench, with what was waited for, if it does not come."""
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > end:
-            raise SystemExit(f"waited {seconds:g} s for {what}")
+            raise SystemExit(f"waited {seconds:g} s for {what if isinstance(what, str) else what()}")
         time.sleep(0.05)
 
 

@@ -35,7 +35,7 @@ class Design(Parameters):
     """The study's size: participants, scenarios, methods and worlds."""
 
     seed: int = param(1, low=0)
-    participants: int = param(10, low=1, high=1000)
+    participants: int = param(10, low=1, high=300)  # exact tests of more take minutes
     scenarios: list = param(["room", "carpet", "corner"])
     methods: list = param(["nrs", "robot_only"])
     worlds: int = param(20, low=0, high=100000)

@@ -17,7 +17,6 @@ import rospy
 import rospy.impl.tcpros_service
 import rospy.msg
 
-from vb_core.errors import CodedError
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import StandIns, WaitQueue, master_stand_ins, replaced
 
@@ -123,26 +122,6 @@ class Graph:
     def topic(self, name: str) -> _Topic:
         """Returns a topic by its resolved name."""
         return self._topics.setdefault(name, _Topic())
-
-    def play(self, name: str, kind: str, definition: str, data: bytes) -> None:
-        """Delivers a recorded message, packed as it was recorded.
-
-        Args:
-            kind: its type, "vb_msgs/LaserSpot".
-            definition: MD5 sum of the type's definition.
-
-        Raises:
-            CodedError: "bad_recording" if a node that listens knows another definition.
-        """
-        delivery = _Delivery(data, {"callerid": self.node.name, "topic": name, "type": kind})
-        for subscriber in self.topic(name).subscribers:
-            if subscriber.kind._type != kind or subscriber.kind._md5sum != definition:
-                raise CodedError(
-                    "bad_recording",
-                    f"{name} was recorded with another definition of {kind}: `rosbag check` and "
-                    "`rosbag fix` bring old recordings up to date",
-                )
-            subscriber.put(delivery)
 
     def set_clock(self, now: genpy.Time) -> None:
         """Sets the clock to a message of /clock, for all nodes."""
