@@ -7,7 +7,6 @@ import pytest
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.image_format import PixelReader
-from vb_sim.room import bodies
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.room.floor_texture import render_floor
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
@@ -246,28 +245,15 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
         {"name": "a", "x": 2.0, "y": 1.0, "size": [0.3, 0.3], "height": 0.5, "color": [200, 0, 0]},
         {"name": "b", "x": 2.6, "y": 1.0, "size": [0.3, 0.9], "height": 0.5, "color": [0, 0, 200]},
     ]
-    pictures = []
+    scene, pictures = Snapshot(1.0, {"robot": (0.8, 1.0, 0.0)}), []
     for order in (boxes, boxes[::-1]):
         world = world_from_mapping({**WORLD, "furniture": order})
-        buffer = DepthBuffer(RayGrid(world.robots[0].color_model()))
-        buffer.draw_mesh(
-            world_mesh(world), geometry.transform_from_pose2d(0.8, 1.0, 0.0) @ world.robots[0].camera_mount()
-        )
-        image = np.zeros((480, 640, 3), np.uint8)
-        buffer.paint(image)
-        pictures.append(image)
+        view = RobotView(world.robots[0], RADII, render_floor(world, 3, 0.01), world_mesh(world), QUIET, 5)
+        pictures.append(view.frame(scene))
     np.testing.assert_array_equal(*pictures)
-    u, v = np.round(
-        world.robots[0]
-        .color_model()
-        .project(
-            geometry.apply(
-                geometry.invert(geometry.transform_from_pose2d(0.8, 1.0, 0.0) @ world.robots[0].camera_mount()),
-                np.array([[1.85, 1.0, 0.25]]),
-            )
-        )[0]
-    ).astype(int)
-    assert pictures[0][v, u, 0] > 80 and pictures[0][v, u, 2] == 0
+    in_camera = geometry.apply(geometry.invert(view.camera_pose(scene)), np.array([[1.85, 1.0, 0.25]]))
+    u, v = np.round(view.model.project(in_camera)[0]).astype(int)
+    assert pictures[0][v, u, 0] > 80 and pictures[0][v, u, 2] < 20
 
 
 def test_a_thing_of_which_one_pixel_is_in_the_image_is_drawn():
@@ -277,14 +263,6 @@ def test_a_thing_of_which_one_pixel_is_in_the_image_is_drawn():
     buffer.draw_flat(beyond_the_corner, 2.0, (10, 20, 30), np.array([0.0, 0.0, -1.0]))
     assert buffer.inverse[0, 0] == pytest.approx(0.5)
     assert np.count_nonzero(buffer.inverse) == 1
-
-
-def test_person_stands_upright_and_holds_the_pointer():
-    pieces = bodies.person_pieces((1.0, 1.0, 0.0), (2.0, 1.0), 1.15)
-    points = bodies.piece_outlines(pieces)
-    assert points[..., 2].max() == pytest.approx(1.75, abs=0.01) and points[..., 2].min() >= 0.0
-    hand = bodies.hand_position((1.0, 1.0, 0.0), (2.0, 1.0), 1.15)
-    assert hand[0] > 1.2 and hand[2] == 1.15
 
 
 # ------------------------------------------------------------------ time

@@ -9,9 +9,10 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.poses import Pose, to_map
 from vb_core.robot_profile import RobotProfile
 from vb_sim.robot.costmap import Costmap, CostmapParams
-from vb_sim.robot.follower import Follower, Motion, Pose
+from vb_sim.robot.follower import Follower, Motion
 from vb_sim.robot.planner import Planner
 
 # names and figures are move_base's where it has them
@@ -70,8 +71,7 @@ class Navigator:
         if not len(seen):
             return seen
         seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < _OBSTACLE_RANGE]
-        c, s = np.cos(pose[2]), np.sin(pose[2])
-        points = seen @ np.array([[c, s], [-s, c]]) + pose[:2]
+        points = to_map(seen, pose)
         grid = static.costmap.grid
         cells = grid.world_to_cell(points)
         inside = grid.contains_cells(cells)

@@ -65,9 +65,7 @@ class RobotBody:
     # ------------------------------------------------------------ commands
     def command(self, speed: float, turn_rate: float, now: float) -> None:
         """Sets a velocity command [m/s, rad/s] that holds until `command_timeout` after `now` [s]."""
-        if math.isfinite(speed) and math.isfinite(turn_rate):
-            self._command = (speed, turn_rate)
-            self._command_time = now
+        self._command, self._command_time = (speed, turn_rate), now
 
     def reset(self) -> None:
         """Puts the robot back to its start and localises it again, as an operator would."""
