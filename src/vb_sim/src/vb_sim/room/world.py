@@ -379,13 +379,14 @@ def _points(value: Any, where: str, least: int = 1) -> np.ndarray:
 def _scenario(key: str, entry: Any) -> Scenario:
     where = f"scenarios/{key}"
     given = _ScenarioEntry.from_mapping(entry, where)
+    border = _points(given.border, f"{where}/border", 2)
     region = _points(given.region, f"{where}/region", 3)
     if not Polygon(region).is_valid:
         raise ParameterError(f"{where}/region", "the outline crosses itself")
     return Scenario(
         key,
         given.title or key,
-        _points(given.border, f"{where}/border", 2),
+        border,
         given.closed,
         _points(given.seed, f"{where}/seed")[0],
         region,
