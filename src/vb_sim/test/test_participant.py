@@ -364,7 +364,7 @@ def test_who_is_asked_to_confirm_looks_at_the_preview_and_says_save_once_more():
 
 def test_the_display_is_read_by_its_codes():
     percept = Perception(now=7.0)
-    percept.read(["floor_ahead_not_seen", "hold still"])
+    percept.read(["spot_not_seen_no_robot", "hold still"])
     assert percept.hold_requested < 0.0
     percept.read(["robot_inside_border", "spot_not_seen_robot_looks"])
     assert percept.hold_requested == 7.0

@@ -22,7 +22,6 @@ from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import state_of
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_robot.dispatching.dispatcher import Dispatcher
-from vb_robot.dispatching.drawing import UnseenFloor
 from vb_robot.dispatching.robot_client import RobotClient
 from vb_robot.floor_view import FloorView
 from vb_robot.inputs import SpotListener, subscribe_map
@@ -51,9 +50,7 @@ class RobotDispatcherNode:
         /virtual_borders/map, /<robot>/virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may be, and
             what hides the spot
         [<robot>/]camera_info (sensor_msgs/CameraInfo): what its camera sees of the floor
-        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): where a robot drives to, by any node's goal
         /tf, /tf_static (tf2_msgs/TFMessage): where the robots and their cameras are
-        /virtual_borders/coverage (nav_msgs/OccupancyGrid): optional; floor that no stationary camera sees
     Published topics:
         ~viewpoint (geometry_msgs/PoseStamped, latched): where a robot was sent last
         /virtual_borders/notices (vb_msgs/NoticeArray): when no camera sees the spot, and what follows
@@ -83,7 +80,6 @@ class RobotDispatcherNode:
         ]
         grids = [
             (names.PHYSICAL_MAP, dispatcher.set_physical_map),
-            (names.COVERAGE, lambda grid: setattr(dispatcher, "unseen", UnseenFloor(grid))),
             *((f"{name}{names.MAP_WITH_BORDERS}", known.set_map) for name, known in dispatcher.maps.items()),
         ]
         self._subscribers = [

@@ -144,7 +144,7 @@ class Sightings:
         return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
 
     def target(self) -> Optional[np.ndarray]:
-        """Returns where the spot was last, (2,) [m]: the median of the last window before the newest sighting.
+        """Returns where the spot was last, (2,) [m]: the median of its last sightings.
 
         Returns None with fewer than MIN_TARGET_SIGHTINGS of them: one false spot sends no robot.
         """
@@ -153,7 +153,7 @@ class Sightings:
             return None
         last = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * WINDOW]
         if len(last) < MIN_TARGET_SIGHTINGS:
-            last = [s.position for s in self._recent if s.stamp >= newest.stamp - WINDOW]
+            last = [s.position for s in sorted(self._recent, key=lambda s: s.stamp)[-MIN_TARGET_SIGHTINGS:]]
         return np.median(np.array(last), axis=0) if len(last) >= MIN_TARGET_SIGHTINGS else None
 
     def velocity(self) -> Optional[np.ndarray]:
