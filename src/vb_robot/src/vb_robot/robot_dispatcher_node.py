@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from typing import Any, Callable, Deque, Mapping
 
 import rospy
-from geometry_msgs.msg import PoseStamped
 
 from vb_core import names
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
-from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.messages import array_from_points, message_from_pose2d
+from vb_core.ros.messages import array_from_points
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import state_of
@@ -52,7 +50,6 @@ class RobotDispatcherNode:
         [<robot>/]camera_info (sensor_msgs/CameraInfo): what its camera sees of the floor
         /tf, /tf_static (tf2_msgs/TFMessage): where the robots and their cameras are
     Published topics:
-        ~viewpoint (geometry_msgs/PoseStamped, latched): where a robot was sent last
         /virtual_borders/notices (vb_msgs/NoticeArray): when no camera sees the spot, and what follows
     Actions called:
         [<robot>/]move_base (move_base_msgs/MoveBaseAction)
@@ -66,16 +63,9 @@ class RobotDispatcherNode:
         self._timer = node.WakeTimer(PERIOD)
         self._inputs: Deque[Callable[[], None]] = deque()  # for the worker, in the order in which they came
         transforms = TransformLookup()
-        self._viewpoint = rospy.Publisher("~viewpoint", PoseStamped, queue_size=1, latch=True)
         self._notices = NoticePublisher()
         self._robots = [
-            RobotClient(
-                name,
-                profile,
-                transforms,
-                functools.partial(self._queue_input, self._take_view, name),
-                self._publish_viewpoint,
-            )
+            RobotClient(name, profile, transforms, functools.partial(self._queue_input, self._take_view, name))
             for name, profile in profiles.items()
         ]
         grids = [
@@ -135,11 +125,6 @@ class RobotDispatcherNode:
         for robot in self._robots:
             robot.set_goal(goals[robot.name])
         self._notices.set([self._dispatcher.notice] if self._dispatcher.notice else [])
-
-    def _publish_viewpoint(self, pose: Pose) -> None:
-        message = PoseStamped(pose=message_from_pose2d(*pose))
-        message.header.stamp, message.header.frame_id = rospy.Time.now(), names.MAP_FRAME
-        self._viewpoint.publish(message)
 
 
 def build() -> RobotDispatcherNode:

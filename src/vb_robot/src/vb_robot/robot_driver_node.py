@@ -37,7 +37,7 @@ from vb_core.vocabulary import state_of
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop, VirtualBorderArray
 from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
-from vb_robot.driving.safety import Scan, SpeedLimits
+from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace, quoted
 from vb_robot.inputs import FloorViewListener, SpotListener, borders_for, message_class, subscribe_map
 
@@ -169,7 +169,7 @@ class RobotDriverNode:
             ),
             subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, "borders")),
             subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical")),
-            subscribe_map(names.SPEED_LIMITS, self._on_speed_limits),
+            subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self._arbiter.gate, "speed_limits")),
             listen(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1),
             listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1),
             listen("initialpose", PoseWithCovarianceStamped, self._on_shown, queue_size=1),
@@ -255,9 +255,6 @@ class RobotDriverNode:
         with self._lock:
             self._maps[which] = grid
             self._use_maps()
-
-    def _on_speed_limits(self, grid: GridMap) -> None:
-        self._arbiter.gate.speed_limits = SpeedLimits(grid)
 
     def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
         with self._lock:

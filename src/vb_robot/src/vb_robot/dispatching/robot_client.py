@@ -45,17 +45,12 @@ class RobotClient:
     """
 
     def __init__(
-        self,
-        name: str,
-        profile: RobotProfile,
-        transforms: TransformLookup,
-        take_view: Callable[[FloorView], None],
-        sent: Callable[[Pose], None],
+        self, name: str, profile: RobotProfile, transforms: TransformLookup, take_view: Callable[[FloorView], None]
     ) -> None:
         prefix = f"{name}/" if name else ""
         self.name = name
         self._who = f"robot {name}" if name else "the robot"
-        self._base_frame, self._transforms, self._sent = prefix + profile.frames.base, transforms, sent
+        self._base_frame, self._transforms = prefix + profile.frames.base, transforms
         self._camera = FloorViewListener(
             prefix + profile.camera.info, self._base_frame, profile.camera.max_range, transforms, take_view
         )
@@ -75,7 +70,6 @@ class RobotClient:
             message.target_pose.header.frame_id, message.target_pose.header.stamp = MAP_FRAME, rospy.Time.now()
             message.target_pose.pose = message_from_pose2d(*goal.pose)
             self._handle = self._client.send_goal(message)
-            self._sent(goal.pose)
             rospy.loginfo("%s: %s is sent to x %.2f m, y %.2f m, yaw %.2f rad", rospy.get_name(), self._who, *goal.pose)
         elif self._handle is not None and self._goal_status() in (SentGoalState.SENT, SentGoalState.ACTIVE):
             self._handle.cancel()
