@@ -59,9 +59,8 @@ class CameraModel:
             raise CodedError(
                 "bad_camera_info", "the camera matrix K has no focal length: calibrate the camera (camera_calibration)"
             )
-        if self.fisheye and self.distortion.size != 4:
-            if not distortion.size or not self.distortion[4:].any():
-                object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
+        if self.fisheye and not self.distortion[4:].any():
+            object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
         if (
             self.distortion.size not in ((4,) if self.fisheye else (4, 5, 8, 12, 14))
             or not np.isfinite(self.distortion).all()
@@ -129,8 +128,7 @@ class CameraModel:
         if not self.distorted:
             return normalized * focal + middle
         pixels = self._distort(normalized) * focal + middle
-        if self._within < _FLAT:
-            pixels[np.hypot(*normalized.T) > self._within] = np.nan
+        pixels[np.hypot(*normalized.T) > self._within] = np.nan
         return pixels
 
     @cached_property
