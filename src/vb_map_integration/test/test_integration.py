@@ -13,7 +13,7 @@ from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.grid import raster
-from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, IntegrationError, integrate
+from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, IntegrationError, integrate, restricted_area
 
 from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_of, world
 
@@ -259,7 +259,7 @@ def test_delta_becomes_occupancy(occupancy, value):
 
 def room_border(points, seed, **options):
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [box(2.0, 2.0, 3.0, 3.0)])
-    return prior, lambda **more: integrate(prior, VirtualBorder(points, seed, **options), **more)
+    return prior, lambda **more: restricted_area(prior, VirtualBorder(points, seed, **options), **more)
 
 
 @pytest.mark.parametrize(
@@ -305,9 +305,9 @@ def test_warnings_are_coded():
     _, run = room_border([(0.2, 0.2), (7.8, 0.2), (7.8, 4.8), (0.2, 4.8)], (1, 1), closed=True)
     assert "covers_nearly_all" in codes(run())
     _, run = room_border([(4, 1), (4, 4)], (6.0, 2.5), closed=False)
-    assert codes(run(places={"robot": (5.0, 2.0), "dock": (1.0, 1.0)})) == ["robot_inside"]
-    assert codes(run(places={"robot": [(1.0, 1.0), (5.0, 2.0)]})) == ["robot_inside"], "the second one of two"
-    assert codes(run(places={"robot": [(1.0, 1.0), (-90.0, 2.0)]})) == []
+    assert codes(run(robots=[(5.0, 2.0)])) == ["robot_inside"]
+    assert codes(run(robots=[(1.0, 1.0), (5.0, 2.0)])) == ["robot_inside"], "the second one of two"
+    assert codes(run(robots=[(1.0, 1.0), (-90.0, 2.0)])) == []
 
 
 @pytest.mark.parametrize("offset", [-0.012, -0.006, 0.006, 0.012])

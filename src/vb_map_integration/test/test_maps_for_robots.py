@@ -6,7 +6,7 @@ from integrators import GRID, integrator, square
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():
-    keeper = integrator(check_reachability=False)
+    keeper = integrator()
     keeper.add(square(30, 30), 1.0)
     common = keeper.map_with_borders.data.copy()
     keeper.add(square(80, 30, robots=("ada",)), 2.0)

@@ -96,7 +96,7 @@ class InteractionManagerTest(unittest.TestCase):
     def test_a_whole_interaction(self):
         self.assertTrue(self.command("define_border", "voice").success)
         drawing = self.in_state("border")
-        self.assertEqual(drawing.state, InteractionState.BORDER)
+        self.assertEqual(drawing.name, "border")
         self.assertTrue(drawing.interaction_id and not drawing.started.is_zero())
         # elapsed times grow without anybody saying anything
         self.state.wait(lambda message: message.border_s > drawing.border_s, "time that runs")

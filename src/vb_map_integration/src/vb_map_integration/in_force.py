@@ -38,7 +38,7 @@ class Verdict:
     Attributes:
         stored: the border in its place's frame.
         border: in the map's frame.
-        due: whether it is on at this time, and for this robot.
+        due: whether it is on at this time.
         code: TO_BE_CONFIRMED, DOES_NOT_FIT, or "" if it is the same.
         why: PLACE, EFFECT, or the code of the error; "" if it is the same.
         region: what is in force; None if nothing is.
@@ -90,11 +90,14 @@ class InForce:
         region = self.verdicts[border_id].region if border_id in self.verdicts else None
         return region.area_m2 if region else 0.0
 
-    def status(self, border: VirtualBorder, robot: str) -> Tuple[bool, str]:
-        """Returns whether a border is in force for a robot ("": any), and what is to be said of it."""
+    def status(self, border: VirtualBorder) -> Tuple[bool, str]:
+        """Returns whether a border is in force now, and what is to be said of it.
+
+        Returns:
+            (in force, code): "to_be_confirmed" or "" if it is in force, else "disabled", "off_schedule",
+            "inactive_on_this_map" or "no_effect".
+        """
         verdict = self.verdicts[border.id]
-        if robot and border.robots and robot not in border.robots:
-            return False, "other_robot"
         if not verdict.due:
             return False, "off_schedule" if border.enabled else "disabled"
         if verdict.code == DOES_NOT_FIT:
@@ -127,7 +130,6 @@ def put_in_force(
     grid: GridMap,
     borders: Iterable[VirtualBorder],
     locate: Callable[[VirtualBorder], BorderPlace],
-    robot: str,
     now: float,
     before: Optional[InForce] = None,
     checked: Optional[Tuple[str, LayeredMap]] = None,
@@ -138,7 +140,6 @@ def put_in_force(
         grid: the physical map.
         borders: stored ones, in the frame of their place.
         locate: finds where a border is on the map.
-        robot: that the map is for; borders for others are left out; "": all count.
         now: [s].
         before: what was in force on the same map, with the same `locate`: verdicts of borders that are still the same
             are taken from it.
@@ -148,7 +149,7 @@ def put_in_force(
     verdicts: Dict[str, Verdict] = {}
     regions: Dict[str, Optional[Region]] = {key: None for key in known}
     for border in borders:
-        due = is_due(border, now) and (not robot or not border.robots or robot in border.robots)
+        due = border.enabled and is_scheduled(border.schedule, now)
         verdict = known.get(border.id)
         if verdict is not None and verdict.stored is border and verdict.due == due:
             del regions[border.id]
@@ -215,8 +216,3 @@ def _shared(before: Optional[Region], now: Optional[Region]) -> float:
         part = one[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start] != 0
         both = int((part & (other[top - r.start : bottom - r.start, left - c.start : right - c.start] != 0)).sum())
     return both / max(1, int((one != 0).sum()) + int((other != 0).sum()) - both)
-
-
-def is_due(border: VirtualBorder, now: float) -> bool:
-    """Returns whether a border is on at a time [s]."""
-    return border.enabled and is_scheduled(border.schedule, now)

@@ -17,7 +17,7 @@ undo, and maps that change are `integrator.MapIntegrator`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import List, Mapping, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -30,9 +30,6 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError, make_issue
 
 __all__ = ["ERROR", "WARNING", "Area", "Issue", "Integration", "IntegrationError", "integrate", "restricted_area"]
-# positions [m] of things that should not be inside, by name
-Places = Mapping[str, Sequence]
-
 
 # [m] length of a curve's end that gives the direction of its extension: longer than a hand's tremor, shorter than a doorway
 EXTENSION_FIT_LENGTH = 0.3
@@ -98,25 +95,18 @@ class Integration:
     line: np.ndarray
 
 
-def integrate(prior: GridMap, border: VirtualBorder, places: Optional[Places] = None) -> Integration:
-    """Integrates a border into a map; see `restricted_area` for what is restricted, and for the errors.
+def integrate(prior: GridMap, border: VirtualBorder) -> Integration:
+    """Integrates a border into a map, which stays as it is.
 
-    Args:
-        prior: the map; it stays as it is.
-        border: the border.
-        places: points (2,) or (N, 2) [m] that cause a warning if one is inside the area, by name; {"robot": (x, y)}
-            gives "robot_inside".
-
-    Raises:
-        IntegrationError: as `restricted_area`.
+    See `restricted_area` for what is restricted, and for the errors.
     """
-    area = restricted_area(prior, border, places)
+    area = restricted_area(prior, border)
     posterior = np.array(prior.data, order="C")
     raster.paint(posterior[area.window], area.mask, area.value, area.over_unknown)
     return Integration(prior.with_data(posterior), area.region(prior.shape), area.issues, area.area_m2, area.line)
 
 
-def restricted_area(prior: GridMap, border: VirtualBorder, places: Optional[Places] = None) -> Area:
+def restricted_area(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[float]] = ()) -> Area:
     """Computes what a border restricts.
 
     A polygon restricts its inside, unknown cells included, or all the free space outside that is connected
@@ -125,7 +115,8 @@ def restricted_area(prior: GridMap, border: VirtualBorder, places: Optional[Plac
     by a value that counts as an obstacle: a soft one would make them look freer than they were.
 
     Args:
-        prior, border, places: as for `integrate`.
+        prior, border: the map, and what is to be put on it.
+        robots: (N, 2) [m] where robots are, to warn when one is inside.
 
     Raises:
         IntegrationError: "no_separation", "seed_on_both_sides", "empty_region", "outside_map",
@@ -133,7 +124,7 @@ def restricted_area(prior: GridMap, border: VirtualBorder, places: Optional[Plac
     """
     task = _Task(prior, border)
     try:
-        return task.area(places or {})
+        return task.area(robots)
     except IntegrationError as error:
         error.issues = (*task.issues, *error.issues)
         raise
@@ -158,7 +149,7 @@ class _Task:
         """Adds a warning."""
         self.issues.append(make_issue(WARNING, code, **values))
 
-    def area(self, places: Places) -> Area:
+    def area(self, robots: Sequence[Sequence[float]]) -> Area:
         """Computes what the border restricts."""
         prior, border = self.prior, self.border
         self.check_shape()
@@ -176,11 +167,10 @@ class _Task:
             self.warn("covers_nearly_all")
         if border.without_effect:
             self.warn("no_effect")
-        for name, there in places.items():
-            cells = prior.world_to_cell(there) - (window[0].start, window[1].start)
-            cells = cells[((cells >= 0) & (cells < mask.shape)).all(axis=1)]
-            if mask[tuple(cells.T)].any():
-                self.warn(f"{name}_inside")
+        cells = prior.world_to_cell(robots) - (window[0].start, window[1].start)
+        cells = cells[((cells >= 0) & (cells < mask.shape)).all(axis=1)]
+        if mask[tuple(cells.T)].any():
+            self.warn("robot_inside")
         return Area(
             window=window,
             mask=mask,

@@ -324,7 +324,6 @@ class InteractionManagerNode:
         message = InteractionState()
         message.header.stamp = rospy.Time.from_sec(now)
         message.header.frame_id = names.MAP_FRAME
-        message.state = interaction.state.number
         message.name = interaction.state.name
         message.interaction_id = interaction.interaction_id
         message.started = rospy.Time.from_sec(interaction.started)

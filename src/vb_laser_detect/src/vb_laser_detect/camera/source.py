@@ -2,8 +2,8 @@
 
 One idea for all of them: a demuxer (PyAV) delivers packets. A packet of motion JPEG is an image by itself and is decoded
 only when it is searched, and only as far: one that comes too late costs nothing. Packets of other codecs build on each other, and are
-decoded as they come; once they are late, none is until the next that stands by itself. Whatever ends the stream, it is
-said in one sentence, and the camera is opened again.
+decoded as they come; once they are late, none is until the next that stands by itself. A file has no hurry: it waits for
+whoever takes its images. Whatever ends the stream, it is said in one sentence, and the camera is opened again.
 """
 
 from __future__ import annotations
@@ -122,6 +122,11 @@ def is_network(address: str) -> bool:
     return "://" in address
 
 
+def is_file(address: str) -> bool:
+    """Returns whether an address is a video file."""
+    return not (is_device(address) or is_network(address))
+
+
 def printable(address: str) -> str:
     """Returns an address without its password."""
     return re.sub(r"://[^/@]*@", "://", address)
@@ -150,7 +155,7 @@ class CameraSource:
     Args:
         address: a device (/dev/video0), an address (rtsp://, http://), or a file, which is played again and again.
         params: how.
-        handle: called with each image.
+        handle: called with each image; a file goes on when it returns.
         report: called with the reason whenever there are no images, and with None once they come again.
 
     Attributes:
@@ -293,13 +298,14 @@ class CameraSource:
                 if packet.dts is not None:
                     first = packet.dts if first is None else first
                     due = began + float((packet.dts - first) * packet.time_base)
-                    self._closed.wait(max(0.0, due - time.time()))
+                    behind = max(0.0, time.time() - due)
+                    began, due = began + behind, due + behind
+                    self._closed.wait(due - time.time())
                 if first is not None:
                     yield packet, began - float(first * stream.time_base)
             if first is None:
                 raise CodedError("camera_no_stream", source=self.address)
-            # a computer that was busy goes on from now
-            began = max(due + float(1 / (stream.average_rate or 25)), time.time() - _QUEUED)
+            began = due + float(1 / (stream.average_rate or 25))
             container.seek(0)
 
     def _fault(self, error: Any) -> CodedError:

@@ -22,7 +22,7 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
 
     Position and angles come out wrong by centimetres and tenths of a degree that belong together: the camera puts the
     floor where the person said it is, so that its points are right to less than what one place is measured to.
-    bench/detection/calibration.py compares with what calibrate_camera finds.
+    docs/results/detection/calibration.md compares with what calibrate_camera finds.
     """
     rng = make_generator(seed, f"calibration of {camera.name}")
     true = camera.pose()
