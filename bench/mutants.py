@@ -25,9 +25,12 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Iterator, List, Tuple
 
+import hypothesis.strategies  # noqa: F401  (what tests need is imported once, not by every fork)
+import matplotlib.pyplot  # noqa: F401
 import numpy as np
+import pandas  # noqa: F401
 import pytest
-import scipy.ndimage  # noqa: F401  (imported once, not by every fork)
+import scipy.ndimage  # noqa: F401
 import scipy.optimize  # noqa: F401
 import scipy.spatial  # noqa: F401
 import scipy.stats  # noqa: F401
