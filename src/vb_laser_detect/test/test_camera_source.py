@@ -57,7 +57,7 @@ def film(packets, tmp_path):
 
 @pytest.fixture
 def camera(packets):
-    """The address of a camera in the network, which sends its images when they are due, whoever is late."""
+    """The address of a camera in the network, which sends its images when they are due, late readers or not."""
 
     class Rtsp(socketserver.StreamRequestHandler):
         def handle(self):

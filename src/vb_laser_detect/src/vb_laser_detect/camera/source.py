@@ -2,8 +2,8 @@
 
 One idea for all of them: a demuxer (PyAV) delivers packets. A packet of motion JPEG is an image by itself and is decoded
 only when it is searched, and only as far: one that comes too late costs nothing. Packets of other codecs build on each other, and are
-decoded as they come; once they are late, none is until the next that stands by itself. A file has no hurry: it waits for
-whoever takes its images. Whatever ends the stream, it is said in one sentence, and the camera is opened again.
+decoded as they come; once they are late, none is until the next that stands by itself. A file has no hurry: it waits until
+its images are taken. Whatever ends the stream, it is said in one sentence, and the camera is opened again.
 """
 
 from __future__ import annotations
