@@ -32,8 +32,8 @@ def participants_section(study: StudyResults) -> List[Block]:
         rows = [
             {
                 "statement": answers.statement,
-                "nrs": effect_sizes.mean(answers.first),
-                "robot_only": effect_sizes.mean(answers.second),
+                "nrs": float(answers.first.mean()),
+                "robot_only": float(answers.second.mean()),
                 **effect_sizes.test_row(answers.comparison),
             }
             for answers in found.answers
