@@ -209,7 +209,7 @@ class MqttNode:
     def _look(self) -> None:
         """Tells what has become silent, what is wrong, and what is new of that."""
         self._put_health()
-        notices = states.public(self._notices.current())
+        notices = self._notices.current()
         for camera in self._lab.cameras:
             problems = [one.sentence(self._language) for one in notices if one.camera == camera and one.severity]
             if not self._is_heard("camera " + camera):

@@ -169,6 +169,7 @@ page.link = new Link(
   },
   (found) => {
     Object.assign(hello, found);
+    delete view.offer; // a server that has just been started may not know it
     document.body.dataset.role = hello.role;
     page.online = true;
     $("login").hidden = true;
