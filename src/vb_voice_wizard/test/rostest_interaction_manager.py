@@ -393,7 +393,7 @@ class InteractionManagerTest(unittest.TestCase):
             timer.shutdown()
             notices.unregister()
 
-    def test_a_killed_node_begins_anew_and_a_stop_holds(self):
+    def test_a_killed_node_begins_again_and_a_stop_holds(self):
         topic = rospy.Publisher("/virtual_borders/stop", Stop, queue_size=1)
         wait_until(topic.get_num_connections, "the manager's ear")
         self.command("define_border", "voice")
