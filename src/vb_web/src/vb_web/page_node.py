@@ -119,7 +119,7 @@ class PageNode:
         self._view.put("events", self._history.shown())
         self._recall_study()
         self._subscribe()
-        self._robots = OfferListener(self._show_robots)
+        self._robots = OfferListener()
         self._serve()
         # wall time goes on when simulated time stops
         looks = (
