@@ -274,13 +274,6 @@ def test_refusals_are_coded(code, points, seed, closed):
     assert np.array_equal(prior.data, before)
 
 
-def test_a_curve_that_starts_and_ends_at_one_table_restricts_what_it_cuts_off():
-    # both ends on the same free-standing table: a pocket, its other side is the rest of the room
-    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [box(3.0, 1.5, 5.0, 2.5)])
-    result = integrate(prior, VirtualBorder([(3.5, 2.6), (3.5, 3.2), (4.5, 3.2), (4.5, 2.6)], (4.0, 2.9), closed=False))
-    assert codes(result) == [] and result.area_m2 == pytest.approx(0.7, abs=0.1)
-
-
 def test_no_answer_is_given_for_a_map_without_free_space():
     prior = GridMap(np.full((120, 160), -1, np.int8), 0.05)
     for chain, closed in (([(1, 1), (2, 1), (2, 2), (1, 2)], True), ([(1.5, 0.5), (1.5, 4.5)], False)):
