@@ -57,9 +57,8 @@ class CameraModel:
             raise CodedError(
                 "bad_camera_info", "the camera matrix K has no focal length: calibrate the camera (camera_calibration)"
             )
-        if self.fisheye and self.distortion.size != 4:
-            if not distortion.size or not self.distortion[4:].any():
-                object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
+        if self.fisheye and not self.distortion[4:].any():
+            object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
         if (
             self.distortion.size not in ((4,) if self.fisheye else (4, 5, 8, 12, 14))
             or not np.isfinite(self.distortion).all()
