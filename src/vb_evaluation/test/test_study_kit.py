@@ -30,7 +30,7 @@ from vb_map_integration.integration import integrate
 from vb_map_integration.storage.recording import MapRecording
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.session import Answer
-from vb_voice_wizard.dialogue.persistence import record_line
+from vb_voice_wizard.dialogue.record import record_line
 
 
 def room():
