@@ -369,18 +369,11 @@ class MapIntegrator:
     def _keep_map(self) -> None:
         """Keeps the map on which a person draws: later ones are compared with it."""
         if self._database.find_map(self._map_id) is None:
-            place = self._database.add_map(
-                self.physical,
-                self._map_id,
-                self._recognition.place,
-                self._recognition.transform,
-                "" if self._recognition.place else self._free_name(),
-            )
+            place, transform = self._recognition.place, self._recognition.transform
+            name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
+            place = self._database.add_map(self.physical, self._map_id, place, transform, name)
             self._database.remember_place(place)
-            self._recognition = PlaceRecognition(place, self._recognition.transform)
-
-    def _free_name(self) -> str:
-        return "" if self._database.find_place(self._expected_name) else self._expected_name
+            self._recognition = PlaceRecognition(place, transform)
 
     def _make_change(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> ChangeResult:
         issues = self._commit(place or self._recognition.place, change, kind, now)
