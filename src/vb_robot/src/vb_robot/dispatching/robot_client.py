@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Callable, List, Optional
+from typing import List, Optional
 
 import actionlib
 import rospy
 from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from sensor_msgs.msg import CameraInfo
 
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.names import MAP_FRAME
 from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
+from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.messages import message_from_pose2d
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatching.dispatch_policy import RobotStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.floor_view import FloorView
-from vb_robot.inputs import FloorViewListener
 
 # without a status message for this long navigation counts as gone: it sends five a second
 SILENCE = rospy.Duration(2.0)
@@ -42,23 +43,33 @@ class RobotClient:
 
     Action client:
         [<name>/]move_base (move_base_msgs/MoveBaseAction)
+
+    Attributes:
+        view: what its camera sees of the floor, once that is known.
     """
 
-    def __init__(
-        self, name: str, profile: RobotProfile, transforms: TransformLookup, take_view: Callable[[FloorView], None]
-    ) -> None:
+    def __init__(self, name: str, profile: RobotProfile, transforms: TransformLookup) -> None:
         prefix = f"{name}/" if name else ""
         self.name = name
         self._who = f"robot {name}" if name else "the robot"
         self._base_frame, self._transforms = prefix + profile.frames.base, transforms
-        self._camera = FloorViewListener(
-            prefix + profile.camera.info, self._base_frame, profile.camera.max_range, transforms, take_view
-        )
+        self._max_range = profile.camera.max_range
+        self.view: Optional[FloorView] = None
+        self._camera = rospy.Subscriber(prefix + profile.camera.info, CameraInfo, self._on_info, queue_size=1)
         self._goal: Optional[Viewpoint] = None
         self._client = actionlib.ActionClient(f"{prefix}move_base", MoveBaseAction)
         self._handle: Optional[actionlib.ClientGoalHandle] = None
         self._status_seen: Optional[object] = None
         self._heard = rospy.Time(0)
+
+    def _on_info(self, message: CameraInfo) -> None:
+        if self.view is not None:
+            return  # lens and mount stay
+        try:
+            T = self._transforms.lookup(self._base_frame, message.header.frame_id, rospy.Time(0), timeout=0.0)
+            self.view = FloorView(camera_from_info(message), T, self._max_range)
+        except CodedError as error:
+            rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: the view of {self._who}'s camera is not known: {error}")
 
     def set_goal(self, goal: Optional[Viewpoint]) -> None:
         """Sends it to a new goal, which replaces the one before; without one the last is cancelled if it still runs."""
