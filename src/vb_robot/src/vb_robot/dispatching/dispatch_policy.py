@@ -89,24 +89,6 @@ class RobotStatus:
         return self.goal in (SentGoalState.SENT, SentGoalState.ACTIVE)
 
 
-class RobotRecord:
-    """What is remembered of one robot: places that failed and when [s], and until when it rests."""
-
-    def __init__(self) -> None:
-        self.rests_until = -math.inf
-        self._failed: List[Tuple[float, Place]] = []
-
-    def fail(self, now: float, pose: Pose) -> None:
-        """Records a place that failed."""
-        self._failed.append((now, (pose[0], pose[1], FAILED_RADIUS)))
-        self.rests_until = now + RETRY_AFTER * len(self._failed)
-
-    def avoided(self, now: float) -> List[Place]:
-        """Returns the places that have failed lately."""
-        self._failed = [failure for failure in self._failed if now - failure[0] < FAILED_MEMORY]
-        return [place for _, place in self._failed]
-
-
 class Fleet:
     """Decides which robot serves, and where it goes.
 
@@ -121,7 +103,8 @@ class Fleet:
         self._forget()
 
     def _forget(self) -> None:
-        self._records: Dict[str, RobotRecord] = {name: RobotRecord() for name in self._names}
+        self._failed: List[Tuple[str, float, Place]] = []  # whose place failed, when [s], and where
+        self._rests_until: Dict[str, float] = {}  # [s] by robot
         self.serving: Optional[str] = None
         self.goal: Optional[Viewpoint] = None
         self._sent = -math.inf
@@ -140,6 +123,7 @@ class Fleet:
             robots: how each one is, and what it can see; None before anything is known of that.
         """
         before, self._before = self._before, inputs
+        self._failed = [failure for failure in self._failed if inputs.now - failure[1] < FAILED_MEMORY]
         self._blind = self._blind if inputs.lost else []
         if not inputs.wanted or inputs.now < before.now - 1.0:
             self._forget()  # also when time has jumped back: what was remembered is about another run
@@ -162,23 +146,24 @@ class Fleet:
 
     def _must_move(self, inputs: DispatchInputs, status: RobotStatus, planner: Optional[ViewpointPlanner]) -> bool:
         """Returns whether another place is to be chosen for the robot that serves, or another robot."""
-        now, record, pose = inputs.now, self._records[self.serving], status.pose
+        now, pose = inputs.now, status.pose
         if self.goal is not None:
             what = status.goal.value
             late = status.running and self._awaits(now, what, pose) > PROGRESS_TIMEOUTS[what]
             if status.goal is SentGoalState.FAILED or late:
-                record.fail(now, self.goal.pose)
+                self._failed.append((self.serving, now, (*self.goal.pose[:2], FAILED_RADIUS)))
+                self._rests_until[self.serving] = now + RETRY_AFTER * len(self._failures_of(self.serving))
                 self.goal = None
                 return True
             if status.goal is SentGoalState.PREEMPTED:
-                record.rests_until = now + PREEMPTION_PAUSE
+                self._rests_until[self.serving] = now + PREEMPTION_PAUSE
                 self.goal = None
                 return True
         if planner is None:
             return False
         under_way = self.goal if status.running else None
         place = under_way.pose if under_way is not None else pose
-        avoided = [*self._blind, *record.avoided(now)]
+        avoided = [*self._blind, *self._failures_of(self.serving)]
         fits = planner.shows_target(place) and (under_way is None or planner.has_room_at(place))
         fits = fits and all(math.dist(place[:2], (x, y)) >= radius for x, y, radius in avoided)
         # on its way off the seed's side it goes on: the border would lock it in
@@ -198,6 +183,9 @@ class Fleet:
             return now >= self._sent + LOST_INTERVAL
         return now >= self._sent + MIN_INTERVAL and now >= self._unfit_since + UNFIT_TIMEOUT
 
+    def _failures_of(self, name: str) -> List[Place]:
+        return [place for robot, _, place in self._failed if robot == name]
+
     def _awaits(self, now: float, what: str, pose: Pose) -> float:
         """Measures for how long [s] the same has been awaited without the robot getting anywhere."""
         before, _, start = self._awaited
@@ -209,19 +197,18 @@ class Fleet:
         """Takes the best offer; without one everything stays."""
         offers: Dict[str, Tuple[tuple, Optional[Viewpoint]]] = {}
         for name, (status, planner) in able.items():
-            record, serves = self._records[name], name == self.serving
-            avoided = record.avoided(now)
-            if now < record.rests_until:
+            failures, serves = self._failures_of(name), name == self.serving
+            if now < self._rests_until.get(name, -math.inf):
                 continue
             if not serves and not status.busy and planner.shows_target(status.pose):
-                offers[name] = (False, len(avoided), False, 0.0), None
+                offers[name] = (False, len(failures), False, 0.0), None
                 continue
-            found = planner.best_viewpoint(status.pose, [*self._blind, *avoided])
+            found = planner.best_viewpoint(status.pose, [*self._blind, *failures])
             if found is None:
-                record.rests_until = now + MIN_INTERVAL  # asking again at once would give the same answer
+                self._rests_until[name] = now + MIN_INTERVAL  # asking again at once would give the same answer
                 continue
             cost = found.cost - (SWITCH_GAIN if serves else 0.0)
-            offers[name] = (not found.sees_spot, len(avoided), status.busy and not serves, cost), found
+            offers[name] = (not found.sees_spot, len(failures), status.busy and not serves, cost), found
         if not offers:
             return
         best = min(offers, key=lambda name: offers[name][0])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import List, Optional
+from typing import Optional
 
 import actionlib
 import rospy
-from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from sensor_msgs.msg import CameraInfo
@@ -27,6 +26,7 @@ from vb_robot.floor_view import FloorView
 SILENCE = rospy.Duration(2.0)
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE)
 OUTCOMES = {
+    GoalStatus.PENDING: SentGoalState.SENT,
     GoalStatus.SUCCEEDED: SentGoalState.REACHED,
     GoalStatus.PREEMPTED: SentGoalState.PREEMPTED,
     GoalStatus.RECALLED: SentGoalState.PREEMPTED,
@@ -90,8 +90,13 @@ class RobotClient:
     # ------------------------------------------------------------- how it is
     def status(self, wanted: bool) -> RobotStatus:
         """Returns how the robot is now; its pose only if a robot is wanted. To be called regularly."""
-        own = f"{rospy.get_name()}-"  # as actionlib begins the ids of a node's goals
-        busy = any(not goal.startswith(own) for goal in self._running())
+        goals, own = (
+            self._client.last_status_msg,
+            f"{rospy.get_name()}-",
+        )  # as actionlib begins the ids of a node's goals
+        busy = goals is not None and any(
+            goal.status in RUNNING and not goal.goal_id.id.startswith(own) for goal in goals.status_list
+        )
         return RobotStatus(self._pose() if wanted else None, self._alive(), self._goal_status(), busy)
 
     def _pose(self) -> Optional[Pose]:
@@ -112,20 +117,9 @@ class RobotClient:
         self._heard = min(self._heard, now)  # time may jump back
         return status is not None and now - self._heard < SILENCE and self._client.pub_goal.get_num_connections() > 0
 
-    def _running(self) -> List[str]:
-        """Returns the ids of the goals that navigation works on, no matter who gave them."""
-        status = self._client.last_status_msg
-        return [
-            entry.goal_id.id for entry in (status.status_list if status is not None else []) if entry.status in RUNNING
-        ]
-
     def _goal_status(self) -> SentGoalState:
         """Returns the state of the goal that was sent last."""
         if self._handle is None:
             return SentGoalState.NONE
-        state = self._handle.get_comm_state()
-        if state == CommState.WAITING_FOR_GOAL_ACK:
-            return SentGoalState.SENT
-        # the terminal status is known before the result arrives, and the result may be lost with the server
-        code = self._handle.get_terminal_state() if state == CommState.DONE else self._handle.get_goal_status()
-        return OUTCOMES.get(code, SentGoalState.ACTIVE)
+        # known before the result arrives, which may be lost with the server
+        return OUTCOMES.get(self._handle.get_goal_status(), SentGoalState.ACTIVE)

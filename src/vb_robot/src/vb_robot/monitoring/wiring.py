@@ -12,6 +12,7 @@ from vb_core import names
 
 GRIDS = ("nav_msgs/OccupancyGrid",)
 PATHS = ("nav_msgs/Path",)
+VELOCITIES = ("geometry_msgs/Twist",)
 # local planners whose speed limit can be set while they run, with the values to lower: their limits, and what must
 # stay below these
 PLANNERS: Mapping[str, Tuple[str, ...]] = {
@@ -28,7 +29,7 @@ class Wiring:
     Attributes:
         move_base: its node; "": none is running.
         maps: those it subscribes to; missing_maps: those of them that it waits for in vain.
-        plans_round_borders: see vb_msgs/RobotStatus.
+        unheard, plans_round_borders: see vb_msgs/RobotStatus.
         path: the topic of its path; planner: the name of a local planner of PLANNERS; "": neither is known.
         radius: [m] of the robot's inscribed circle, by its costmap; None: not given.
     """
@@ -36,6 +37,7 @@ class Wiring:
     move_base: str = ""
     maps: Tuple[str, ...] = ()
     missing_maps: Tuple[str, ...] = ()
+    unheard: Tuple[str, ...] = ()
     plans_round_borders: bool = False
     path: str = ""
     planner: str = ""
@@ -72,6 +74,7 @@ def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
         maps,
         # its action server starts once it has all maps: one that runs does not wait
         tuple(topic for topic in maps if not (serves or graph.publishers.get(topic))),
+        tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
         _plans_round_borders(robot, maps, parameters),
         _path_topic(graph.publications(node, PATHS)),
         planner,
