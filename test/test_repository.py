@@ -102,6 +102,7 @@ ROSDEP_KEYS = {"alsa-utils"} | {
         "opencv",
         "paho-mqtt",
         "pandas",
+        "pil",
         "pytest",
         "rospkg",
         "scipy",
@@ -278,6 +279,13 @@ def test_a_docstring_names_every_fixed_topic_that_its_node_uses():
                     if used.attr != "MAP_FRAME" and not re.search(rf"{re.escape(name)}(?![\w/])", docstring):
                         missing.append(f"{executable}: {name}")
     assert not missing
+
+
+def test_the_table_of_topics_has_every_fixed_name():
+    table = (TOP / "docs" / "reference" / "topics.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^\| `([^`]+)` \|", table, re.MULTILINE))
+    fixed = {value for key, value in vars(names).items() if key.isupper() and key != "MAP_FRAME"}
+    assert not fixed - listed
 
 
 @pytest.mark.parametrize("entry", ["/a, /b", "/a: text", "tf: a to b", "/a (x_msgs/A) text"])

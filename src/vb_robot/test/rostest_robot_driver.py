@@ -21,10 +21,9 @@ from vb_testing import wait_until
 
 from vb_core import names
 from vb_core.ros.messages import OccupancyGridArray
+from vb_core.vocabulary import DEFAULT, GUIDE
 from vb_msgs.msg import DriverState, NoticeArray, Stop, VirtualBorder, VirtualBorderArray
 from vb_robot import robot_driver_node
-
-DEFAULT, GUIDE = 0, 3
 
 
 def process_of(node):

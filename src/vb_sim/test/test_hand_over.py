@@ -17,14 +17,11 @@ from vb_robot.floor_view import FloorView
 from vb_core.poses import to_base
 from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.room.floor_plan import physical_map
-from vb_sim.room.models import load_models, read_section
-from vb_sim.room.camera_models import load_camera_models
-from vb_sim.robot.motion_models import LocalizationModel
+from vb_sim.models import Models
 from vb_sim.room.world import load_world
 
 PACKAGE = Path(__file__).resolve().parents[1]
 WORLD = load_world(str(PACKAGE / "worlds" / "lab.yaml"))
-MODELS = str(PACKAGE / "config" / "models.yaml")
 GRID = physical_map(WORLD)
 BLUE = WORLD.camera("blue")
 BLUES_VIEW = FloorView(BLUE.model(), BLUE.pose(), np.inf)  # of the map: nothing stands between it and the line
@@ -51,11 +48,10 @@ def drawn(seed, overlap=True):
     by_robot = view.sees(to_base(line, ROBOT), 0.03)
     if not overlap:
         by_robot &= ~by_blue
-    models = load_camera_models(MODELS)
-    localization = read_section(load_models(MODELS), "localisation", LocalizationModel)
+    models = Models()
     believed = calibrated_pose(BLUE, models.optics, seed)
     blue = on_floor(BLUE.model(), BLUE.pose(), believed, line[by_blue]) + rng.normal(0.0, 0.002, (by_blue.sum(), 2))
-    sigmas = (localization.position_sigma, localization.position_sigma, localization.yaw_sigma)
+    sigmas = (models.localization.position_sigma, models.localization.position_sigma, models.localization.yaw_sigma)
     off = np.array(sigmas) * rng.normal(size=3)
     true = geometry.transform_from_pose2d(*ROBOT) @ view.T_base_camera
     guess = geometry.transform_from_pose2d(*(np.array(ROBOT) + off)) @ view.T_base_camera

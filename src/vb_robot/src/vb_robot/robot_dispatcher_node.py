@@ -95,7 +95,7 @@ class RobotDispatcherNode:
 
     def _take_state(self, message: InteractionState) -> None:
         if self._dispatcher.sightings.set_state(
-            state_of(message.state), message.interaction_id, message.entered.to_sec()
+            state_of(message.name), message.interaction_id, message.entered.to_sec()
         ):
             rospy.loginfo("%s: state %s", rospy.get_name(), message.name)
 

@@ -201,7 +201,7 @@ class RobotDriverNode:
 
     def _on_state(self, message: InteractionState) -> None:
         self._arbiter.set_state(
-            state_of(message.state), message.interaction_id, message.entered.to_sec(), message.header.stamp.to_sec()
+            state_of(message.name), message.interaction_id, message.entered.to_sec(), message.header.stamp.to_sec()
         )
         self._stops.follow(message.stopped, message.stops)
         self._stops.store()  # in the callbacks: a slow disk does not keep the wheels waiting
