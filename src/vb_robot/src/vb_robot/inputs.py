@@ -46,26 +46,22 @@ def borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
     ]
 
 
-class SpotListener:
-    """Passes every spot that has a place in the map to `take`, and counts those that have none."""
+def subscribe_spots(take: Callable[[Sighting], None]) -> rospy.Subscriber:
+    """Passes every spot that has a place in the map to `take`; one that has none is logged."""
 
-    def __init__(self, take: Callable[[Sighting], None]) -> None:
-        self._take, self._rejected = take, 0
-        self._subscriber = rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
-
-    def _on_spot(self, message: LaserSpot) -> None:
+    def on_spot(message: LaserSpot) -> None:
         position = (message.position.x, message.position.y)
         if message.header.frame_id != names.MAP_FRAME or not np.isfinite(position).all():
-            self._rejected += 1
             rospy.logwarn_throttle(
                 5.0,
                 f"{rospy.get_name()}: spot rejected: frame '{message.header.frame_id}', position {position}; "
-                f"expected finite values in '{names.MAP_FRAME}' ({self._rejected} so far)",
+                f"expected finite values in '{names.MAP_FRAME}'",
             )
-            return
-        self._take(
-            Sighting(message.header.stamp.to_sec(), position, message.camera, message.mobile, message.confidence)
-        )
+        else:
+            stamp = message.header.stamp.to_sec()
+            take(Sighting(stamp, position, message.camera, message.mobile, message.confidence))
+
+    return rospy.Subscriber(names.SPOTS, LaserSpot, on_spot, queue_size=100)
 
 
 def message_class(contact: Contact) -> Any:

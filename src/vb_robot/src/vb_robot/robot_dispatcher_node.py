@@ -21,7 +21,7 @@ from vb_core.vocabulary import state_of
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.robot_client import RobotClient
-from vb_robot.inputs import SpotListener, subscribe_map
+from vb_robot.inputs import subscribe_map, subscribe_spots
 
 PERIOD = 0.25  # [s] between two decisions: the spot moves 0.1 m at most in that time
 
@@ -71,7 +71,7 @@ class RobotDispatcherNode:
         self._subscribers = [
             *(subscribe_map(topic, functools.partial(self._queue_input, take)) for topic, take in grids),
             rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10),
-            SpotListener(functools.partial(self._queue_input, dispatcher.sightings.add)),
+            subscribe_spots(functools.partial(self._queue_input, dispatcher.sightings.add)),
             rospy.Subscriber(
                 names.PROGRESS, BorderProgress, functools.partial(self._queue_input, self._take_progress), queue_size=1
             ),

@@ -39,7 +39,7 @@ from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace, quoted
-from vb_robot.inputs import SpotListener, borders_for, message_class, subscribe_map
+from vb_robot.inputs import borders_for, message_class, subscribe_map, subscribe_spots
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
@@ -153,7 +153,7 @@ class RobotDriverNode:
             ),
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
             listen(names.STOP, Stop, self._on_stop, queue_size=10, tcp_nodelay=True),
-            SpotListener(self._arbiter.add),
+            subscribe_spots(self._arbiter.add),
             listen(
                 names.PROGRESS,
                 BorderProgress,

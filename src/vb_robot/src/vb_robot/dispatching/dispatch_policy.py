@@ -46,28 +46,6 @@ class SentGoalState(enum.Enum):
 
 
 @dataclass(frozen=True)
-class DispatchInputs:
-    """Inputs that are the same for all robots.
-
-    Attributes:
-        now: [s].
-        wanted: whether a robot is wanted.
-        key: changes with interaction and state.
-        time_since_seen: [s] since a camera saw the spot.
-    """
-
-    now: float
-    wanted: bool
-    key: Hashable
-    time_since_seen: float = 0.0
-
-    @property
-    def lost(self) -> bool:
-        """Returns whether no camera sees the spot."""
-        return self.time_since_seen > LOST_TIMEOUT
-
-
-@dataclass(frozen=True)
 class RobotStatus:
     """A robot's current state.
 
@@ -99,7 +77,7 @@ class Fleet:
 
     def __init__(self, robots) -> None:
         self._names = tuple(robots)
-        self._before = DispatchInputs(-math.inf, False, None)
+        self._before: Tuple[float, Hashable] = (-math.inf, None)
         self._forget()
 
     def _forget(self) -> None:
@@ -113,21 +91,27 @@ class Fleet:
         self._blind: List[Place] = []  # from where no camera saw the spot that is lost now
 
     def step(
-        self, inputs: DispatchInputs, robots: Mapping[str, Tuple[RobotStatus, Optional[ViewpointPlanner]]]
+        self,
+        now: float,
+        key: Hashable,
+        unseen: float,
+        robots: Mapping[str, Tuple[RobotStatus, Optional[ViewpointPlanner]]],
     ) -> Dict[str, Optional[Viewpoint]]:
         """Decides where each robot should be going now, or where it went last; None: nowhere.
 
         A goal that differs from the one before is to be sent; when there is none any more the last is to be cancelled.
 
         Args:
+            now: [s]; key: changes with interaction and state; None: no robot is wanted.
+            unseen: [s] since a camera saw the spot.
             robots: how each one is, and what it can see; None before anything is known of that.
         """
-        before, self._before = self._before, inputs
-        self._failed = [failure for failure in self._failed if inputs.now - failure[1] < FAILED_MEMORY]
-        self._blind = self._blind if inputs.lost else []
-        if not inputs.wanted or inputs.now < before.now - 1.0:
+        before, self._before = self._before, (now, key)
+        self._failed = [failure for failure in self._failed if now - failure[1] < FAILED_MEMORY]
+        self._blind = self._blind if unseen > LOST_TIMEOUT else []
+        if key is None or now < before[0] - 1.0:
             self._forget()  # also when time has jumped back: what was remembered is about another run
-        elif inputs.key != before.key:
+        elif key != before[1]:
             kept = self.serving, self.goal, self._sent, self._awaited
             running = self.serving is not None and self.goal is not None and robots[self.serving][0].running
             self._forget()
@@ -136,17 +120,17 @@ class Fleet:
         able = {
             name: (status, planner)
             for name, (status, planner) in robots.items()
-            if inputs.wanted and status.server and status.pose is not None
+            if key is not None and status.server and status.pose is not None
         }
         if self.serving not in able:
             self.serving = self.goal = None
-        if self.serving is None or self._must_move(inputs, *able[self.serving]):
-            self._choose(inputs.now, {name: known for name, known in able.items() if known[1] is not None})
+        if self.serving is None or self._must_move(now, unseen, *able[self.serving]):
+            self._choose(now, {name: known for name, known in able.items() if known[1] is not None})
         return {name: self.goal if name == self.serving else None for name in self._names}
 
-    def _must_move(self, inputs: DispatchInputs, status: RobotStatus, planner: Optional[ViewpointPlanner]) -> bool:
+    def _must_move(self, now: float, unseen: float, status: RobotStatus, planner: Optional[ViewpointPlanner]) -> bool:
         """Returns whether another place is to be chosen for the robot that serves, or another robot."""
-        now, pose = inputs.now, status.pose
+        pose = status.pose
         if self.goal is not None:
             what = status.goal.value
             late = status.running and self._awaits(now, what, pose) > PROGRESS_TIMEOUTS[what]
@@ -169,7 +153,7 @@ class Fleet:
         # on its way off the seed's side it goes on: the border would lock it in
         if fits or (under_way is not None and not under_way.sees_spot):
             self._unfit_since = None
-            waited = 0.0 if under_way is not None else min(inputs.time_since_seen, self._awaits(now, "seen", pose))
+            waited = 0.0 if under_way is not None else min(unseen, self._awaits(now, "seen", pose))
             if waited < PROGRESS_TIMEOUTS["seen"] or len(self._blind) >= BLIND_TRIES:
                 return False
             self._blind.append((pose[0], pose[1], FAILED_RADIUS))  # something hides the spot from there
@@ -179,7 +163,7 @@ class Fleet:
         if self.goal is None:
             return True
         self._unfit_since = now if self._unfit_since is None else self._unfit_since
-        if inputs.lost:
+        if unseen > LOST_TIMEOUT:
             return now >= self._sent + LOST_INTERVAL
         return now >= self._sent + MIN_INTERVAL and now >= self._unfit_since + UNFIT_TIMEOUT
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
+import cv2
 import numpy as np
 import yaml
 
@@ -112,15 +113,8 @@ def _radius(parameters: Mapping[str, Any]) -> Optional[float]:
     corners: List[Any] = footprint if isinstance(footprint, list) else []
     try:
         if len(corners) >= 3:
-            points = np.asarray(corners, float).reshape(-1, 2)
-            return float(_distance_to_edges(points).min())
+            edges = np.asarray(corners, np.float32).reshape(-1, 1, 2)
+            return abs(cv2.pointPolygonTest(edges, (0.0, 0.0), True))
         return float(costmap["robot_radius"])
     except (KeyError, TypeError, ValueError):
         return None
-
-
-def _distance_to_edges(corners: np.ndarray) -> np.ndarray:
-    """Returns the distances (N,) of the origin from the edges of a polygon (N, 2)."""
-    along = np.roll(corners, -1, axis=0) - corners
-    share = np.clip(-(corners * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
-    return np.linalg.norm(corners + share[:, None] * along, axis=1)
