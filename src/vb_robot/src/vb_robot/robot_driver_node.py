@@ -40,7 +40,7 @@ from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace, quoted
-from vb_robot.inputs import FloorViewListener, SpotListener, borders_for, message_class, subscribe_map
+from vb_robot.inputs import borders_for, message_class, subscribe_map, subscribe_spots
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
@@ -49,7 +49,7 @@ LOOKS = 40  # [updates] after which AMCL has found its pose, or will not
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 # what people are told, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
 STOP_CODES = frozenset(
-    "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map no_camera clock_stopped "
+    "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map clock_stopped "
     "internal_error other_cmd_vel_publisher contact obstacle floor_not_scanned border inside_border bad_command".split()
 )
 
@@ -77,7 +77,7 @@ class RobotDriverNode:
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/map, /map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): optional
-        scan (sensor_msgs/LaserScan), camera_info (sensor_msgs/CameraInfo): as the profile names them
+        scan (sensor_msgs/LaserScan): as the profile names it
         <contact> (rospy/AnyMsg): each contact sensor, with the message type that the profile names
         move_base/status (actionlib_msgs/GoalStatusArray)
         move_base/recovery_status (move_base_msgs/RecoveryStatus): while it recovers, it turns by itself; optional
@@ -119,13 +119,6 @@ class RobotDriverNode:
         self._reported: tuple = ((), -1.0)
         self._timer = node.WakeTimer(1.0 / RATE)
         self._transforms = TransformLookup()
-        self._camera = FloorViewListener(
-            profile.camera.info,
-            self._base,
-            profile.camera.max_range,
-            self._transforms,
-            functools.partial(setattr, self._arbiter.follower, "view"),
-        )
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher(profile.base.topic, Twist, queue_size=1, tcp_nodelay=True)
         self._heard = True  # whether anybody listens to these commands
@@ -160,7 +153,7 @@ class RobotDriverNode:
             ),
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
             listen(names.STOP, Stop, self._on_stop, queue_size=10, tcp_nodelay=True),
-            SpotListener(self._arbiter.add),
+            subscribe_spots(self._arbiter.add),
             listen(
                 names.PROGRESS,
                 BorderProgress,
