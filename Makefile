@@ -45,7 +45,7 @@ docs: ## the documentation as a site, into out/site
 	@out/mkdocs/bin/mkdocs build --quiet --strict
 
 study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 CONFIG=file OUT=folder PROCESSES=number
-	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" $(if $(QUICK),--quick) \
+	@. scripts/env.sh && python3 -m vb_evaluation.study --out "$(OUT)" $(if $(QUICK),--quick) \
 	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
 	    && python3 -m vb_evaluation.study_kit report "$(OUT)"

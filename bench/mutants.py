@@ -25,9 +25,12 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Iterator, List, Tuple
 
+import hypothesis.strategies  # noqa: F401  (what tests need is imported once, not by every fork)
+import matplotlib.pyplot  # noqa: F401
 import numpy as np
+import pandas  # noqa: F401
 import pytest
-import scipy.ndimage  # noqa: F401  (imported once, not by every fork)
+import scipy.ndimage  # noqa: F401
 import scipy.optimize  # noqa: F401
 import scipy.spatial  # noqa: F401
 import scipy.stats  # noqa: F401
@@ -121,9 +124,10 @@ def mutants(path: Path) -> List[Tuple[int, str, ast.Module]]:
 
 
 def tests_of(name: str) -> List[str]:
-    """Lists the unit tests of a module's package that import the module."""
+    """Lists the unit tests of a module's package that import the module, the shortest file first."""
     found = []
-    for path in sorted((TOP / "src" / name.partition(".")[0] / "test").glob("test_*.py")):
+    folder = TOP / "src" / name.partition(".")[0] / "test"
+    for path in sorted(folder.glob("test_*.py"), key=lambda path: path.stat().st_size):
         imports = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
         if any(name in (one.module, *(f"{one.module}.{what.name}" for what in one.names)) for one in imports):
             found.append(str(path))

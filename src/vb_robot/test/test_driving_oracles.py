@@ -106,7 +106,7 @@ def test_after_time_was_set_back_it_waits_as_at_the_start_and_does_not_rest():
     assert ask(escape, workspace, 99.7, 101.1, 101.3) == [False, False, True]
 
 
-def test_who_is_moved_or_has_no_goal_begins_to_wait_anew():
+def test_who_is_moved_or_has_no_goal_begins_to_wait_again():
     for given_ in ({"moves": True}, {"goal": False}):
         escape, workspace = Escape(RADIUS), Pinched(0.0)
         ask(escape, workspace, 100.0)
@@ -158,7 +158,7 @@ def test_a_goal_that_navigation_named_within_a_second_is_cancelled_while_it_foll
     assert not rig.arbiter.step(rig.now + age + 2.0).cancel
 
 
-def test_halting_stops_whoever_drives_with_the_faults_code():
+def test_halting_stops_what_drives_with_the_faults_code():
     rig = Rig()
     rig.navigation = (0.3, 0.0)
     rig.step(0.2)
@@ -179,7 +179,7 @@ def test_following_speeds_up_gently_and_brakes_hard(last_v, v, last_w, w, dt):
     assert found.w - last_w == pytest.approx(np.clip(w - last_w, -turn, turn), abs=1e-12) and found.code == "x"
 
 
-def test_a_stop_ends_an_escape_and_the_wait_begins_anew():
+def test_a_stop_ends_an_escape_and_the_wait_begins_again():
     rig = Rig(grid=with_border(empty(), 4.0, 0.0, 8.0, 5.0), pose=(4.0 - RADIUS - 0.02, 2.5, math.pi))
     rig.goal = True
     assert rig.step(1.8).source == "escape"

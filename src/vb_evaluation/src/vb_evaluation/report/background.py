@@ -32,8 +32,8 @@ def participants_section(study: StudyResults) -> List[Block]:
         rows = [
             {
                 "statement": answers.statement,
-                "nrs": effect_sizes.mean(answers.first),
-                "robot_only": effect_sizes.mean(answers.second),
+                "nrs": float(answers.first.mean()),
+                "robot_only": float(answers.second.mean()),
                 **effect_sizes.test_row(answers.comparison),
             }
             for answers in found.answers
@@ -71,14 +71,9 @@ def _summary(answers: pandas.Series) -> str:
 
 
 def runs_section(study: StudyResults) -> List[Block]:
-    """Says how a row is made again, and what measuring warned of."""
-    blocks: List[Block] = []
-    if study.meta.get("rerun"):
-        blocks.append(
-            Text(f"A row again, alone, with its own columns in place of the names in braces: {study.meta['rerun']}")
-        )
-    if (study.folder / WARNINGS).is_file():
-        found = list(read_sheet(study.folder / WARNINGS, ("warning",)).warning)
-        rows = [{"warning": words} for words in found]
-        blocks.append(Grid("warnings", {"warning": f"What measuring the recordings warned of: {len(found)}"}, rows))
-    return blocks
+    """Says what measuring warned of."""
+    if not (study.folder / WARNINGS).is_file():
+        return []
+    found = list(read_sheet(study.folder / WARNINGS, ("warning",)).warning)
+    rows = [{"warning": words} for words in found]
+    return [Grid("warnings", {"warning": f"What measuring the recordings warned of: {len(found)}"}, rows)]

@@ -49,7 +49,7 @@ OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
 START_NS = 1_000_000_000_000  # no stamp is near zero, which would mean that there is none
 WARM_UP_TIME = 2.0  # [s] until every node has heard of the others; then the person comes in
 # nothing acts on what these publish or store
-WITHOUT = ("display_markers", "feedback", "camera_poses", "map_recorder")
+WITHOUT = ("display_markers", "feedback", "camera_poses")
 LAB_NODES = ("lab_simulator", "ceiling_cameras", "robot_camera", "map_server")  # of this run's own making
 _LONGEST_END_NS = 600 * 10**9
 LAUNCH = "launch/simulation.launch"

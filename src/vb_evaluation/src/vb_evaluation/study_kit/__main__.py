@@ -74,8 +74,6 @@ def _parser() -> argparse.ArgumentParser:
     argument = command("run", _run, "do a participant's next run: starts the system in the planned condition")
     argument("participant")
     argument("--protocol", type=_path, default=Path("protocol.csv"))
-    argument("--scenario", help="refuses unless it is the planned one")
-    argument("--method", help="refuses unless it is the planned one")
     argument("--again", action="store_true", help="do the last run again, in another folder")
     argument("--rehearse", action="store_true", help="a simulated person in one process, without ROS and people")
     argument = command("measure", _measure, "compute the measures of all recordings and the report")
@@ -136,9 +134,7 @@ def _plan(given: argparse.Namespace) -> None:
 
 
 def _run(given: argparse.Namespace) -> None:
-    planned = conduct.next_run(
-        given.protocol, given.participant, given.again, scenario=given.scenario, method=given.method
-    )
+    planned = conduct.next_run(given.protocol, given.participant, given.again)
     say = lambda words: _console.print(words, markup=False)  # noqa: E731
     if given.rehearse:
         # only here: the rest of the kit knows no simulator and works without ROS

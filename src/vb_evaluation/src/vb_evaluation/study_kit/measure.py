@@ -169,7 +169,7 @@ def _row(
     notes = [f"{where}: not as planned, left out of the analysis: {words}" for words in wrong]
     # an attempt that was cancelled took its time too, as in the simulated study
     times = {f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in interactions), 3) for name in _TIMES}
-    row.update(times, as_planned=int(not wrong), interaction=interactions[-1].id)
+    row.update(times, as_planned=int(not wrong), interaction=interactions[-1].interaction_id)
     made = recording.result(interactions[-1])
     if made is not None:
         posterior, border = made

@@ -13,7 +13,6 @@ from typing import Dict, List, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_core import masks
 from vb_sim.cameras import pixels
 from vb_sim.cameras.view import Body, View
 from vb_sim.lab_history import Snapshot
@@ -209,7 +208,7 @@ class CeilingView(View):
         keep = cv2.multiply(lit, cv2.bitwise_not(opacity), scale=1.0 / 255.0)
         keep = cv2.resize(keep, (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_LINEAR)
         # a shadow alone keeps more
-        solid = masks.threshold_mask(keep, 127, cv2.CMP_LT)
+        solid = cv2.inRange(keep, 0, 126)
         pattern = pixels.encode_doubled(color, self.encoding)
         darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))
         cv2.copyTo(darker, solid, pattern)
@@ -238,7 +237,7 @@ class CeilingView(View):
             cv2.fillConvexPoly(color, outer[index][hull], dark[index], cv2.LINE_8, _SHIFT)
             cv2.fillConvexPoly(color, inner[index][hull], light[index], cv2.LINE_8, _SHIFT)
             cv2.fillConvexPoly(inverse, outer[index][hull], 1.0 / depth, cv2.LINE_8, _SHIFT)
-        opacity = masks.threshold_mask(inverse, 0.0, cv2.CMP_GT)
+        opacity = np.where(inverse > 0.0, np.uint8(255), np.uint8(0))
         # soft edges; both alike, since the colour is what is added to what shines through
         color, opacity = cv2.blur(color, (3, 3)), cv2.blur(opacity, (3, 3))
         hidden = cv2.compare(before, np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
