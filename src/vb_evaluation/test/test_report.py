@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from vb_core.errors import CodedError
 from vb_evaluation.study_kit import __main__ as command
 from vb_evaluation.report import charts, paper_comparison, sensitivity
-from vb_evaluation.report.data import TIMES, pairs, read_sheet, read_study, select, write_table, yes_or_no
+from vb_evaluation.report.data import TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
 from vb_evaluation.report.maps import nearest_to_median
 from vb_evaluation.report.page import write_report
 from vb_evaluation.statistics import Interval
