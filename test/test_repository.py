@@ -102,6 +102,7 @@ ROSDEP_KEYS = {"alsa-utils"} | {
         "opencv",
         "paho-mqtt",
         "pandas",
+        "pil",
         "pytest",
         "rospkg",
         "scipy",

@@ -3,12 +3,12 @@
 
     python3 bench/detection/constants.py --clips DIR --left-out EXAMPLES --csv FILE [--only WORD ...]
 
-DIR and EXAMPLES as clips.py takes them. A row for each number and factor: spots found and false ones of the
-clips' frames near shots, of the same set dark (augmentation.py), of the same through the panning window, each by a classifier
-that was fitted without the clip's camera and room, and of the rendered scenes (--share of their time; 0: none). Numbers that only
-tell time and place (tracking, projection) are judged by the scenes, and scenes are played only if the clips show no
-difference. Numbers are those with a name of their own, and others but indices, guards against division by zero, and what is
-given by arithmetic or by pixels (halves, two, three channels, bytes); parameters are not among them.
+DIR and EXAMPLES as clips.py takes them. A row for each number and factor: spots found and false ones of the clips' frames near
+shots, of the same through the panning window, of the same set dark (augmentation.py), each by a classifier that was fitted
+without the clip's camera and room, and of every third rendered scene (--share of its time; 0: none). What comes after the
+first difference is left out. Numbers that only tell time and place (tracking, projection) are judged by the scenes. Numbers
+are those with a name of their own, and others but indices, guards against division by zero, and what is given by arithmetic
+or by pixels (halves, two, three channels, bytes, neighbours); parameters are not among them.
 --only goes on with modules with a WORD in their name.
 """
 
@@ -43,7 +43,8 @@ PACKAGE = Path("vb_laser_detect/src/vb_laser_detect")
 STAGES = ("proposals", "background", "image_registration", "features", "tracking", "projection")
 TIMED = ("tracking", "projection")
 STRUCTURE = (0, 0.5, 1, 2, 3, 255, 1000)
-WITHOUT_SHOTS, SEED = 100, 1  # frames of clips without labels; rooms as frames.py's
+STRUCTURED = "connectivity", "np.zeros", "slice(", "12.0", "50.0", "BLOCK:"  # as lines without a name tell
+WITHOUT_SHOTS, EVERY, SEED = 100, 3, 1  # frames of clips without labels; scene; rooms as frames.py's
 
 
 class Number(NamedTuple):
@@ -78,7 +79,7 @@ def numbers_of(source: Path, module: str) -> Iterator[Number]:
         if not isinstance(node, ast.Constant) or type(node.value) not in (int, float) or id(node) in skipped:
             continue
         name = names.get(id(node), lines[node.lineno - 1].strip())
-        if name.startswith("("):  # rows of a block
+        if name.startswith("(") or any(word in name for word in STRUCTURED):  # rows of a block
             continue
         if name.endswith(" ") or abs(node.value) not in STRUCTURE and 1e-3 < abs(node.value) < 1e6:
             yield Number(
@@ -132,7 +133,7 @@ class Scenes:
 
     def __init__(self, judges: Dict[str, Any], share: float) -> None:
         room, rooms, self._scenes = lab(), Rooms(SEED), []
-        for scene in ceiling_scenes(room) + mobile_scenes(room):
+        for scene in (ceiling_scenes(room) + mobile_scenes(room))[::EVERY]:
             camera = Camera(scene, rooms)
             images = []
             for t, index, snapshot in course(scene, share, LEARN_S):
@@ -156,11 +157,10 @@ def measure(inputs: Dict[str, Any], number: Optional[Number], factor: float, bef
         source = varied(Path(folder), number, factor) if number else None
         found: Dict[str, Any] = {}
         for kind, given in inputs.items():
-            timed = number is not None and number.module.split("/")[-1] in TIMED
-            known = any(found[one] != before[one] for one in found) if before else False
-            if kind != "scenes" and timed or kind == "scenes" and known:
-                continue
-            found[kind] = given.count(source)
+            if kind == "scenes" or number is None or number.module.split("/")[-1] not in TIMED:
+                found[kind] = given.count(source)
+            if before and kind in found and found[kind] != before[kind]:
+                break
     return found
 
 
@@ -197,8 +197,8 @@ def main() -> int:
         judges = {**judges_of_clips(examples), **of_scenes}
     inputs = {
         "clips": Clips(given.clips, judges),
-        "set dark": Clips(given.clips, judges, dark=True),
         "panning": Clips(given.clips, judges, "window"),
+        "set dark": Clips(given.clips, judges, dark=True),
         **({"scenes": Scenes(judges, given.share)} if given.share else {}),
     }
     table, before = Table(given.csv), in_process(inputs, None, 1.0, {})

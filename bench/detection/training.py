@@ -83,9 +83,7 @@ def from_scene(scene: Scene, rooms: Rooms, share: float) -> Examples:
     def frames() -> Iterator[LabeledFrame]:
         for t, index, snapshot in course(scene, share, LEARN_S):
             image, frame, view = camera.picture(index, snapshot)
-            spot = None
-            if snapshot.laser is not None:
-                spot = view.spot(snapshot, frame.pose) if scene.mobile else view.spot(snapshot)
+            spot = view.spot(snapshot)
             places = [tuple(spot.center)] if spot is not None else []
             clear = places and view.spot_share(snapshot) >= 0.7
             yield LabeledFrame(

@@ -112,8 +112,8 @@ def slowly(address, pause_s, count):
 def test_a_file_has_no_hurry(film, pause_s):
     seen, taken, late = slowly(film, pause_s, 30)
     assert late == 0 and np.abs(seen - np.arange(30)).max() < 6.0
-    # as far apart as in the film, or as they were shown
-    assert np.diff(taken).min() > 1 / RATE - 1e-6 and taken[-1] - taken[0] > 29 * max(1 / RATE, pause_s) - 1e-6
+    # as far apart as in the film, and no more than a second behind what is shown
+    assert np.diff(taken).min() > 1 / RATE - 1e-6 and taken[-1] - taken[0] > 29 * max(1 / RATE, pause_s) - 1.0 - 1e-6
 
 
 def test_images_of_a_network_that_come_too_late_are_left_out_until_one_stands_by_itself(camera):

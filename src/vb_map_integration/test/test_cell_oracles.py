@@ -95,8 +95,8 @@ def test_a_seed_on_an_obstacle_is_moved_to_the_nearest_free_cell_of_its_area_wit
     outline = np.array([[0.0, 0.0], [1.5, 0.0], [1.5, 1.0], [0.0, 1.0]]) + 1e-4
     border = VirtualBorder(outline, (column * resolution + 0.03, row * resolution + 0.021), closed=True)
     rows, columns = np.nonzero(cells == 0)
-    centres = (np.column_stack([columns, rows]) + 0.5) * resolution
-    away = np.hypot(*(centres - border.seed).T)
+    centers = (np.column_stack([columns, rows]) + 0.5) * resolution
+    away = np.hypot(*(centers - border.seed).T)
     assume(len(away) and abs(away.min() - MAX_SEED_SHIFT) > 1e-6)
     if away.min() > MAX_SEED_SHIFT:
         with pytest.raises(IntegrationError) as caught:

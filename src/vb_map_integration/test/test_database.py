@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vb_core import files, sentences
+from vb_core import files
 from vb_core.errors import CodedError
 from vb_map_integration.storage import database as module
 from vb_map_integration.storage import durable_values
@@ -41,13 +41,6 @@ def closed(tmp_path, count=3):
         keeper.add(square(10 + 25 * number, 10, name=f"number {number}"), 1.0 + number)
     keeper.close()
     return keeper.borders
-
-
-def test_a_border_that_nobody_named_is_shown_in_the_readers_language(tmp_path):
-    keeper = integrator(tmp_path)
-    keeper.add(square(10, 10), 1.0)
-    assert sentences.border_name(keeper.borders[0].name, "de") == "Grenze 1"
-    keeper.close()
 
 
 def test_borders_come_back_after_a_restart(tmp_path):
@@ -202,7 +195,10 @@ def test_a_schedule_is_followed_on_a_full_disk_too(tmp_path, monkeypatch):
         raise CodedError("cannot_write", what="", reason="disk is full")
 
     monkeypatch.setattr(files, "write_together", fail)
-    assert keeper.follow_schedules(start + 1.0) == () and not keeper.in_force.status(keeper.borders[0])[0]
+    assert keeper.follow_schedules(start + 1.0) == () and keeper.in_force.status(keeper.borders[0]) == (
+        False,
+        "off_schedule",
+    )
     assert keeper.follow_schedules(start + 60.0) == keeper.borders and keeper.in_force.status(keeper.borders[0]) == (
         True,
         "",

@@ -65,7 +65,7 @@ def test_a_polygon_without_a_seed_restricts_its_inside():
         ("bad_border_file", json.dumps({"type": "FeatureCollection", "features": [3]})),
         ("bad_border_file", json.dumps(feature({"type": "Point", "coordinates": [0, 0]}))),
         ("bad_border_file", json.dumps(feature({"type": "Polygon", "coordinates": [[[0, 0]], [[1, 1]]]}))),
-        ("too_few_points", json.dumps(feature({"type": "Polygon", "coordinates": [[[0, 0], [1, 1]]]}))),
+        ("bad_border_file", json.dumps(feature({"type": "Polygon", "coordinates": [[[0, 0], [1, 1]]]}))),
     ],
 )
 def test_bad_geojson_is_refused(code, document):

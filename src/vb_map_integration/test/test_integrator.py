@@ -1,10 +1,14 @@
 """Changes, history, checks and composition, without ROS."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
@@ -142,15 +146,42 @@ def test_a_gap_narrower_than_the_robot_is_no_path(monkeypatch, door, radius, par
         assert free_parts.count_free_parts(GridMap(data, 0.05), radius) == parts
 
 
-def test_the_hundredth_border_touches_no_other(monkeypatch):
-    """Not a measurement: adding one paints one region, whatever else is there."""
-    from vb_map_integration.grid import layered_map
-
+def test_no_free_space_left_for_the_robot_is_reported():
     keeper = integrator()
-    painted = []
-    original = layered_map.Region.apply
-    monkeypatch.setattr(layered_map.Region, "apply", lambda self, *args: (painted.append(1), original(self, *args)))
-    for k in range(100):
-        painted.clear()
-        keeper.add(square(5 + k, 5 + k % 80), float(k + 1))
-        assert len(painted) == 1
+    everything = VirtualBorder(at((-5, -5), (170, -5), (170, 130), (-5, 130)), at((80, 60))[0], closed=True)
+    found = [one.code for one in keeper.add(everything, 1.0).issues]
+    assert {"outside_map", "covers_nearly_all", "no_free_space_left"} == set(found)
+
+
+def test_each_robot_has_the_borders_that_name_it_or_nobody():
+    keeper = integrator()
+    keeper.add(square(30, 30), 1.0)
+    common = keeper.map_with_borders.data.copy()
+    keeper.add(square(80, 30, robots=("ada",)), 2.0)
+    keeper.add(square(80, 60, robots=("bob", "eve")), 3.0)
+    everything = keeper.map_with_borders.data
+    ada, bob, zoe = (keeper.map_with_borders_for(name).data for name in ("ada", "bob", "zoe"))
+    assert np.array_equal(zoe, common)
+    assert (ada == 100).sum() > (common == 100).sum() and (bob == 100).sum() > (common == 100).sum()
+    assert np.array_equal(np.maximum(ada, bob), everything), "the common map has them all"
+    assert not np.array_equal(ada, bob)
+    keeper.undo()
+    keeper.undo()
+    assert np.array_equal(keeper.map_with_borders_for("ada").data, common)
+    keeper.undo()
+    assert np.array_equal(keeper.map_with_borders_for("ada").data, GRID.data)
+
+
+PACKAGE = Path(__file__).resolve().parents[1]
+RAISED = "|".join(
+    [r'(?:IntegrationError|CodedError)\(\s*"(\w+)"', r'warn(?:ing)?\("(\w+)"', r'_coordinates\([^,]+, "(\w+)"']
+)
+
+
+def test_every_code_has_a_sentence():
+    codes = set()
+    for path in (PACKAGE / "src" / "vb_map_integration").rglob("*.py"):
+        for groups in re.findall(RAISED, path.read_text()):
+            codes.update(group for group in groups if group)
+    assert {"no_separation", "splits_free_space", "bad_points", "soft_border_ignored"} <= codes
+    assert codes <= set(sentences.catalog())

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import List, Sequence, Tuple
 
+from vb_core.notices import Notice
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.issues import WARNING, Issue, make_issue
+from vb_map_integration.borders.issues import warning
 from vb_map_integration.grid.free_parts import count_free_parts
-from vb_map_integration.grid.layered_map import LayeredMap, Region
+from vb_map_integration.grid.layered_map import LayeredMap
 from vb_map_integration.integration import Area, restricted_area
 
 
@@ -24,7 +25,7 @@ class CheckResult:
     """
 
     area: Area
-    issues: Tuple[Issue, ...]
+    issues: Tuple[Notice, ...]
     free_parts: int
     layered_map: LayeredMap
 
@@ -51,17 +52,17 @@ class BorderCheck:
             robots: as of `restricted_area`.
 
         Raises:
-            IntegrationError: with all issues.
+            IntegrationError: with what was found before.
         """
         area = restricted_area(before.physical, border, robots)
-        after = before.with_regions({border.id: Region.of(area) if border.zone.restricts else None})
+        after = before.with_regions({border.id: area if border.zone.restricts else None})
         issues = list(area.issues)
         parts, left = self._count(before), self._count(after)
         self._parts = [(before, parts), (after, left)]
         if left > parts:
-            issues.append(make_issue(WARNING, "splits_free_space"))
+            issues.append(warning("splits_free_space"))
         if left == 0 and parts > 0:
-            issues.append(make_issue(WARNING, "no_free_space_left"))
+            issues.append(warning("no_free_space_left"))
         return CheckResult(area, tuple(issues), left, after)
 
     def _count(self, layered: LayeredMap) -> int:

@@ -17,7 +17,8 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.borders.schedule import is_scheduled
-from vb_map_integration.grid.layered_map import LayeredMap, Region, join_regions
+from vb_map_integration.grid.layered_map import LayeredMap
+from vb_map_integration.grid.region import Region, join_regions
 from vb_map_integration.integration import restricted_area
 from vb_map_integration.places.border_place import BorderPlace
 
@@ -179,7 +180,7 @@ def _judge(
     before = place.region_before(grid) if _has_a_side(border) else now
     if not why and not place.is_certain:
         why = PLACE
-    if not why and before is not now and _shared(before, now) < _SAME_EFFECT:
+    if not why and before is not now and (before is None or before.shared(now) < _SAME_EFFECT):
         why = EFFECT
     possible = [now, *(_region(grid, other)[0] for other in place.others)]
     if why and before is not None:
@@ -193,7 +194,7 @@ def _judge(
 def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
     """Returns what a border restricts, or None and why it restricts nothing."""
     try:
-        return Region.of(restricted_area(grid, border)), ""
+        return restricted_area(grid, border), ""
     except IntegrationError as error:
         return None, error.code
 
@@ -201,18 +202,3 @@ def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str
 def _has_a_side(border: VirtualBorder) -> bool:
     """Returns whether walls decide what a border closes off, and not its own line alone."""
     return not border.closed and not border.wall
-
-
-def _shared(before: Optional[Region], now: Optional[Region]) -> float:
-    """Returns the share of the cells of two regions that is in both."""
-    if before is None or now is None:
-        return 0.0
-    (rows, columns), (r, c) = before.window, now.window
-    top, left = max(rows.start, r.start), max(columns.start, c.start)
-    bottom, right = min(rows.stop, r.stop), min(columns.stop, c.stop)
-    one, other = before.mask, now.mask
-    both = 0
-    if top < bottom and left < right:
-        part = one[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start] != 0
-        both = int((part & (other[top - r.start : bottom - r.start, left - c.start : right - c.start] != 0)).sum())
-    return both / max(1, int((one != 0).sum()) + int((other != 0).sum()) - both)

@@ -22,7 +22,7 @@ from vb_map_integration.border_check import BorderCheck, CheckResult
 from vb_map_integration.in_force import InForce, Verdict, put_in_force
 from vb_map_integration.verdict_notices import find_notices
 from vb_map_integration.storage.database import BorderChange, Change, Database, fingerprint
-from vb_map_integration.borders.issues import WARNING, Issue, IntegrationError, make_issue
+from vb_map_integration.borders.issues import IntegrationError, warning
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.registration import Transform
 
@@ -38,10 +38,10 @@ class ChangeResult:
     """
 
     ids: Tuple[str, ...]
-    issues: Tuple[Issue, ...]
+    issues: Tuple[Notice, ...]
     message: str
 
-    def with_issues(self, more: Tuple[Issue, ...]) -> "ChangeResult":
+    def with_issues(self, more: Tuple[Notice, ...]) -> "ChangeResult":
         """Returns the result with more warnings."""
         return replace(self, issues=(*self.issues, *more))
 
@@ -235,7 +235,7 @@ class MapIntegrator:
             places: (N, 2) [m] where the robots are that it is for.
 
         Raises:
-            CodedError: "no_map", or an IntegrationError with all issues, "unknown_robot" among them.
+            CodedError: "no_map", "unknown_robot", or as `restricted_area`.
         """
         self._check_robots(border)
         return self._check(self.in_force.layered_map, border, places)
@@ -392,7 +392,7 @@ class MapIntegrator:
         now: float,
         request_id: str = "",
         check: Optional[CheckResult] = None,
-    ) -> Tuple[Issue, ...]:
+    ) -> Tuple[Notice, ...]:
         """Makes a change, all of it or, with a CodedError, nothing; returns warnings about borders that do not act."""
         physical = self.physical
         self._database.commit(place, change, kind, request_id)
@@ -400,7 +400,7 @@ class MapIntegrator:
             return ()
         self._refresh(physical, now, (change[0].id, check.layered_map) if check else None)
         verdicts = [self.in_force.verdicts[entry.id] for entry in change if entry.after is not None]
-        return tuple(make_issue(WARNING, one.code, **one.values) for one in verdicts if one.code)
+        return tuple(warning(one.code, **one.values) for one in verdicts if one.code)
 
     # ------------------------------------------------------------- files
     def save(self, folder: Path, name: str, raw: bool) -> List[Path]:

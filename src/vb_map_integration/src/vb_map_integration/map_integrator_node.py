@@ -35,6 +35,7 @@ from vb_msgs.srv import (
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
+from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.notices import NoticePublisher
@@ -43,7 +44,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message, messages_from_issues, message_from_border
 from vb_map_integration.grid.costmap_settings import is_trinary
-from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError, make_issue
+from vb_map_integration.borders.issues import IntegrationError, issues_of, warning
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
 
 _SCHEDULE_PERIOD = 1.0  # [s] schedules are in minutes: nobody waits for this
@@ -231,14 +232,14 @@ class MapIntegratorNode:
             found.append((float(pose[0, 3]), float(pose[1, 3])))
         return found
 
-    def _soft_issues(self, border: VirtualBorder) -> Tuple[Issue, ...]:
+    def _soft_issues(self, border: VirtualBorder) -> Tuple[Notice, ...]:
         """Warns if a running move_base treats every soft value as free (its default, trinary_costmap)."""
         if border.value in (0, 100):
             return ()
         bases = [f"/{name}/move_base" for name in self._robot_maps] or ["/move_base"]
         costmaps = [f"{base}/{which}_costmap" for base in bases for which in ("global", "local")]
         blind = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
-        return (make_issue(WARNING, "soft_border_ignored", costmaps=", ".join(blind)),) if blind else ()
+        return (warning("soft_border_ignored", costmaps=", ".join(blind)),) if blind else ()
 
     def _refused(self, response: Any, error: CodedError) -> Any:
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
@@ -248,8 +249,7 @@ class MapIntegratorNode:
         if hasattr(response, "revision"):
             response.revision = self._integrator.revision
         if hasattr(response, "issues"):
-            plain = (make_issue(ERROR, error.code, **error.values),)
-            response.issues = messages_from_issues(error.issues if isinstance(error, IntegrationError) else plain)
+            response.issues = messages_from_issues(issues_of(error))
         return response
 
     def _done(self, response: Any, outcome: ChangeResult) -> Any:
@@ -335,7 +335,7 @@ class MapIntegratorNode:
         except CodedError as error:
             return self._refused(response, error)
         after = check.layered_map.map_with_borders
-        region = after.with_data(np.where(check.area.region(after.shape), np.int8(100), np.int8(0)))
+        region = after.with_data(np.where(check.area.spread(after.shape), np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
         response.area_m2, response.line = check.area.area_m2, messages.points_from_array(check.area.line)
         response.free_parts = check.free_parts

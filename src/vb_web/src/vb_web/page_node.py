@@ -11,7 +11,6 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 import rospy
-from std_msgs.msg import Float32
 from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import RobotStatusArray, StudyEvent, VirtualBorder, VirtualBorderArray
 
@@ -39,7 +38,6 @@ from vb_web.view import View, coarse_age, mark_borders, rounded
 
 _POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
 _HEALTH_PERIOD = 0.5  # [s]
-_LEVEL_PERIOD = 0.25  # [s] the microphone's level is shown no more often
 _SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's driver more often
 _INVITATION = "page_invitation"
 _SESSIONS = "page_sessions.json"  # beside the codes
@@ -71,7 +69,6 @@ class PageNode:
         /virtual_borders/progress (vb_msgs/BorderProgress), /virtual_borders/preview (vb_msgs/BorderPreview)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/notices (vb_msgs/NoticeArray)
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/drivers (vb_msgs/DriverState)
-        /virtual_borders/voice/level (std_msgs/Float32)
         /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, and so what is offered and claimed
         /tf, /tf_static (tf2_msgs/TFMessage): the robots' and the cameras' poses
         <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): while a browser shows them
@@ -108,7 +105,6 @@ class PageNode:
         self._answered: Any = None
         self._state_at = time.monotonic()
         self._invites: Optional[NoticePublisher] = None
-        self._level_at = -1e9
         self._spots: Dict[str, Any] = {}
         self._wrong_codes, self._wrong_told = 0, _WRONG_CODES
         self._poses: Dict[str, List[Optional[float]]] = {}  # by robot
@@ -207,7 +203,6 @@ class PageNode:
                 (names.SPOTS, LaserSpot, self._on_spot, {"queue_size": 20, **small}),
                 (names.DETECTORS, DetectorStatus, self._on_detector, {"queue_size": 20}),
                 (names.DRIVERS, DriverState, self._on_driver, {"queue_size": 20}),
-                (names.VOICE_LEVEL, Float32, self._on_level, {"queue_size": 1}),
             )
         }
 
@@ -309,12 +304,6 @@ class PageNode:
                 self._spots.pop(next(iter(self._spots)))
             self._view.put("spots", dict(self._spots))
 
-    def _on_level(self, message: Float32) -> None:
-        now = time.monotonic()
-        if now - self._level_at > _LEVEL_PERIOD:
-            self._level_at = now
-            self._view.put("level", rounded(message.data, 1))
-
     def _show_notices(self) -> None:
         # a page's code is for the room: a viewer must not read the operator's
         held = [notice for notice in self._told.current() if notice.code != _INVITATION]
@@ -373,8 +362,6 @@ class PageNode:
             },
         )
         self._view.put("beat", int(now) // 2)  # so that a browser hears that it is still connected
-        if now - self._level_at > _SILENCE_TIMEOUT:
-            self._view.put("level", None)
 
     def _connected(self, topic: str) -> bool:
         return self._subscribers[topic].get_num_connections() > 0

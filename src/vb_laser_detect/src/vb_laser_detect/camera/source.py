@@ -33,6 +33,9 @@ _POLL_PERIOD = 0.002  # [s] a device is asked: waiting for it could not be ended
 _NONBLOCK = "4"  # AVFMT_FLAG_NONBLOCK has no name among FFmpeg's options
 _CLOCK_LIMIT = 5.0  # [s] a device whose stamps are farther from now has no clock
 _OFFSET_WINDOW = 500  # [packets] over which the quickest one counts
+_CATCH_UP = (
+    1.0  # [s] a file that is late by less keeps its images' times; a stroke's spots stay as far apart as they were
+)
 _QUEUED = 0.5  # [s] what is read later than that is not caught up with, image by image
 # a sentence's code, to FFmpeg's errors that it tells of; others are told in FFmpeg's own words
 _REASONS = {
@@ -251,7 +254,7 @@ class CameraSource:
                     yield Shot(taken(packet), jpeg=bytes(packet))
                 continue
             at = taken(packet)
-            late = time.time() - delay - at > _QUEUED
+            late = not is_file(self.address) and time.time() - delay - at > _QUEUED
             # one that stands by itself twice a second, however late: a network may have become slower for good
             whole = packet.is_keyframe and (not late or at - newest > _QUEUED) or whole and not late
             if not whole:
@@ -298,9 +301,9 @@ class CameraSource:
                 if packet.dts is not None:
                     first = packet.dts if first is None else first
                     due = began + float((packet.dts - first) * packet.time_base)
-                    behind = max(0.0, time.time() - due)
+                    behind = max(0.0, time.time() - due - _CATCH_UP)
                     began, due = began + behind, due + behind
-                    self._closed.wait(due - time.time())
+                    self._closed.wait(max(0.0, due - time.time()))
                 if first is not None:
                     yield packet, began - float(first * stream.time_base)
             if first is None:

@@ -34,6 +34,7 @@ _MAX_INCIDENCE = 85.0  # [deg] between ray and the floor's normal; there an erro
 _MAX_HEIGHT, _HEIGHT_PER_RANGE = 0.08, 0.03
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
 _DEPTH_SHARE = 0.3  # of the neighbourhood needs readings; else the plane is used, and marked
+_SAME_SURFACE = 0.08  # of the depth; readings that differ by more are of a thing beside the spot
 _MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings are none, for every camera of this kind
 
 
@@ -199,19 +200,12 @@ def depth_at(depth: np.ndarray, pixel: np.ndarray) -> Optional[float]:
     if good.sum() < max(1, _DEPTH_SHARE * part.size):
         return None
     values = part[good]
-    middle = float(np.median(values))
-    # a plane seen at a slant has a constant gradient of inverse depth: fit it to what is near the median,
-    # so that holes on one side and the pixel's place within its cell do not shift the result
-    near = np.abs(values - middle) < max(0.05, 0.08 * middle)
-    if near.sum() < 6 or rx == 0 or ry == 0:
-        return middle
-    offsets = np.column_stack([columns[good][near] - (pixel[0] - column), rows[good][near] - (pixel[1] - row)])
-    design = np.column_stack([np.ones(len(offsets)), offsets])
-    solution, _, rank, _ = np.linalg.lstsq(design, 1.0 / values[near], rcond=None)
-    if rank < 3 or solution[0] <= 0:
-        return middle
-    fitted = 1.0 / float(solution[0])
-    return fitted if abs(fitted - middle) < max(0.05, 0.08 * middle) else middle
+    # a plane seen at a slant has a constant gradient of inverse depth: fit it to what is near the median, so that holes on one
+    # side and the pixel's place within its cell do not shift the result
+    near = np.abs(values - np.sort(values)[len(values) // 2]) < _SAME_SURFACE * values
+    offsets = columns[good][near] - (pixel[0] - column), rows[good][near] - (pixel[1] - row)
+    design = np.column_stack([np.ones(near.sum()), *offsets])
+    return 1.0 / float(np.linalg.lstsq(design, 1.0 / values[near], rcond=None)[0][0])
 
 
 # ------------------------------------------------------------------ one image

@@ -5,7 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from vb_core import masks
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 
 # larger maps are checked in coarser cells: the answer is about doors and rooms, and needed at once
@@ -16,7 +15,7 @@ MIN_PART = 0.1
 
 def count_free_parts(grid: GridMap, radius: float) -> int:
     """Counts the parts of the free space between which a robot of a radius [m] cannot go; tiny ones do not count."""
-    free = masks.threshold_mask(np.ascontiguousarray(grid.data).view(np.uint8), OCCUPIED_THRESHOLD, cv2.CMP_LT)
+    free = cv2.inRange(np.ascontiguousarray(grid.data), 0, OCCUPIED_THRESHOLD - 1)
     factor = int(np.ceil(np.sqrt(free.size / MAX_CELLS)))
     cell = grid.resolution * factor
     reach = radius / cell
@@ -26,7 +25,7 @@ def count_free_parts(grid: GridMap, radius: float) -> int:
         reach = max(0.0, reach - 0.5)
     if reach > 1.0:
         framed = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-        free = masks.threshold_mask(cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1], reach, cv2.CMP_GT)
+        free = (cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1] > reach).astype(np.uint8)
     _, _, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
     return int((stats[1:, cv2.CC_STAT_AREA] * cell**2 >= MIN_PART).sum())
 
@@ -37,4 +36,4 @@ def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
     padded = cv2.copyMakeBorder(
         free, 0, rows * factor - free.shape[0], 0, columns * factor - free.shape[1], cv2.BORDER_CONSTANT, value=0
     )
-    return masks.threshold_mask(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 254, cv2.CMP_GT)
+    return cv2.inRange(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 255, 255)

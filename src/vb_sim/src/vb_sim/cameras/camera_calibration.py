@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_sim.room.camera_models import Optics, make_generator
+from vb_sim.models import Optics, make_generator
 from vb_sim.room.world import CeilingCamera
 
 _RIM = 0.85  # share of the distance from the centre of the view to its rim: where a person marks places

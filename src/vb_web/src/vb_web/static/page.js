@@ -73,10 +73,6 @@ const DRAW = {
   spots(section) {
     map.setSpots(section);
   },
-  level(section) {
-    $("level").hidden = section === null;
-    $("level").querySelector("meter").value = section === null ? -60 : section;
-  },
   notices() {
     drawNotices();
     drawHealth();
