@@ -35,8 +35,8 @@ def test_dbscan_equals_the_definition(points, eps, min_pts):
 @SETTINGS
 @given(clouds, st.integers(1, 12))
 def test_clustering_equals_the_transcription(points, min_size):
-    found = find_cluster(np.array(points), 0.25, 1, 0.3, np.inf, min_size)
-    assert found.tolist() == sorted(transcription.clustering(points, 0.25, 1, 0.3, np.inf, min_size))
+    found = find_cluster(np.array(points), 0.25, 1, 0.3, min_size)
+    assert found.tolist() == sorted(transcription.clustering(points, 0.25, 1, 0.3, min_size))
 
 
 @SETTINGS
@@ -60,7 +60,7 @@ def test_whole_paper_mode_equals_the_transcription(seed):
     points = np.column_stack([np.interp(s, range(5), [0, 1, 1, 0, 0]), np.interp(s, range(5), [0, 0, 1, 1, 0])])
     points = np.vstack([points + rng.normal(0, 0.02, points.shape), rng.uniform(-4, 4, (15, 2))])
     everything = [tuple(p) for p in points]
-    cluster = [everything[i] for i in sorted(transcription.clustering(everything, 0.5, 1, 0.3, np.inf, 10))]
+    cluster = [everything[i] for i in sorted(transcription.clustering(everything, 0.5, 1, 0.3, 10))]
     thinned = transcription.thinning(cluster, 0.1)
     expected = np.array([thinned[i] for i in transcription.generate_poly(thinned, 0.5)])
     chain = extract_border(points, ExtractionParams.paper()).points
