@@ -17,6 +17,7 @@ SAMPLES = {
     "detection/clips.py": "{clips} --roles window",
     "detection/frames.py": "--scenes 'held still' --share 0.02 --times robot --rounds 1",
     "extraction/accuracy.py": "--only usual speed --draws 1 --strokes 1 --spots 1000 --methods robust",
+    "extraction/constants.py": "--times 0.03 --only CORNER_MISFIT",
     "extraction/model_hand.py": "--times 0.01",
     "extraction/stages.py": "{folder}",
     "lab/camera_faults.py": "--times 1 --only stalled",

@@ -29,7 +29,7 @@ SHORTEST_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people d
 LONGEST_BLINK = 0.5  # [s] light that stays is seen again within this: two images in a row missed at 5 a second
 MIN_SPOTS = 3
 NEW_PLACE_GAIN = 1.0  # weight of a place that was not seen before
-KNOWN_PLACE_GAIN = 0.2  # of one that was: a fifth, so that a second of new light outweighs five of old
+KNOWN_PLACE_GAIN = 0.2  # of one that was: one camera that sees new light counts more than two that see old
 
 
 @dataclass(frozen=True)

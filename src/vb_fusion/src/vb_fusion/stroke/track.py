@@ -10,8 +10,8 @@ track is the sequence of places that explains the most floor with the least effo
             pause is free. Hands flick, too: beyond a TREMOR the cost grows with the logarithm only, as the likelihood
             of an error with heavy tails does. So a rest behind a flick belongs to the stroke, and a stray does not pay
 
-The best track is found by dynamic programming, place by place in the order of time. The branches that it leaves are
-the other strokes.
+The best track is found by dynamic programming, place by place in the order of time. It takes its moments and its floor
+with it; the best track of what is left is the next stroke.
 """
 
 from __future__ import annotations
