@@ -10,12 +10,10 @@ QUICK    ?=
 CONFIG   ?=
 OUT      ?= out/study
 CAMERA   ?=
-HOURS    ?= 24
-EXAMPLES ?= 3000
 PROCESSES ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup navigation try demo test unit rostest docs study soak clean
+.PHONY: help setup navigation try demo test unit rostest docs study clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 13
@@ -44,18 +42,13 @@ rostest: setup ## only the tests of nodes
 
 docs: ## the documentation as a site, into out/site
 	@test -x out/mkdocs/bin/mkdocs || { python3 -m venv out/mkdocs && out/mkdocs/bin/pip install -q mkdocs-material==9.6.14; }
-	@out/mkdocs/bin/python scripts/reference --site
 	@out/mkdocs/bin/mkdocs build --quiet --strict
 
 study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 CONFIG=file OUT=folder PROCESSES=number
-	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" $(if $(QUICK),--quick) \
+	@. scripts/env.sh && python3 -m vb_evaluation.study --out "$(OUT)" $(if $(QUICK),--quick) \
 	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
 	    && python3 -m vb_evaluation.study_kit report "$(OUT)"
-
-soak: setup ## simulated days with people, crashes, stepped clocks, then examples drawn for every input: HOURS=24 SEED=1 EXAMPLES=3000
-	@. scripts/env.sh && python3 bench/lab/soak.py --hours "$(HOURS)" --seed "$(SEED)" \
-	    && FUZZ_EXAMPLES="$(EXAMPLES)" python3 -m pytest -q --hypothesis-seed="$(SEED)" test/test_fuzz.py
 
 clean: ## removes what was built and written, keeps the system packages
 	rm -rf build devel install logs out .venv navigation_ws src/CMakeLists.txt .catkin_workspace

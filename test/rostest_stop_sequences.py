@@ -43,7 +43,7 @@ class StopSequences(unittest.TestCase):
             "vb_voice_wizard",
             "interaction_manager",
             "__name:=interaction_manager",
-            f"_state_file:={FOLDER}/s.json",
+            f"_stop_file:={FOLDER}/manager.json",
             f"_log_file:={FOLDER}/l",
         )
         cls.robot = Process("vb_robot", "robot_driver", "__name:=robot_driver", f"_stop_file:={FOLDER}/robot.json")

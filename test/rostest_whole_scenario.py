@@ -35,13 +35,13 @@ class WholeScenario(unittest.TestCase):
         observer, seen, entered, alarms = Observer(), [], {}, set()
 
         def hear(message: NoticeArray) -> None:
-            if not (observer.state and observer.state.state == InteractionState.BORDER and len(seen) > 20):
+            if not (observer.state and observer.state.name == "border" and len(seen) > 20):
                 alarms.update(one.message for one in message.notices if one.code.startswith(ALARMS))
 
         rospy.Subscriber(names.NOTICES, NoticeArray, hear)
 
         def keep(spot: LaserSpot) -> None:
-            if observer.state is not None and observer.state.state == InteractionState.BORDER:
+            if observer.state is not None and observer.state.name == "border":
                 seen.append((spot.position.x, spot.position.y))
 
         subscriber = rospy.Subscriber(names.SPOTS, LaserSpot, keep)

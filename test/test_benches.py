@@ -12,24 +12,22 @@ import pytest
 TOP = Path(__file__).resolve().parents[1]
 
 SAMPLES = {
-    "detection/calibration.py": "--repetitions 2",
     "detection/camera_kinds.py": "--rows '320 x 240'",
     "detection/clips.py": "{clips} --roles window",
+    "detection/constants.py": "--clips {clips} --share 0 --only proposals",
     "detection/frames.py": "--scenes 'held still' --share 0.02 --times robot --rounds 1",
     "extraction/accuracy.py": "--only usual speed --draws 1 --strokes 1 --spots 1000 --methods robust",
     "extraction/constants.py": "--times 0.03 --only CORNER_MISFIT",
     "extraction/model_hand.py": "--times 0.01",
     "extraction/stages.py": "{folder}",
-    "lab/camera_faults.py": "--times 1 --only stalled",
     "lab/cameras.py": "--cameras 1 --seconds 1",
-    "lab/image_cost.py": "--scenes 'held still' --share 0.02",
+    "lab/image_cost.py": "--spans 0",
     "lab/page.py": "--browsers 1 --seconds 1",
     "lab/page_hostile.py": "--seconds 1 --only nothing slow_headers",
-    "lab/soak.py": "--hours 0.05",
     "maps/crashes.py": "--crashes 3",
     "maps/integration.py": "--sizes 320x200 --borders 2 --rounds 1",
     "mutants.py": "--modules vb_core.geometry --each 1",
-    "detection/training.py": "--scenes grey --share 0.02 --examples {folder}/examples --out {folder}/made.json",
+    "detection/training.py": "--clips {clips} --scenes grey --share 0.02 --examples {folder}/examples --out {folder}/made.json",
 }
 
 

@@ -3,7 +3,7 @@
 The idea: no list of attacks. A message's strategy follows its definition (genpy's slots), a parameter
 class's its fields, a launch file's its arguments, a file's the bytes of a good one with some of them
 changed; a new field or argument is in the examples by itself. FUZZ_EXAMPLES says how many per test: few in
-`make test`, thousands in `make soak`.
+`make test`, thousands before a release.
 """
 
 import dataclasses
@@ -35,6 +35,7 @@ from vb_core.robot_profile import RobotProfile
 from vb_core.ros import cameras, images, messages
 from vb_laser_detect.calibration import calibration_file
 from vb_map_integration.borders import border_messages, geojson
+from vb_map_integration.storage.durable_values import FILES
 from vb_msgs.msg import VirtualBorder
 from vb_sim.room.world import load_world
 from vb_web import action_requests
@@ -298,17 +299,17 @@ def test_a_damaged_database_loses_nothing_that_its_twin_has(tmp_path):
         keeper.add(border, 1.0)
     wanted = [(border.id, border.points.tolist()) for border in keeper.borders]
     keeper.close()
-    main = next(path for path in (tmp_path / "good").glob("*.db") if ".twin" not in path.name)
-    good = main.read_bytes()
+    main, twin = FILES
+    good = (tmp_path / "good" / main).read_bytes()
 
     @bounded(0.4)
     @given(damaged(good), st.booleans())
     def check(data, with_twin):
         shutil.rmtree(str(tmp_path / "bad"), ignore_errors=True)
         shutil.copytree(str(tmp_path / "good"), str(tmp_path / "bad"))
-        (tmp_path / "bad" / main.name).write_bytes(data)
+        (tmp_path / "bad" / main).write_bytes(data)
         if not with_twin:
-            (tmp_path / "bad" / main.name.replace(".db", ".twin.db")).unlink()
+            (tmp_path / "bad" / twin).unlink()
         again = integrator(tmp_path / "bad")
         found = [(border.id, border.points.tolist()) for border in again.borders]
         again.close()

@@ -102,6 +102,7 @@ ROSDEP_KEYS = {"alsa-utils"} | {
         "opencv",
         "paho-mqtt",
         "pandas",
+        "pil",
         "pytest",
         "rospkg",
         "scipy",
@@ -243,67 +244,25 @@ def test_reference_is_that_of_the_code():
     assert done.returncode == 0, done.stdout
 
 
-def test_the_comments_of_parameters_are_read_with_their_sections(tmp_path):
-    """A copied name of the table must be accepted: a commented parameter belongs where it would stand if it were set."""
-    path = tmp_path / "node.yaml"
-    path.write_text(
-        "# Parameters of a node.\nfirst: 1   # of all\n# image: raw   # topic\nempty: {}\n  # low: 1   # in empty\n"
-        "full:\n  high: 2   # in full\n  deep:\n    # lowest: 4   # in deep\n  # middle: 5   # in full\n"
-        "many:\n  - low: 3   # in an item\n    high: 4\n  - {low: 5}\n# before\nlast: 6\n# frame: map   # of the node\n"
-    )
-    assert load_script("reference").read_comments(path) == [
-        ("", "first", "1", "of all"),
-        ("", "image", "raw", "topic"),
-        ("", "empty", "{}", ""),
-        ("empty", "low", "1", "in empty"),
-        ("full", "high", "2", "in full"),
-        ("full.deep", "lowest", "4", "in deep"),
-        ("full", "middle", "5", "in full"),
-        ("", "last", "6", "before"),
-        ("", "frame", "map", "of the node"),
-    ]
-
-
-@pytest.mark.parametrize(
-    "comment, doc, complaint",
-    [
-        pytest.param("", "", "low", id="no meaning"),
-        pytest.param("   # [m] of the floor", "", "low", id="needs its key"),
-        pytest.param("   # [m] height of the floor", "how high the floor is", "how high", id="two meanings"),
-        pytest.param(
-            "   # [m] height of the floor: 0 in most labs", "height of the floor", "", id="beginning repeated"
-        ),
-    ],
-)
-def test_each_parameter_has_one_meaning_that_can_be_read_alone(monkeypatch, tmp_path, comment, doc, complaint):
-    reference = load_script("reference")
-    package = tmp_path / "src" / "vb_x"
-    (package / "config").mkdir(parents=True)
-    (package / "src").mkdir()
-    (package / "config" / "node.yaml").write_text(f"low: 0.0{comment}\n")
-    (package / "src" / "node.py").write_text(f"class NodeParams:\n    low: float = param(0.0, doc={doc!r})\n")
-    monkeypatch.setattr(reference, "TOP", tmp_path)
-    if complaint:
-        with pytest.raises(ValueError, match=complaint):
-            reference.read_parameters()
-    else:
-        (rows,) = reference.read_parameters().values()
-        assert rows == [("low", "0.0", "m", "", "height of the floor: 0 in most labs")]
-
-
-def test_a_parameter_without_a_comment_has_that_of_its_section_or_of_the_same_key_elsewhere(monkeypatch, tmp_path):
-    reference = load_script("reference")
-    folder = tmp_path / "src" / "vb_x" / "config"
-    folder.mkdir(parents=True)
-    (folder / "models.yaml").write_text("reach: 2.0   # [m] distance to the spot\n")
-    (folder / "study.yaml").write_text("words:   # what people say\n  save: save\ntraits:\n  reach: 3.0   # [m]\n")
-    monkeypatch.setattr(reference, "TOP", tmp_path)
-    meanings = {row[0]: row[4] for rows in reference.read_parameters().values() for row in rows}
-    assert meanings == {
-        "reach": "distance to the spot",
-        "words/save": "what people say",
-        "traits/reach": "distance to the spot",
-    }
+def test_each_parameter_is_explained_where_it_is_set():
+    """By a comment behind it, above it, or of its section."""
+    bare = []
+    for path in TOP.glob("src/*/config/*.yaml"):
+        above, sections = None, [(-1, False)]
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            indent = len(line) - len(line.lstrip())
+            match = re.match(r"\s*[\w$ -]+:( +(?!#)\S+.*?)?( +# ?\S.*)?$", line)
+            if match:
+                while sections[-1][0] >= indent:
+                    sections.pop()
+                explained = above == indent or bool(match.group(2)) or sections[-1][1]
+                if match.group(1) is None:
+                    sections.append((indent, explained))
+                elif not explained:
+                    bare.append(f"{path.relative_to(TOP)}:{number}: {line.strip()}")
+            # a heading explains nothing; under a comment behind a value one goes on, farther to the right
+            above = indent if re.match(r"\s*# ?[^-\s]", line) else None
+    assert not bare, bare
 
 
 def test_a_docstring_names_every_fixed_topic_that_its_node_uses():
@@ -322,19 +281,18 @@ def test_a_docstring_names_every_fixed_topic_that_its_node_uses():
     assert not missing
 
 
-@pytest.mark.parametrize(
-    "section, entry",
-    [("Parameters", text) for text in ("~* NoSuchParams", "config/no_such_file.yaml", "a sentence about them.")]
-    + [("Subscribed topics", text) for text in ("/a, /b", "/a: text", "tf: a to b", "/a (x_msgs/A) text")],
-)
-def test_reference_refuses_what_it_cannot_read(section, entry):
-    reference = load_script("reference")
-    docstring = f"A node.\n\n{section}:\n    /c (x_msgs/C)\n    {entry}\n"
-    if section == "Parameters":
-        docstring = docstring.replace("    /c (x_msgs/C)\n", "")
-    read = reference.write_nodes if section == "Parameters" else reference.read_interfaces
-    with pytest.raises(ValueError, match=f"node: {section}"):
-        read({"vb_robot": [("node", docstring)]})
+def test_the_table_of_topics_has_every_fixed_name():
+    table = (TOP / "docs" / "reference" / "topics.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^\| `([^`]+)` \|", table, re.MULTILINE))
+    fixed = {value for key, value in vars(names).items() if key.isupper() and key != "MAP_FRAME"}
+    assert not fixed - listed
+
+
+@pytest.mark.parametrize("entry", ["/a, /b", "/a: text", "tf: a to b", "/a (x_msgs/A) text"])
+def test_reference_refuses_what_it_cannot_read(entry):
+    docstring = f"A node.\n\nSubscribed topics:\n    /c (x_msgs/C)\n    {entry}\n"
+    with pytest.raises(ValueError, match="node: Subscribed topics"):
+        load_script("reference").read_interfaces({"vb_robot": [("node", docstring)]})
 
 
 # ------------------------------------------------------------ words

@@ -22,14 +22,19 @@ CAMERAS, ROOMS = (
 
 
 def camera_and_room(group: str) -> Tuple[str, str]:
-    """Returns a clip's camera and room, however it was taken again; one of its own for a room that has no name."""
-    camera = next(name for name in CAMERAS if name in group)
+    """Returns a clip's camera and room, however it was taken again; one of its own where its name tells neither."""
+    camera = next((name for name in CAMERAS if name in group), group.split(": ")[-1])
     return camera, next((name for name in ROOMS if name in group), f"{camera}'s")
 
 
 def is_clip(group: str) -> bool:
-    """Returns whether examples are a clip's, and not a rendered scene's or a recording's."""
-    return not group.startswith(("ceiling: ", "robot: ", "recording: "))
+    """Returns whether examples are a clip's, and not a rendered scene's."""
+    return not group.startswith(("ceiling: ", "robot: "))
+
+
+def reach_in(video: dict) -> float:
+    """Returns how near to a label [px] a clip's spot is right."""
+    return REACH_PX * max(1.0, video["width"] / 640.0)
 
 
 def left_out_with(groups: Sequence[str]) -> Dict[str, List[str]]:

@@ -28,9 +28,9 @@ from typing import Any, Dict, List, Sequence, Tuple
 import cv2
 import numpy as np
 
-from bench.detection.clip_frames import REACH_PX, ROLES, UNLABELED, frames_of, is_clip, left_out_with
+from bench.detection.clip_frames import ROLES, UNLABELED, frames_of, reach_in
 from bench.detection.finder import Finder
-from bench.detection.fitting import calibrate, fit_without, load_examples, validate
+from bench.detection.fitting import judges_of_clips, load_examples
 from bench.frame import Table, arguments
 from vb_evaluation.statistics import proportion
 
@@ -96,13 +96,7 @@ def main() -> int:
     given = parser.parse_args()
     cv2.setNumThreads(1)
     videos = json.loads((given.folder / "labels.json").read_text())["videos"]
-    examples = load_examples(sorted(given.left_out.glob("*.npz"))) if given.left_out else None
-    judges = {}
-    if examples:
-        judges = fit_without(examples, left_out_with([str(group) for group in np.unique(examples.groups)]))
-        real = [one for one in validate(examples, judges) if is_clip(one[0])]
-        scores = [np.concatenate([one[i] for one in real]) for i in (1, 2)]
-        judges = {name: calibrate(judges[name], *scores) for name in videos if name in judges}
+    judges = judges_of_clips(load_examples(sorted(given.left_out.glob("*.npz")))) if given.left_out else {}
     table = Table(given.csv)
     for role in given.roles:
         preset, counts = "stationary" if role == "stationary" else "mobile", {}
@@ -114,8 +108,7 @@ def main() -> int:
                 finders["left out"] = Finder(preset, None, judges[name], confirm_frames=1)
             if given.other:
                 finders["other"] = Finder(preset, given.other, confirm_frames=1)
-            reach = REACH_PX * max(1.0, video["width"] / 640.0)
-            here = {version: Count(one, reach, UNLABELED.get(name, ())) for version, one in finders.items()}
+            here = {version: Count(one, reach_in(video), UNLABELED.get(name, ())) for version, one in finders.items()}
             for number, frame in enumerate(frames_of(given.folder / "clips" / name, video, role)):
                 for count in here.values():
                     count.look(*frame, number)

@@ -14,6 +14,7 @@ from typing import Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
+from bench.detection.clip_frames import is_clip, left_out_with
 from vb_core.image_format import Picture
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.detection.features import Blob, SpotClassifier
@@ -137,7 +138,7 @@ def collect(frames: Iterable[LabeledFrame], params: DetectorParams, group: str, 
 def fit(examples: Examples) -> SpotClassifier:
     """Fits the curves: a logistic regression over ramps whose signs are fixed, one convex problem with one solution.
 
-    Within a kind (clips; each kind of rendered scene, "kind: name"; recordings) each example counts alike, a false spot
+    Within a kind (clips; each kind of rendered scene, "kind: name") each example counts alike, a false spot
     as three missed ones; the spots of all kinds weigh the same together. Classes must not be balanced within a kind:
     one that shows few other bright things would price each at dozens of spots, and shift its limits into the spots.
     """
@@ -240,6 +241,15 @@ def calibrate(classifier: SpotClassifier, truth: np.ndarray, judged: np.ndarray)
     scale, shift = minimize(loss, np.array([1.0, 0.0]), method="Nelder-Mead").x
     curves = {name: (x, scale * y) for name, (x, y) in classifier.curves.items()}
     return SpotClassifier(curves, float(scale * classifier.intercept + shift))
+
+
+def judges_of_clips(examples: Examples) -> Dict[str, SpotClassifier]:
+    """Fits a classifier for each clip without all of its camera and of its room, calibrated on what was left out."""
+    left_out = left_out_with([str(group) for group in np.unique(examples.groups)])
+    judges = fit_without(examples, {group: out for group, out in left_out.items() if is_clip(group)})
+    judged = validate(examples, judges)
+    scores = [np.concatenate([one[i] for one in judged]) for i in (1, 2)]
+    return {group: calibrate(judge, *scores) for group, judge in judges.items()}
 
 
 def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:

@@ -14,15 +14,14 @@ from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tupl
 import numpy as np
 import yaml
 
+from bench.detection.disturbances import DisturbedSnapshot, SceneConditions
 from bench.detection.finder import Finder
 from bench.detection.motions import Place, place_and_velocity
 from bench.detection.rooms import Rooms
 from bench.frame import TOP
 from vb_laser_detect.detection.projection import ImageGeometry
 from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
-from vb_sim.lab_history import Snapshot
-from vb_sim.room.camera_models import make_generator
-from vb_sim.room.disturbances import SceneConditions
+from vb_sim.models import make_generator
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.world import World
 
@@ -89,7 +88,7 @@ class Outcome:
 class SeenFrame(ImageGeometry):
     """An image's geometry, and the truth."""
 
-    def __init__(self, snapshot: Snapshot, *geometry_of_it: Any) -> None:
+    def __init__(self, snapshot: DisturbedSnapshot, *geometry_of_it: Any) -> None:
         super().__init__(*geometry_of_it)
         self.snapshot = snapshot
 
@@ -108,24 +107,18 @@ class Camera:
         first = next(course(scene))[2]
         for view in self._views:
             # a scene's noise is its own, whichever scenes were played before in the same room
-            noise = make_generator(rooms.seed, f"scene {scene.name}")
-            if scene.mobile:
-                view.draw_from(noise)
-            else:
-                view.frame(first, noise)
+            view.draw_from(make_generator(rooms.seed, f"scene {scene.name}"))
+            if not scene.mobile:
+                view.frame(first)
         self._lasers: Dict[float, Optional[Place]] = {}
         self._missed: Dict[float, str] = {}  # why nothing was seen at a time [s], until a later frame recalls it
 
-    def picture(self, index: int, snapshot: Snapshot) -> Tuple[np.ndarray, SeenFrame, Any]:
+    def picture(self, index: int, snapshot: DisturbedSnapshot) -> Tuple[np.ndarray, SeenFrame, Any]:
         """Renders one frame: the image, its geometry, and the view that drew it."""
         view = self._views[index]
-        depth = None
-        if self._mobile:
-            image, pose, model = view.color(snapshot), view.camera_pose(snapshot), view.color_model
-            depth = lambda: (view.depth(snapshot), view.depth_model)  # noqa: E731
-        else:
-            image, pose, model = view.frame(snapshot), view.pose, view.model
-        return image, SeenFrame(snapshot, model, lambda: pose, self._projector, depth), view
+        image, pose = view.frame(snapshot), view.camera_pose(snapshot)
+        depth = (lambda: (view.depth(snapshot), view.depth_model)) if self._mobile else None
+        return image, SeenFrame(snapshot, view.model, lambda: pose, self._projector, depth), view
 
     def look(self, t: float, image: np.ndarray, frame: SeenFrame, view: Any, outcome: Outcome) -> None:
         """Searches one picture, and counts."""
@@ -143,8 +136,7 @@ class Camera:
         outcome.visible += 1
         outcome.found += hit
         if not hit:
-            true = view.spot(snapshot, frame.pose) if self._mobile else view.spot(snapshot)
-            why = self._missed[t] = self.finder.why_not(*true.center)
+            why = self._missed[t] = self.finder.why_not(*view.spot(snapshot).center)
             outcome.missed[why] = outcome.missed.get(why, 0) + 1
 
     @staticmethod
@@ -158,7 +150,9 @@ class Camera:
         return True
 
 
-def course(scene: Scene, share: float = 1.0, learn_s: float = LEARN_S) -> Iterator[Tuple[float, int, Snapshot]]:
+def course(
+    scene: Scene, share: float = 1.0, learn_s: float = LEARN_S
+) -> Iterator[Tuple[float, int, DisturbedSnapshot]]:
     """Times [s], worlds and snapshots of so much of a scene: the empty room, the disturbance alone, then the laser too."""
     before = learn_s + share * QUIET_S
     for k in range(int(RATE * (before + share * DRAW_S))):
@@ -171,7 +165,7 @@ def course(scene: Scene, share: float = 1.0, learn_s: float = LEARN_S) -> Iterat
             target = laser or scene.laser_at(0.0)
             person = (4.6, 2.9, math.atan2(target[1] - 2.9, target[0] - 4.6))
         around = scene.around_at(t) if t >= learn_s else SceneConditions()
-        snapshot = Snapshot(t, {"robot": scene.robot_at(t)}, laser, scene.color, velocity, person, around)
+        snapshot = DisturbedSnapshot(t, {"robot": scene.robot_at(t)}, laser, scene.color, velocity, person, around)
         yield t, scene.world_at(t) if t >= learn_s else 0, snapshot
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, List, Optional, Sequence, Tuple
 
+from bench.detection.disturbances import disturbed
 from bench.detection.motions import Place
 from bench.frame import TOP
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.cameras.robot_view import RobotView
-from vb_sim.room.camera_models import CameraModels
+from vb_sim.models import Models
 from vb_sim.room.floor_texture import FloorTexture, render_floor
 from vb_sim.room.mesh import world_mesh
 from vb_sim.room.world import FloorPatch, World, load_world
@@ -42,8 +43,8 @@ def printed(world: World, places: Sequence[Place], colors: Sequence[Sequence[int
 class Rooms:
     """Draws each room once: most scenes play in the same one."""
 
-    def __init__(self, seed: int, models: Optional[CameraModels] = None) -> None:
-        self.models, self.seed = models or CameraModels(), seed
+    def __init__(self, seed: int, models: Optional[Models] = None) -> None:
+        self.models, self.seed = models or Models(), seed
         self._views: List[Tuple[World, str, Any]] = []
         self._floors: List[Tuple[World, FloorTexture]] = []
 
@@ -57,10 +58,8 @@ class Rooms:
             floor = render_floor(world, self.seed)
             self._floors.append((world, floor))
         mesh, radii = world_mesh(world), world.robot_radii()
-        if camera:
-            view: Any = CeilingView(world.camera(camera), radii, floor, mesh, self.models, self.seed)
-        else:
-            view = RobotView(world.robots[0], radii, floor, mesh, self.models, self.seed)
+        kind, whose = (CeilingView, world.camera(camera)) if camera else (RobotView, world.robots[0])
+        view = disturbed(kind)(whose, radii, floor, mesh, self.models, self.seed)
         self._views.append((world, camera, view))
         return view
 

@@ -8,11 +8,10 @@ from typing import Any, Callable, List, Tuple
 
 import numpy as np
 
+from bench.detection.disturbances import DisturbedSnapshot, Glint, SceneConditions
 from bench.detection.hard_scenes import RATE, Scene
 from bench.detection.motions import DARK, MAROON, WHITE, Place, Walk, along, every, place_and_velocity, still, walking
 from bench.detection.rooms import Rooms, lab, printed, tiles, with_camera
-from vb_sim.lab_history import Snapshot
-from vb_sim.room.disturbances import Glint, SceneConditions
 from vb_sim.room.world import Light, World
 
 RED, GREEN, PAPER = (235, 30, 40), (40, 230, 60), (250, 250, 250)  # paint
@@ -26,11 +25,11 @@ def draw_round_carpet(room: World, rooms: Rooms, count: int) -> List[List[np.nda
     found = []
     for camera in room.cameras:
         view = rooms.view(room, camera.name)
-        frames = [view.frame(Snapshot(0.0, {})).copy()]
+        frames = [view.frame(DisturbedSnapshot(0.0)).copy()]
         for now in np.arange(count) / RATE:
             laser, velocity = place_and_velocity(border, now)
             person = (4.6, 2.9, math.atan2(laser[1] - 2.9, laser[0] - 4.6))
-            frames.append(view.frame(Snapshot(now, {}, laser, "red", velocity, person, people(now))).copy())
+            frames.append(view.frame(DisturbedSnapshot(now, {}, laser, "red", velocity, person, people(now))).copy())
         found.append(frames)
     return found
 

@@ -1,12 +1,11 @@
 #!/usr/bin/env python3
-"""Trains the spot classifier on rendered scenes, labelled clips and recordings of one's own cameras.
+"""Trains the spot classifier on rendered scenes and labelled clips.
 
     python3 bench/detection/training.py --clips DIR --out FILE     makes the classifier that comes with the package, with DIR as
                                                         clips.py takes it; the clips are not part of the project
     python3 bench/detection/training.py --out FILE                  from rendered scenes alone: says so in the file, and is the
                                                         worse for it on real pictures
-    ... --recording BAG TOPIC                           with one's own camera; may be repeated
-    ... --examples FOLDER                               where the examples of each scene, clip and recording are kept, a file
+    ... --examples FOLDER                               where the examples of each scene and clip are kept, a file
                                                         each (default: out/spot_examples): what is there is not rendered
                                                         again. Delete the folder when the detector has changed
 
@@ -14,10 +13,6 @@ Each clip is also taken again as other cameras would have taken it (augmentation
 a clip all of its camera and all of its room, with a scene a fifth of all. Probabilities are calibrated on what was
 left out so. Everything is seeded, so that on one machine the same file is made; another processor may round rendered
 images differently.
-
-A recording holds the images TOPIC and clicks TOPIC_mouse_left, which rqt_image_view publishes. Until 3 s before the
-first click there must be no laser: people may walk, lights be switched. Then hold the spot still on some places, and
-click on it in the image each time. What is seen within half a second of a click counts; the rest says nothing.
 """
 
 from __future__ import annotations
@@ -49,60 +44,36 @@ NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the fi
 SCENE_REACH_PX = 14.0
 
 
-def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None) -> Examples:
-    """Examples of one clip, seen by a camera that stands still: what it sees moving is only judged by.
+def frames_near_shots(
+    folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None, role: str = "stationary"
+) -> Iterator[LabeledFrame]:
+    """Yields the frames of one clip that tell enough: those near a shot, and the first ones.
 
     Args:
+        group: its name, and how it was taken.
         taken: how another camera takes the same pictures, and spots that are painted into them.
+        role: of the camera, see clips.py.
     """
-    size, skipped = max(1.0, video["width"] / 640.0), clip_frames.UNLABELED.get(name, ())
+    skipped = clip_frames.UNLABELED.get(name, ())
     shots = np.array([one["frame"] for one in video["labels"]])
     other = OtherCamera(taken, zlib.crc32(group.encode())) if taken else None
-
-    def frames() -> Iterator[LabeledFrame]:
-        every = clip_frames.frames_of(folder / "clips" / name, video, "stationary")
-        for number, (stamp, image, labels) in enumerate(every):
-            far = not len(shots) or np.abs(shots - number).min() > NEAR_FRAMES
-            if far and len(shots) and number > FIRST_FRAMES:
-                continue
-            here = [(one["x"], one["y"]) for one in labels if not one["near"]]
-            near = [(one["x"], one["y"]) for one in labels if one["near"]]
-            near += [(u, v) for u in range(0, 1280, 8) for v in range(0, 720, 8)] if number in skipped else []
-            if other is not None:
-                image, seen, unseen = other.take(image, here, paint=far and number > PAINT_EVERY)
-                here, near = here + seen, near + unseen
-            yield LabeledFrame(stamp, image, here, near)
-
-    return collect(frames(), DetectorParams.stationary(confirm_frames=1), group, clip_frames.REACH_PX * size)
+    for number, (stamp, image, labels) in enumerate(clip_frames.frames_of(folder / "clips" / name, video, role)):
+        far = not len(shots) or np.abs(shots - number).min() > NEAR_FRAMES
+        if far and len(shots) and number > FIRST_FRAMES:
+            continue
+        here = [(one["x"], one["y"]) for one in labels if not one["near"]]
+        near = [(one["x"], one["y"]) for one in labels if one["near"]]
+        near += [(u, v) for u in range(0, 1280, 8) for v in range(0, 720, 8)] if number in skipped else []
+        if other is not None:
+            image, seen, unseen = other.take(image, here, paint=far and number > PAINT_EVERY)
+            here, near = here + seen, near + unseen
+        yield LabeledFrame(stamp, image, here, near)
 
 
-def from_recording(bag_file: str, topic: str) -> Examples:
-    """Examples of a camera's recorded images, with clicks on the spot; see above."""
-    import rosbag
-
-    from vb_core.ros.images import array_from_image
-
-    with rosbag.Bag(bag_file) as bag:
-        clicked = bag.read_messages(topics=[topic + "_mouse_left"])
-        clicks = [(stamp.to_sec(), message.x, message.y) for _, message, stamp in clicked]
-        if not clicks or not bag.get_message_count(topic):
-            raise SystemExit(f"{bag_file}: there are no images {topic}, or no clicks {topic}_mouse_left")
-        reader = PixelReader()
-
-        def frames() -> Iterator[LabeledFrame]:
-            for _, message, stamp in bag.read_messages(topics=[topic]):
-                image, now = reader.read(array_from_image(message), message.encoding), stamp.to_sec()
-                high, wide = image.pixels.shape[:2]
-                nearest = min(clicks, key=lambda click: abs(click[0] - now))
-                spots, unclear = [], []
-                if abs(nearest[0] - now) <= 0.5:
-                    spots = [nearest[1:]]
-                elif now > clicks[0][0] - 3.0:
-                    unclear = [(u, v) for u in range(0, wide, 8) for v in range(0, high, 8)]
-                yield LabeledFrame(message.header.stamp.to_sec(), image, spots, unclear)
-
-        preset = DetectorParams.stationary(confirm_frames=1)
-        return collect(frames(), preset, f"recording: {Path(bag_file).name}", SCENE_REACH_PX)
+def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None) -> Examples:
+    """Examples of one clip, seen by a camera that stands still: what it sees moving is only judged by."""
+    frames = frames_near_shots(folder, name, video, group, taken)
+    return collect(frames, DetectorParams.stationary(confirm_frames=1), group, clip_frames.reach_in(video))
 
 
 def from_scene(scene: Scene, rooms: Rooms, share: float) -> Examples:
@@ -112,9 +83,7 @@ def from_scene(scene: Scene, rooms: Rooms, share: float) -> Examples:
     def frames() -> Iterator[LabeledFrame]:
         for t, index, snapshot in course(scene, share, LEARN_S):
             image, frame, view = camera.picture(index, snapshot)
-            spot = None
-            if snapshot.laser is not None:
-                spot = view.spot(snapshot, frame.pose) if scene.mobile else view.spot(snapshot)
+            spot = view.spot(snapshot)
             places = [tuple(spot.center)] if spot is not None else []
             clear = places and view.spot_share(snapshot) >= 0.7
             yield LabeledFrame(
@@ -126,7 +95,7 @@ def from_scene(scene: Scene, rooms: Rooms, share: float) -> Examples:
 
 
 def parts_of(given: argparse.Namespace) -> Iterator[Tuple[str, Callable[[], Examples]]]:
-    """Names of the scenes, clips and recordings that the command asks for, and what makes their examples."""
+    """Names of the scenes and clips that the command asks for, and what makes their examples."""
     room, rooms = lab(), Rooms(SCENES_SEED)
     for scene in ceiling_scenes(room) + mobile_scenes(room) + training_scenes(room):
         if any(word in scene.title for word in given.scenes):
@@ -136,14 +105,11 @@ def parts_of(given: argparse.Namespace) -> Iterator[Tuple[str, Callable[[], Exam
             yield name, partial(from_clip, given.clips, name, video, name)
             for group, taken in takes(name, np.random.default_rng(zlib.crc32(name.encode()))):
                 yield group, partial(from_clip, given.clips, name, video, group, taken)
-    for bag, topic in given.recording:
-        yield f"recording: {Path(bag).name}", lambda bag=bag, topic=topic: from_recording(bag, topic)
 
 
 def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--clips", type=Path, metavar="DIR")
-    parser.add_argument("--recording", nargs=2, action="append", default=[], metavar=("BAG", "TOPIC"))
     parser.add_argument(
         "--scenes", nargs="+", default=[""], metavar="WORD", help="only scenes with a WORD in their name"
     )

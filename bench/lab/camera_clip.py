@@ -20,12 +20,12 @@ import cv2
 import psutil
 import simplejpeg
 
+from bench.detection.disturbances import DisturbedSnapshot
 from bench.detection.motions import along, place_and_velocity
 from bench.detection.rooms import Rooms, lab, tiles
 from bench.detection.scene_list import CARPET
 from bench.frame import TOP
 from vb_evaluation.processes import free_port
-from vb_sim.lab_history import Snapshot
 
 sys.path.append(str(TOP / "src/vb_laser_detect/test"))
 from mjpeg_server import MjpegServer  # noqa: E402
@@ -49,7 +49,7 @@ def clip() -> List[bytes]:
         t, laser, velocity = number / RATE, None, (0.0, 0.0)
         if number in DRAWN:
             laser, velocity = place_and_velocity(border, t)
-        image = view.frame(Snapshot(t, {}, laser, "red", velocity, (4.6, 2.9, -1.5)))
+        image = view.frame(DisturbedSnapshot(t, {}, laser, "red", velocity, (4.6, 2.9, -1.5)))
         bgr = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BayerRGGB2BGR), (0, 0), DENOISED_PX)
         jpegs.append(simplejpeg.encode_jpeg(bgr, quality=QUALITY, colorspace="BGR", colorsubsampling="420"))
     return jpegs

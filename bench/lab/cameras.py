@@ -49,6 +49,7 @@ class Running:
     def __init__(self, stack: ExitStack, sources: Dict[str, str], half_size: bool = False) -> None:
         _, folder = start(stack)
         self.folder, self.cameras, self.status = folder, list(sources), {}
+        self._children: List[Child] = []
         self.delays: Dict[str, List[float]] = {name: [] for name in sources}
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=1000)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.status.update({m.camera: m}), queue_size=200)
@@ -73,7 +74,8 @@ class Running:
                  f"config:={TOP}/src/vb_laser_detect/config/stationary.yaml", "image_transport:=raw"],
             )
         ):  # fmt: skip
-            stack.callback(Child(command, folder / f"{number}.txt").stop, 30.0)
+            self._children.append(Child(command, folder / f"{number}.txt"))
+            stack.callback(self._children[-1].stop, 30.0)
 
     def _on_spot(self, message: LaserSpot) -> None:
         self.delays[message.camera].append(time.time() - message.header.stamp.to_sec())
@@ -84,7 +86,7 @@ class Running:
         """Watches for a time; returns each camera's figures, and the cores that other processes took."""
         wait(
             lambda: len(self.status) == len(self.cameras) and all(one.processed for one in self.status.values()),
-            f"images, see {self.folder}",
+            lambda: "images" + "".join(f"\n\n{child.tail(20)}" for child in self._children),
             180.0,
         )
         time.sleep(WARM_S)

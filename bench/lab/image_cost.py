@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
 """What an image of a 1080p camera costs its detector, beside decoding it to grey and searching it, and beside a driver and a topic.
 
-python3 bench/lab/image_cost.py                              images as of camera_clip.py
-python3 bench/lab/image_cost.py --scenes ""                  where spots are found in the rendered scenes of
-                                                             bench/detection, by how they are decoded
+python3 bench/lab/image_cost.py                             images as of camera_clip.py; --spans 0: one thread alone
 """
 
 from __future__ import annotations
@@ -23,9 +21,6 @@ import rospy
 import simplejpeg
 from sensor_msgs.msg import CameraInfo, Image
 
-from bench.detection.hard_scenes import Camera, Outcome, SeenFrame, course
-from bench.detection.rooms import Rooms, lab
-from bench.detection.scene_list import ceiling_scenes
 from bench.frame import arguments
 from bench.lab.camera_clip import FRAMES, RATE, clip, read, scene, serving, write
 from bench.lab.cameras import Running, in_processes
@@ -36,11 +31,8 @@ from vb_core.ros.images import message_from_image
 from vb_evaluation.processes import Child
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
 from vb_laser_detect.detection.projection import ImageGeometry
-from vb_laser_detect.detection.projection import FloorProjection, ProjectionParams
+from vb_laser_detect.detection.projection import FloorProjection
 from vb_laser_detect.detector import SpotDetector
-from vb_core.image_format import PixelReader
-
-SPANS = 5
 
 
 def drive(address: str, topic: str) -> None:
@@ -67,11 +59,7 @@ class Search:
     """Decodes and searches images as a detector does, and adds up the thread's time."""
 
     def __init__(self, decode: Callable[[bytes], Picture]) -> None:
-        self._decode, self._detector, self._projector = (
-            decode,
-            SpotDetector(),
-            FloorProjection(ProjectionParams(), None, []),
-        )
+        self._decode, self._detector, self._projector = (decode, SpotDetector(), FloorProjection())
         self._model: Any = None
         self.times: List[float] = []
 
@@ -88,7 +76,7 @@ def gray(jpeg: bytes) -> Picture:
     return Picture(simplejpeg.decode_jpeg(jpeg, "GRAY")[..., 0], "mono")
 
 
-def cost(seconds: float, path: Path, half_size: bool) -> Iterator[Dict[str, Any]]:
+def cost(spans: int, seconds: float, path: Path, half_size: bool) -> Iterator[Dict[str, Any]]:
     """Measures an image's cost in one thread, then as nodes, each beside decoding to grey and searching."""
     jpegs, ours, alone = read(path), Search(lambda jpeg: Shot(0.0, jpeg).searched(half_size)[0]), Search(gray)
     for number in range(2 * FRAMES):
@@ -102,6 +90,8 @@ def cost(seconds: float, path: Path, half_size: bool) -> Iterator[Dict[str, Any]
         "what": "one thread", "ours_ms": blocks[0].sum() / FRAMES, "gray_ms": blocks[1].sum() / FRAMES,
         "ours_over_gray": blocks[0].sum() / blocks[1].sum(), "low": float(low), "high": float(high),
     }  # fmt: skip
+    if not spans:
+        return
     with ExitStack() as stack:
         address, _ = serving(stack, path)
         running = Running(stack, {"own": address, "topic": ""}, half_size)
@@ -113,7 +103,7 @@ def cost(seconds: float, path: Path, half_size: bool) -> Iterator[Dict[str, Any]
         alone, ended = Search(gray), threading.Event()
         stack.callback(ended.set)
         threading.Thread(target=play, args=(alone, jpegs, ended), daemon=True).start()
-        for _ in range(SPANS):
+        for _ in range(spans):
             del alone.times[:]
             found, shares = running.watch(seconds, {"driver": node_process("/driver")})
             own, topic = (found[name]["ms_per_image"] for name in ("own", "topic"))
@@ -133,63 +123,16 @@ def play(search: Search, jpegs: List[bytes], ended: threading.Event) -> None:
         number += 1
 
 
-# ------------------------------------------------------------------ where spots are found
-DECODED: Dict[str, Callable[[Shot], Picture]] = {
-    "grey": lambda shot: gray(shot.jpeg),
-    "whole": lambda shot: shot.picture(),
-    "half": lambda shot: shot.searched(True)[0],
-}
-
-
-class Decoded(Camera):
-    """A rendered camera whose images come as JPEG, and are decoded in one way."""
-
-    def __init__(self, decode: Callable[[Shot], Picture], *arguments_of_it: Any) -> None:
-        super().__init__(*arguments_of_it)
-        self._decode, self._detector, self.finder.find = decode, SpotDetector(), self._find
-
-    def _find(self, image: Any, stamp: float, seen: SeenFrame, encoding: str) -> List[Any]:
-        picture = self._decode(image)
-        model = seen.view_model.scaled_to(*picture.pixels.shape[1::-1])
-        geometry = ImageGeometry(model, lambda: seen.pose, self._projector)
-        return self._detector.detect(picture, stamp, geometry)
-
-
-def places(scenes: List[Any], share: float, seed: int) -> Iterator[Dict[str, Any]]:
-    """Plays so much of scenes to detectors that decode the same JPEG differently."""
-    rooms, total = Rooms(seed), {name: Outcome() for name in DECODED}
-    for played in scenes:
-        cameras = {name: Decoded(decode, played, rooms) for name, decode in DECODED.items()}
-        outcomes, encoding = {name: Outcome() for name in DECODED}, played.worlds[0].camera(played.camera).encoding
-        for t, index, snapshot in course(played, share):
-            image, frame, view = cameras["whole"].picture(index, snapshot)
-            bgr = PixelReader().read(image, encoding).bgr()
-            shot = Shot(0.0, simplejpeg.encode_jpeg(bgr, quality=75, colorspace="BGR", colorsubsampling="420"))
-            frame.view_model = view.model
-            for name, camera in cameras.items():
-                camera.look(t, shot, frame, view, outcomes[name])
-        for name, one in outcomes.items():
-            yield {"scene": played.title, "decoded": name, **one.summary()}
-            of_all = total[name]
-            of_all.visible, of_all.found = of_all.visible + one.visible, of_all.found + one.found
-            of_all.false, of_all.errors = of_all.false + one.false, of_all.errors + one.errors
-    yield from ({"scene": "all", "decoded": name, **one.summary()} for name, one in total.items())
-
-
 def main() -> int:
-    parser = arguments(__doc__, seed=1)
-    parser.add_argument("--seconds", type=float, default=20.0, help="of each of five spans; 20 is the whole clip")
+    parser = arguments(__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each span; 20 is the whole clip")
+    parser.add_argument("--spans", type=int, default=5, help="of the nodes")
     parser.add_argument("--half-size", action="store_true", help="search images at half their size")
-    parser.add_argument("--scenes", nargs="+", metavar="WORD", help="play those with a WORD in their name instead")
-    parser.add_argument("--share", type=float, default=1.0, help="of the scenes' time")
     given = parser.parse_args()
-    if given.scenes is not None:
-        chosen = [one for one in ceiling_scenes(lab()) if any(word in one.name for word in given.scenes)]
-        return in_processes([chosen], lambda scenes: places(scenes, given.share, given.seed), given.csv)
     with tempfile.TemporaryDirectory(prefix="bench_cameras_") as folder:
         path = Path(folder) / "clip.avi"
         write(clip(), path)
-        return in_processes([path], lambda one: cost(given.seconds, one, given.half_size), given.csv)
+        return in_processes([path], lambda one: cost(given.spans, given.seconds, one, given.half_size), given.csv)
 
 
 if __name__ == "__main__":

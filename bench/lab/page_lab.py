@@ -10,7 +10,7 @@ import time
 import xmlrpc.client
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Callable, Tuple
+from typing import Any, Callable, Tuple, Union
 
 import numpy as np
 import psutil
@@ -29,7 +29,7 @@ LAUNCH = """<launch>
   <node pkg="vb_map_integration" type="map_integrator" name="map_integrator" output="log">
     <param name="database_dir" value="{state}/borders"/><param name="map_dir" value="{state}/maps"/></node>
   <node pkg="vb_voice_wizard" type="interaction_manager" name="interaction_manager" output="log">
-    <param name="log_file" value="{state}/i.jsonl"/><param name="state_file" value="{state}/s.json"/></node>
+    <param name="log_file" value="{state}/i.jsonl"/><param name="stop_file" value="{state}/robots.stop"/></node>
   <node pkg="vb_web" type="page" name="page" output="log">
     <param name="port" value="{port}"/><param name="events_file" value="{state}/e.jsonl"/>
     <param name="address" value="{address}"/><param name="codes_file" value="{state}/page_codes.yaml"/></node>
@@ -41,11 +41,12 @@ CERTIFICATE = (
 )
 
 
-def wait(condition: Callable[[], Any], what: str, seconds: float = 60.0) -> None:
+def wait(condition: Callable[[], Any], what: Union[str, Callable[[], str]], seconds: float = 60.0) -> None:
+    """Waits for a condition; ends the bench, with what was waited for, if it does not come."""
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > end:
-            raise SystemExit(f"waited {seconds:g} s for {what}")
+            raise SystemExit(f"waited {seconds:g} s for {what if isinstance(what, str) else what()}")
         time.sleep(0.05)
 
 

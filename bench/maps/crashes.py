@@ -32,7 +32,7 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_values import border_to_mapping
-from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_map_integration.integrator import MapIntegrator
 
 KINDS = ("kill", "full", "flip")
 BAD = ("LOST OR MOVED", "did not start")
@@ -42,7 +42,7 @@ GRID = GridMap(np.pad(np.zeros((118, 158), np.int8), 1, constant_values=100), 0.
 
 
 def start(folder: Path) -> MapIntegrator:
-    keeper = MapIntegrator(IntegratorParams(check_reachability=False), folder)
+    keeper = MapIntegrator(folder)
     keeper.set_map(GRID)
     return keeper
 
@@ -117,7 +117,7 @@ def flip(folder: Path, random: np.random.Generator) -> str:
 def crash(kind: str, folder: Path, seed: int) -> Dict[str, Any]:
     """Crashes once on a folder that goes on; returns what came of it."""
     random = np.random.default_rng(seed)
-    size = max([path.stat().st_size for path in folder.glob("*.db*")] or [0])
+    size = max([path.stat().st_size for path in folder.glob("borders*.jsonl")] or [0])
     limit = int(size * random.uniform(0.2, 1.3)) + 4096 if kind == "full" else None
     reader, writer = os.pipe()
     process = os.fork()

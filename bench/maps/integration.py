@@ -69,15 +69,13 @@ class Version:
         )
         self.grid = maps.GridMap(grid.data, grid.resolution, grid.origin)
         self.random, self.folder = np.random.default_rng(1), Path(tempfile.mkdtemp(prefix="bench_integration_"))
-        self.keeper = self.open(check_reachability=False)
+        self.keeper = self.open()
         for number in range(there):
             self.keeper.add(self.make(polygon, 0.1), 1.0 + number)
-        self.keeper.close()
-        self.keeper = self.open()
         self.keeper.add(self.make(polygon, 0.1), 1e4)
 
-    def open(self, **params: Any) -> Any:
-        keeper = self.keeping.MapIntegrator(self.keeping.IntegratorParams(**params), self.folder)
+    def open(self) -> Any:
+        keeper = self.keeping.MapIntegrator(self.folder)
         keeper.set_map(self.grid)
         return keeper
 

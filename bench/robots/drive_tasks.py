@@ -43,8 +43,7 @@ def places(scenario: str, seed: int):
         here = np.array(chain[-1][:2])
         drawn = cells[rng.integers(len(cells), size=300)]
         drawn = drawn[
-            (np.linalg.norm(drawn - here, axis=1) >= MIN_LEG)
-            & np.isfinite(clearance_map.shortest_paths(here).lengths_to(drawn))
+            (np.linalg.norm(drawn - here, axis=1) >= MIN_LEG) & np.isfinite(clearance_map.path_lengths(here, drawn))
         ]
         if not len(drawn):
             chain[-1] = (*cells[rng.integers(len(cells))], 0)  # a place that nothing leads to

@@ -28,6 +28,23 @@ def test_closing_wakes_the_one_who_waits():
     assert taken == [None] and not thread.is_alive()
 
 
+def test_a_source_that_has_no_hurry_waits_until_its_item_is_taken_or_the_mailbox_closed():
+    mailbox, taken = Mailbox(), []
+
+    def fill():
+        for number in range(50):
+            mailbox.put(number)
+            mailbox.wait_until_taken()
+
+    thread = threading.Thread(target=fill)
+    thread.start()
+    for _ in range(49):
+        taken.append(mailbox.get())
+    mailbox.close()
+    thread.join(10)
+    assert taken == list(range(49)) and mailbox.dropped == 0 and not thread.is_alive()
+
+
 def test_a_queue_keeps_the_order_and_says_when_it_is_full():
     queue = Queue(2)
     assert [queue.put(number) for number in range(3)] == [True, True, False]

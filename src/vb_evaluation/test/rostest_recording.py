@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Record, measure, replay: one interaction through real nodes into a bag, maps and a log, and back out of them."""
+"""Record and measure: one interaction through real nodes into a bag, maps and a log, and back out of them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from xmlrpc.client import ServerProxy
 
 import cv2
 import numpy as np
+import rosbag
 import rosgraph
 import rospy
 import rostest
@@ -20,7 +21,7 @@ from vb_core import names
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_core.ros import messages
-from vb_evaluation.study_kit import measure, replay
+from vb_evaluation.study_kit import measure
 from vb_evaluation.study_kit.recording import Recording
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_msgs.srv import Command
@@ -84,10 +85,10 @@ class RecordingTest(unittest.TestCase):
         (interaction,) = recording.interactions
         self.assertEqual((interaction.outcome, interaction.method), ("saved", "nrs"))
         self.assertEqual(recording.session["cameras"], ["green"])
-        (found,) = replay.compare(recording, replay.replay(recording), replay.physical_map(recording))
-        self.assertEqual((found.code, found.interaction), ("ok", interaction.id))
-        self.assertGreater(found.agreement, 0.97)
-        self.assertLess(found.chain_distance_m, 0.05)
+        with rosbag.Bag(str(self.folder / "bags" / "01.bag")) as bag:
+            counts = {topic: held.message_count for topic, held in bag.get_type_and_topic_info().topics.items()}
+        self.assertGreaterEqual(counts[names.SPOTS], len(outline) + 20)
+        self.assertTrue({names.STATE, names.PHYSICAL_MAP, names.BORDERS} <= set(counts))
 
         study = self.folder.parent
         write_map(study / "map", lab())

@@ -121,7 +121,7 @@ def in_one_process():
     with tempfile.TemporaryDirectory() as state, graph.installed():
         graph.start(Node("/clock", {}), clock)
         launch = repository_top() / "launch" / "parts" / "borders.launch"
-        start_launch(graph, launch, {"state": state, "robot_frames": "", "record": "false"})
+        start_launch(graph, launch, {"state": state, "robot_frames": ""})
         graph.start(Node("/test", {}), lambda: results.append(Session().run()))
         scheduler.run(lambda: bool(results), scheduler.now_ns + 600 * 10**9)
     return results[0]

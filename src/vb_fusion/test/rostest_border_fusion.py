@@ -14,6 +14,7 @@ import rostest
 from vb_testing import TIMEOUT, wait_until
 
 from vb_core import names
+from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, NoticeArray, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder
 
@@ -59,15 +60,16 @@ class BorderFusionTest(unittest.TestCase):
         )
         rospy.wait_for_service(names.GET_DRAWN_BORDER, TIMEOUT)
 
-    def enter(self, state: int, interaction: str, outcome: str = "", age: float = 0.0) -> None:
-        message = InteractionState(state=state, interaction_id=interaction, last_outcome=outcome)
+    def enter(self, state: State, interaction: str, outcome: str = "", age: float = 0.0) -> None:
+        message = InteractionState(name=state.name, interaction_id=interaction, last_outcome=outcome)
         message.header.stamp = message.entered = rospy.Time.now() - rospy.Duration(age)
         self.entered = message.entered
         known = len(self.progress)
         self.state.publish(message)
-        if state != InteractionState.DEFAULT:
+        if state != DEFAULT:
             self.wait(
-                lambda: any(p.interaction_id == interaction for p in self.progress[known:]), f"the change to {state}"
+                lambda: any(p.interaction_id == interaction for p in self.progress[known:]),
+                f"the change to {state.name}",
             )
 
     def show(self, points, camera: str = "red", frame: str = "map", age: float = 0.0, since: float = 0.0) -> None:
@@ -100,7 +102,7 @@ class BorderFusionTest(unittest.TestCase):
 
     def test_interaction(self) -> None:
         self.show(square(20), age=5.0)  # Default: not wanted, even if they arrive after the next state
-        self.enter(InteractionState.BORDER, "one")
+        self.enter(BORDER, "one")
         self.assertEqual(self.progress[-1].border_spots, 0)
         self.assertEqual(self.progress[-1].code, "no_spots")
         self.show(square(200), "red", since=0.01)
@@ -120,7 +122,7 @@ class BorderFusionTest(unittest.TestCase):
         self.show([(0, 0)], age=30.0)
         self.show([(np.nan, 0)])
         self.wait(lambda: self.last(border_spots=400, ignored_spots=ignored + 3), "counting the ignored spots")
-        self.enter(InteractionState.SEED, "one")
+        self.enter(SEED, "one")
         self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))
         self.wait(lambda: self.last(seed_spots=30, has_seed=True), "the seed")
         answer = self.candidate("one")
@@ -131,11 +133,11 @@ class BorderFusionTest(unittest.TestCase):
         vertices = np.array([(p.x, p.y) for p in answer.border.points])
         self.assertLess(np.abs(np.ptp(vertices, axis=0) - 1.0).max(), 0.06)
         self.assertEqual(self.candidate("another").code, "unknown_interaction")
-        self.enter(InteractionState.DEFAULT, "", "saved")
-        self.enter(InteractionState.BORDER, "two")
+        self.enter(DEFAULT, "", "saved")
+        self.enter(BORDER, "two")
         self.assertEqual(self.progress[-1].border_spots, 0)
         self.assertFalse(self.progress[-1].chain)
-        self.enter(InteractionState.DEFAULT, "", "cancelled")
+        self.enter(DEFAULT, "", "cancelled")
 
     def next_told(self) -> set:
         """The codes of a message of notices that was made after this call."""
@@ -149,22 +151,22 @@ class BorderFusionTest(unittest.TestCase):
             self.show(square(60), since=0.01)
             self.show(square(60) + [0.0, 4.0], since=5.0)
 
-        self.enter(InteractionState.BORDER, "doubtful")
+        self.enter(BORDER, "doubtful")
         draw_two()  # up to 8 s ahead: the pointer is still seen
         self.wait(lambda: bool(self.progress[-1].left_out_spots), "the spots that are left out")
         self.assertNotIn("strokes_left_out", self.next_told())
-        self.enter(InteractionState.SEED, "doubtful")
+        self.enter(SEED, "doubtful")
         self.wait(lambda: "strokes_left_out" in self.told[-1], "the doubt in Seed")
-        self.enter(InteractionState.DEFAULT, "", "saved")
+        self.enter(DEFAULT, "", "saved")
         self.wait(lambda: not self.told[-1], "the end of the doubt")
-        self.enter(InteractionState.BORDER, "ended", age=40.0)
+        self.enter(BORDER, "ended", age=40.0)
         draw_two()  # half a minute ago
         self.wait(lambda: "strokes_left_out" in self.told[-1], "the doubt in Border")
-        self.enter(InteractionState.DEFAULT, "", "cancelled")
+        self.enter(DEFAULT, "", "cancelled")
         self.wait(lambda: not self.told[-1], "the end of the doubt")
 
     def test_killed_in_the_middle(self) -> None:
-        self.enter(InteractionState.BORDER, "three")
+        self.enter(BORDER, "three")
         points = square(300)
         self.show(points[:150], since=0.01)
         self.wait(lambda: self.last(interaction_id="three", border_spots=150), "half the drawing")
@@ -178,11 +180,11 @@ class BorderFusionTest(unittest.TestCase):
         self.connected()
         self.show(points[150:], since=6.01)
         self.wait(lambda: self.last(border_spots=300) and self.progress[-1].closed, "the finished drawing")
-        self.enter(InteractionState.SEED, "three")
+        self.enter(SEED, "three")
         self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))
         self.wait(lambda: self.last(seed_spots=30, has_seed=True), "the seed")
         self.assertTrue(self.candidate("three").success)
-        self.enter(InteractionState.DEFAULT, "", "saved")
+        self.enter(DEFAULT, "", "saved")
         spot_log = Path(rospy.get_param(NODE + "/spot_log_file"))
         self.wait(lambda: not spot_log.exists(), "the removal of the spot log")
 

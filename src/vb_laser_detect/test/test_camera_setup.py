@@ -218,7 +218,7 @@ def test_a_device_gets_each_setting(tmp_path, monkeypatch):
     [
         "# mine\n{}\n",
         "source: /dev/video0   # the left one\n",
-        "source: x\ncapture:\n  delay_ms: 3.0   # guessed\n  width: 1280\nignore_regions: []\n",
+        "source: x\ncapture:\n  delay_ms: 3.0   # guessed\n  width: 1280\nrobots: []\n",
     ],
 )
 def test_settings_are_changed_and_all_else_stays(tmp_path, text):

@@ -1,7 +1,12 @@
 """A camera's images: how far they are decoded, and what becomes of those for which the computer is too slow."""
 
+import contextlib
+import re
+import socketserver
+import struct
 import threading
 import time
+from fractions import Fraction
 
 import av
 import cv2
@@ -14,53 +19,125 @@ from vb_core.errors import CodedError
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
 
 RATE, FRAMES, KEY_EVERY = 25, 250, 25
+SDP = "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=-\r\nt=0 0\r\nm=video 0 RTP/AVP 96\r\na=rtpmap:96 H264/90000\r\n"
 
 
 @pytest.fixture(scope="module")
-def video(tmp_path_factory):
+def packets():
     """H.264 whose images stand by themselves once a second; each is as bright as its number."""
-    path = tmp_path_factory.mktemp("video") / "count.mp4"
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream(
-            "libx264", rate=RATE, options={"g": str(KEY_EVERY), "tune": "zerolatency", "qp": "4", "sc_threshold": "0"}
-        )
+    codec = av.CodecContext.create("libx264", "w")
+    codec.width, codec.height, codec.pix_fmt, codec.framerate, codec.time_base = (
+        64,
+        64,
+        "yuv420p",
+        RATE,
+        Fraction(1, RATE),
+    )
+    codec.options = {"g": str(KEY_EVERY), "tune": "zerolatency", "qp": "4", "sc_threshold": "0"}
+    found = []
+    for number in range(FRAMES):
+        frame = av.VideoFrame.from_ndarray(np.full((64, 64, 3), number, np.uint8), format="bgr24")
+        frame.pts = number
+        found += codec.encode(frame)
+    return found + codec.encode(None)
+
+
+@pytest.fixture
+def film(packets, tmp_path):
+    with av.open(str(tmp_path / "count.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=RATE)
         stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
-        for number in range(FRAMES):
-            frame = av.VideoFrame.from_ndarray(np.full((64, 64, 3), number, np.uint8), format="bgr24")
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
-    return path
+        for number, content in enumerate(packets):
+            packet = av.Packet(bytes(content))
+            packet.stream, packet.time_base, packet.is_keyframe = stream, Fraction(1, RATE), content.is_keyframe
+            packet.pts = packet.dts = number
+            container.mux(packet)
+    return str(tmp_path / "count.mp4")
 
 
-def numbers(video, pause_s, count):
-    """Returns which images of the video a reader gets that takes so long for each, and how many were left out."""
+@pytest.fixture
+def camera(packets):
+    """The address of a camera in the network, which sends its images when they are due, late readers or not."""
+
+    class Rtsp(socketserver.StreamRequestHandler):
+        def handle(self):
+            with contextlib.suppress(OSError):  # the other side has closed
+                self.serve()
+
+        def serve(self):
+            for line in self.rfile:
+                method = line.split(b" ")[0].decode()
+                fields = dict(one.decode().split(": ", 1) for one in iter(self.rfile.readline, b"\r\n"))
+                body = SDP if method == "DESCRIBE" else ""
+                head = f"RTSP/1.0 200 OK\r\nCSeq: {fields['CSeq'].strip()}\r\nSession: 1\r\nContent-Type: application/sdp\r\n"
+                head += f"Transport: {fields.get('Transport', '').strip()}\r\nContent-Length: {len(body)}\r\n\r\n"
+                self.wfile.write((head + body).encode())
+                if method == "PLAY":
+                    break
+            began, count = time.monotonic(), 0
+            for number, packet in enumerate(packets):
+                time.sleep(max(0.0, began + number / RATE - time.monotonic()))
+                units = re.split(b"\0*\0\0\1", bytes(packet))[1:]
+                for unit in units:  # each in one packet of RTP, between those of RTSP
+                    rtp = struct.pack(">BBHII", 0x80, 96 | (unit is units[-1]) << 7, count, number * 90000 // RATE, 1)
+                    self.wfile.write(struct.pack(">cBH", b"$", 0, len(rtp + unit)) + rtp + unit)
+                    count += 1
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Rtsp) as server:
+        server.daemon_threads, server.block_on_close = True, False
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"rtsp://127.0.0.1:{server.server_address[1]}/video"
+        server.shutdown()
+
+
+def slowly(address, pause_s, count):
+    """Returns the brightness and times of the images that a reader gets who needs so long for each, and how many were left out."""
     seen, enough = [], threading.Event()
 
     def handle(shot):
         if len(seen) < count:
-            seen.append(float(shot.picture().pixels.mean()))
+            seen.append((float(shot.picture().pixels.mean()), shot.taken))
             time.sleep(pause_s)
         else:
             enough.set()
 
-    source = CameraSource(str(video), CaptureParams(), handle, lambda error: None).start()
+    source = CameraSource(address, CaptureParams(), handle, lambda error: None)
+    source.start()
     assert enough.wait(60.0)
     source.close()
-    return np.array(seen), source.late
+    return (*np.array(seen).T, source.late)
 
 
-def test_a_computer_that_keeps_up_gets_every_image(video):
-    seen, late = numbers(video, 0.0, 40)
-    assert late == 0 and np.abs(seen - np.arange(40)).max() < 6.0
+@pytest.mark.parametrize("pause_s", [0.0, 0.2])
+def test_a_file_has_no_hurry(film, pause_s):
+    seen, taken, late = slowly(film, pause_s, 30)
+    assert late == 0 and np.abs(seen - np.arange(30)).max() < 6.0
+    # as far apart as in the film, and no more than a second behind what is shown
+    assert np.diff(taken).min() > 1 / RATE - 1e-6 and taken[-1] - taken[0] > 29 * max(1 / RATE, pause_s) - 1.0 - 1e-6
 
 
-def test_images_that_come_too_late_are_left_out_until_one_stands_by_itself(video):
-    # five times too slow: without leaving any out, the 30th image to be seen would be the video's 30th
-    seen, late = numbers(video, 0.2, 30)
+def test_images_of_a_network_that_come_too_late_are_left_out_until_one_stands_by_itself(camera):
+    # five times too slow: without leaving any out, the 30th image to be seen would be the camera's 30th
+    seen, _, late = slowly(camera, 0.2, 30)
     assert late > 50 and seen[-1] > 100
     # what is seen after a gap is whole: it has the brightness of an image that needs no other one
     after = np.flatnonzero(np.diff(seen) > 3.0) + 1
     assert len(after) and np.abs((seen[after] + KEY_EVERY / 2) % KEY_EVERY - KEY_EVERY / 2).max() < 4.0
+
+
+def test_a_fault_of_the_program_is_told_and_the_camera_is_opened_again(film):
+    told, again = [], threading.Event()
+
+    def handle(shot):
+        if len(told) < 2:  # "images come", then the fault
+            raise KeyError("a bug")
+        again.set()
+
+    source = CameraSource(film, CaptureParams(), handle, lambda error: told.append(error and error.code))
+    source.start()
+    assert again.wait(60.0)
+    source.close()
+    assert told[:3] == [None, "internal_error", None]
 
 
 @pytest.mark.parametrize(

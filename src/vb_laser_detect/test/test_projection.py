@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_laser_detect.detection.projection import (
     DEPTH,
@@ -69,18 +69,13 @@ def test_rejections(T, u, v, code):
     assert raised.value.code == code
 
 
-def test_points_outside_the_map_and_in_ignored_regions():
-    floor = GridMap(np.zeros((40, 40), np.int8), 0.05, (3.0, 1.5, 0.0))
-    square = [[3.9, 2.4], [4.1, 2.4], [4.1, 2.6], [3.9, 2.6]]
-    projector = FloorProjection(floor=floor, ignored=[square])
-    inside = pixels_of(CEILING, down(), np.array([[4.5, 3.0, 0], [4.0, 2.5, 0], [5.2, 2.5, 0]]))
-    assert projector.on_plane(CEILING, down(), *inside[0]).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
-    for pixel, code in ((inside[1], "ignored_region"), (inside[2], "spot_outside_map")):
-        with pytest.raises(CodedError) as raised:
-            projector.on_plane(CEILING, down(), *pixel)
-        assert raised.value.code == code
-    with pytest.raises(ParameterError):
-        FloorProjection(ignored=[[[0, 0], [1, 1]]])
+def test_points_outside_the_map():
+    projector = FloorProjection(floor=GridMap(np.zeros((40, 40), np.int8), 0.05, (3.0, 1.5, 0.0)))
+    inside, outside = pixels_of(CEILING, down(), np.array([[4.5, 3.0, 0], [5.2, 2.5, 0]]))
+    assert projector.on_plane(CEILING, down(), *inside).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
+    with pytest.raises(CodedError) as raised:
+        projector.on_plane(CEILING, down(), *outside)
+    assert raised.value.code == "spot_outside_map"
 
 
 # ------------------------------------------------------------------ depth

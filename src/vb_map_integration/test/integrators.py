@@ -7,7 +7,7 @@ import numpy as np
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
-from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_map_integration.integrator import MapIntegrator
 
 
 def room(height=120, width=160, origin=(-1.0, -1.0, 0.2)):
@@ -30,7 +30,7 @@ def square(column, row, size=20, grid=GRID, **options):
 
 
 def integrator(root=None, grid=GRID, **params):
-    result = MapIntegrator(IntegratorParams(**params), root)
+    result = MapIntegrator(root, **params)
     result.set_map(grid)
     return result
 

@@ -40,7 +40,8 @@ class MapRecorderTest(unittest.TestCase):
         wait_until(lambda: lines(3), "the third record")
         self.assertTrue(rospy.ServiceProxy("/virtual_borders/undo", Trigger)().success)
         found = wait_until(lambda: lines(4), "the fourth record")
-        self.assertEqual([line["trigger"] for line in found], ["start", "added b1", "added b2", "removed b2"])
+        counts = [len(borders_from_geojson((folder / line["borders"]).read_text())) for line in found]
+        self.assertEqual(counts, [0, 1, 2, 1])
         self.assertEqual([line["number"] for line in found], [1, 2, 3, 4])
         stamps = [line["stamp_s"] for line in found]
         self.assertEqual(stamps, sorted(stamps))
@@ -48,7 +49,6 @@ class MapRecorderTest(unittest.TestCase):
         soft = read_map(folder / "0003.yaml").data
         walls = int((grid.data == 100).sum())
         self.assertEqual([int((soft == value).sum()) for value in (75, 100)], [400, 400 + walls])
-        self.assertEqual(len(borders_from_geojson((folder / "0003.borders.geojson").read_text())), 2)
 
 
 if __name__ == "__main__":

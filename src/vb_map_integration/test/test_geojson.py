@@ -7,7 +7,7 @@ import pytest
 from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.grid.costmap_settings import check_soft_value
+from vb_map_integration.grid.costmap_settings import is_trinary
 from vb_map_integration.borders.geojson import borders_from_geojson, borders_to_geojson
 
 from integrators import square
@@ -65,7 +65,7 @@ def test_a_polygon_without_a_seed_restricts_its_inside():
         ("bad_border_file", json.dumps({"type": "FeatureCollection", "features": [3]})),
         ("bad_border_file", json.dumps(feature({"type": "Point", "coordinates": [0, 0]}))),
         ("bad_border_file", json.dumps(feature({"type": "Polygon", "coordinates": [[[0, 0]], [[1, 1]]]}))),
-        ("too_few_points", json.dumps(feature({"type": "Polygon", "coordinates": [[[0, 0], [1, 1]]]}))),
+        ("bad_border_file", json.dumps(feature({"type": "Polygon", "coordinates": [[[0, 0], [1, 1]]]}))),
     ],
 )
 def test_bad_geojson_is_refused(code, document):
@@ -83,9 +83,7 @@ def test_the_reason_for_a_bad_file_is_in_the_readers_language():
 def test_a_trinary_costmap_is_blind_to_soft_values():
     layers = [{"name": "walls", "type": "costmap_2d::StaticLayer"}, {"name": "x", "type": "costmap_2d::InflationLayer"}]
     good = {"plugins": layers, "walls": {"trinary_costmap": False}}
-    assert check_soft_value(75, {"global_costmap": good, "local_costmap": None}) is None
-    assert check_soft_value(100, {"global_costmap": {}}) is None
-    found = check_soft_value(75, {"global_costmap": {"plugins": layers}, "local_costmap": good})
-    assert found.code == "soft_border_ignored" and "global_costmap" in found.message and "local" not in found.message
-    for odd in ({"plugins": None}, {"plugins": ["x"], "static_layer": 3}, "x"):
-        check_soft_value(50, {"global_costmap": odd})
+    assert not is_trinary(good) and not is_trinary(None)
+    assert is_trinary({}) and is_trinary({"plugins": layers}) and is_trinary({**good, "walls": 3})
+    for odd in ({"plugins": None}, {"plugins": ["x"], "static_layer": 3}):
+        assert is_trinary(odd)

@@ -1,15 +1,19 @@
 """Changes, history, checks and composition, without ROS."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from vb_core import sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.integrator import IntegratorParams, MapIntegrator
-from vb_map_integration.grid.reachability import check_reachability
+from vb_map_integration.integrator import MapIntegrator
+from vb_map_integration.grid import free_parts
 
 from integrators import GRID, at, expected, integrator, square
 
@@ -26,7 +30,7 @@ COMMANDS = st.lists(
 @settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(COMMANDS)
 def test_any_history_gives_the_map_of_the_borders_that_are_left(commands):
-    keeper = integrator(check_reachability=False)
+    keeper = integrator()
     states = [()]
     undone = []
     for now, (command, column, row) in enumerate(commands, 1):
@@ -65,8 +69,8 @@ def test_refusals_change_nothing(tmp_path):
     keeper.add(square(10, 10), 1.0)
     before, cells, revision = keeper.borders, keeper.map_with_borders.data.copy(), keeper.revision
 
-    def read_files():  # what SQLite's readers note in its shared memory is no change
-        return {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file() and path.suffix != ".db-shm"}
+    def read_files():
+        return {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
     files = read_files()
     for code, action in (
@@ -112,67 +116,72 @@ def test_undo_and_redo_bring_back_no_name_that_another_has(tmp_path):
 
 
 def test_before_a_map_everything_is_refused():
-    keeper = MapIntegrator(IntegratorParams(), None)
+    keeper = MapIntegrator(None)
     for action in (lambda: keeper.add(square(10, 10), 1.0), lambda: keeper.map_with_borders):
         with pytest.raises(CodedError):
             action()
 
 
-def test_borders_for_other_robots_are_left_out():
-    keeper = integrator(robot_name="ada")
-    keeper.add(square(10, 10, robots=("bob",)), 1.0)
-    assert np.array_equal(keeper.map_with_borders.data, GRID.data)
-    keeper.add(square(50, 10, robots=("ada", "bob")), 1.0)
-    assert keeper.in_force.area_m2("b2") > 0
-
-
-def test_preview_changes_nothing_and_names_what_is_out_of_reach():
+def test_preview_changes_nothing_and_says_that_the_floor_is_split():
     keeper = integrator()
     before = keeper.map_with_borders.data.copy()
     band = VirtualBorder(at((70, -5), (90, -5), (90, 125), (70, 125)), at((80, 60))[0], closed=True)
-    check = keeper.check(band, {"robot": at((20, 60))[0]}, at((30, 30), (130, 30), (80, 60), (900, 0)))
-    assert check.reachability.free_parts == 2 and check.reachability.unreachable == (1, 2, 3)
-    assert "splits_free_space" in [found.code for found in check.issues]
+    check = keeper.check(band, at((20, 60)))
+    assert check.free_parts == 2 and "splits_free_space" in [found.code for found in check.issues]
     assert np.array_equal(keeper.map_with_borders.data, before) and keeper.borders == ()
     outcome = keeper.add(band, 1.0)
     assert "splits_free_space" in [found.code for found in outcome.issues]
     # replacing the band by a small square joins the parts again
-    check = keeper.check(square(70, 50, id=outcome.ids[0]), None, [at((130, 30))[0]])
-    assert check.reachability.free_parts == 1 and check.reachability.unreachable == ()
+    assert keeper.check(square(70, 50, id=outcome.ids[0])).free_parts == 1
 
 
-def test_a_gap_narrower_than_the_robot_is_no_path():
-    data = GRID.data.copy()
-    data[:, 80] = 100
-    data[50:56, 80] = 0  # 0.30 m
-    grid = GRID.with_data(data)
-    goal = [at((130, 50))[0]]
-    assert check_reachability(grid, goal, at((20, 50))[0], radius=0.18).unreachable == (0,)
-    assert check_reachability(grid, goal, at((20, 50))[0], radius=0.05).unreachable == ()
-
-
-def test_a_large_map_is_looked_at_in_coarser_cells(monkeypatch):
-    from vb_map_integration.grid import reachability
-
+@pytest.mark.parametrize("door, radius, parts", [(0.3, 0.18, 2), (0.3, 0.05, 1), (1.05, 0.18, 1), (0.0, 0.0, 2)])
+def test_a_gap_narrower_than_the_robot_is_no_path(monkeypatch, door, radius, parts):
     data = np.zeros((100, 160), np.int8)
     data[:, 78:82] = 100
-    data[40:61, 78:82] = 0  # a door of 1.05 m
-    grid = GridMap(data, 0.05)
-    goals = [(7.0, 2.5), (3.95, 1.0)]
-    fine = check_reachability(grid, goals, (1.0, 1.0))
-    monkeypatch.setattr(reachability, "MAX_CELLS", 2000)
-    assert check_reachability(grid, goals, (1.0, 1.0)) == fine == reachability.Reachability(1, (1,))
+    data[40 : 40 + int(round(door / 0.05)), 78:82] = 0
+    assert free_parts.count_free_parts(GridMap(data, 0.05), radius) == parts
+    if door != 0.3:  # a large map is looked at in coarser cells
+        monkeypatch.setattr(free_parts, "MAX_CELLS", 2000)
+        assert free_parts.count_free_parts(GridMap(data, 0.05), radius) == parts
 
 
-def test_the_hundredth_border_touches_no_other(monkeypatch):
-    """Not a measurement: adding one paints one region, whatever else is there."""
-    from vb_map_integration.grid import layered_map
+def test_no_free_space_left_for_the_robot_is_reported():
+    keeper = integrator()
+    everything = VirtualBorder(at((-5, -5), (170, -5), (170, 130), (-5, 130)), at((80, 60))[0], closed=True)
+    found = [one.code for one in keeper.add(everything, 1.0).issues]
+    assert {"outside_map", "covers_nearly_all", "no_free_space_left"} == set(found)
 
-    keeper = integrator(check_reachability=False)
-    painted = []
-    original = layered_map.Region.apply
-    monkeypatch.setattr(layered_map.Region, "apply", lambda self, *args: (painted.append(1), original(self, *args)))
-    for k in range(100):
-        painted.clear()
-        keeper.add(square(5 + k, 5 + k % 80), float(k + 1))
-        assert len(painted) == 1
+
+def test_each_robot_has_the_borders_that_name_it_or_nobody():
+    keeper = integrator()
+    keeper.add(square(30, 30), 1.0)
+    common = keeper.map_with_borders.data.copy()
+    keeper.add(square(80, 30, robots=("ada",)), 2.0)
+    keeper.add(square(80, 60, robots=("bob", "eve")), 3.0)
+    everything = keeper.map_with_borders.data
+    ada, bob, zoe = (keeper.map_with_borders_for(name).data for name in ("ada", "bob", "zoe"))
+    assert np.array_equal(zoe, common)
+    assert (ada == 100).sum() > (common == 100).sum() and (bob == 100).sum() > (common == 100).sum()
+    assert np.array_equal(np.maximum(ada, bob), everything), "the common map has them all"
+    assert not np.array_equal(ada, bob)
+    keeper.undo()
+    keeper.undo()
+    assert np.array_equal(keeper.map_with_borders_for("ada").data, common)
+    keeper.undo()
+    assert np.array_equal(keeper.map_with_borders_for("ada").data, GRID.data)
+
+
+PACKAGE = Path(__file__).resolve().parents[1]
+RAISED = "|".join(
+    [r'(?:IntegrationError|CodedError)\(\s*"(\w+)"', r'warn(?:ing)?\("(\w+)"', r'_coordinates\([^,]+, "(\w+)"']
+)
+
+
+def test_every_code_has_a_sentence():
+    codes = set()
+    for path in (PACKAGE / "src" / "vb_map_integration").rglob("*.py"):
+        for groups in re.findall(RAISED, path.read_text()):
+            codes.update(group for group in groups if group)
+    assert {"no_separation", "splits_free_space", "bad_points", "soft_border_ignored"} <= codes
+    assert codes <= set(sentences.catalog())

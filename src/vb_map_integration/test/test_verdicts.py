@@ -7,7 +7,6 @@ import pytest
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.in_force import put_in_force
-from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_map_integration.places.border_place import BorderPlace
 from vb_map_integration.places.registration import Transform
 
@@ -40,7 +39,7 @@ def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_cl
     accepted = keeper.in_force.area_m2("b1")
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0) and not keeper.needs_confirmation
     keeper.set_map(flat(seed=1), 2.0)
-    assert keeper.status(keeper.borders[0]) == (True, "to_be_confirmed") and keeper.needs_confirmation
+    assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and keeper.needs_confirmation
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)  # not twice as much as somebody wanted
     notice = next(one for one in keeper.notices if one.border_id == "b1")
     assert notice.code == "to_be_confirmed" and "something else" in notice.sentence()
@@ -49,15 +48,15 @@ def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_cl
     before, after = (cv2.contourArea(np.float32(one)) for one in keeper.in_force.outlines("b1"))
     assert before == pytest.approx(accepted, rel=0.1) and after == pytest.approx(float(notice.values["now"]), rel=0.1)
     assert keeper.confirm(True, "", 3.0).ids == ()
-    assert keeper.status(keeper.borders[0]) == (True, "") and not keeper.needs_confirmation
+    assert keeper.in_force.status(keeper.borders[0]) == (True, "") and not keeper.needs_confirmation
     assert all(len(one) == 0 for one in keeper.in_force.outlines("b1"))
     assert closed_at(keeper, 1.0, 5.0) and keeper.in_force.area_m2("b1") > 2.0 * accepted
     cells = keeper.map_with_borders.data.copy()
     keeper.close()
     again = integrator(tmp_path, flat(seed=1))  # what was accepted is kept
-    assert again.status(again.borders[0]) == (True, "") and np.array_equal(again.map_with_borders.data, cells)
+    assert again.in_force.status(again.borders[0]) == (True, "") and np.array_equal(again.map_with_borders.data, cells)
     again.undo(5.0)
-    assert again.status(again.borders[0]) == (True, "to_be_confirmed")
+    assert again.in_force.status(again.borders[0]) == (True, "to_be_confirmed")
     again.close()
 
 
@@ -69,13 +68,13 @@ def test_a_line_that_cannot_be_put_on_the_map_keeps_closed_what_it_closed():
     low, high = furnished.world_to_cell([(2.2, 1.3), (2.9, 1.9)])
     furnished.data[low[0] : high[0], low[1] : high[1]] = 100  # on the marked point
     keeper.set_map(furnished)
-    assert keeper.status(keeper.borders[0]) == (True, "to_be_confirmed")
+    assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed")
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 5.0, 1.0)
     assert keeper.in_force.area_m2("b1") == pytest.approx(before, rel=0.1)
     # nobody can accept it: it is drawn again, or removed
     assert next(one for one in keeper.notices if one.border_id).values["why"] == "seed_on_obstacle"
     keeper.confirm(True, "", 2.0)
-    assert keeper.status(keeper.borders[0]) == (True, "to_be_confirmed") and not keeper.needs_confirmation
+    assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and not keeper.needs_confirmation
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -154,16 +153,6 @@ def test_a_name_that_nobody_could_read_is_refused_and_nothing_changes():
     assert keeper.revision == revision and keeper.map_name == ""
 
 
-def test_a_limit_that_the_map_of_limits_cannot_hold_is_refused():
-    """A slow zone of 2.0 m/s gave 1.27."""
-    with pytest.raises(CodedError) as caught:
-        keep_out(zone="slow", max_speed=2.0)
-    assert caught.value.code == "bad_speed"
-    keeper = integrator(grid=flat())
-    keeper.add(keep_out(zone="slow", max_speed=1.27), 1.0)
-    assert keeper.in_force.speed_limits.data.max() == 127
-
-
 def test_the_map_on_which_a_border_was_accepted_is_kept_as_long_as_the_border(tmp_path):
     keeper = integrator(tmp_path, flat())
     keeper.add(keep_out(), 1.0)
@@ -177,12 +166,18 @@ def test_the_map_on_which_a_border_was_accepted_is_kept_as_long_as_the_border(tm
     keeper.close()
 
 
+def state(keeper):
+    verdicts = {
+        key: (one.code, one.border, one.after and one.after.area_m2) for key, one in keeper.in_force.verdicts.items()
+    }
+    return verdicts, keeper.map_with_borders.data.tolist()
+
+
 def test_what_is_in_force_is_a_function_of_what_is_stored(tmp_path):
     """Whatever happened before, a start from the database gives the same."""
     random = np.random.default_rng(4)
-    keeper = MapIntegrator(IntegratorParams(check_reachability=False), tmp_path)
     maps = [flat(), flat(seed=1), with_walls(flat(seed=2), ((0.0, 2.4), (3.1, 2.4)))]
-    keeper.set_map(maps[0], 1.0)
+    keeper = integrator(tmp_path, maps[0])
     for step in range(25):
         ids = [border.id for border in keeper.borders]
         actions = [
@@ -198,25 +193,13 @@ def test_what_is_in_force_is_a_function_of_what_is_stored(tmp_path):
             actions[random.integers(len(actions)) if ids else 0]()
         except CodedError:
             continue
-        before = {
-            key: (one.code, one.border, one.after and one.after.area_m2)
-            for key, one in keeper.in_force.verdicts.items()
-        }
-        cells, current = keeper.map_with_borders.data.copy(), keeper.physical
-        if step % 5 == 0 and not keeper.needs_confirmation:
-            keeper.confirm(True, "", 1.0)  # a start knows only maps that were confirmed or drawn on
-            before = {
-                key: (one.code, one.border, one.after and one.after.area_m2)
-                for key, one in keeper.in_force.verdicts.items()
-            }
-            keeper.close()
-            keeper = MapIntegrator(IntegratorParams(check_reachability=False), tmp_path)
-            keeper.set_map(current, 1.0)
-            after = {
-                key: (one.code, one.border, one.after and one.after.area_m2)
-                for key, one in keeper.in_force.verdicts.items()
-            }
-            assert after == before and np.array_equal(keeper.map_with_borders.data, cells)
+        if step % 5 or keeper.needs_confirmation:
+            continue
+        keeper.confirm(True, "", 1.0)  # a start knows only maps that were confirmed or drawn on
+        before, current = state(keeper), keeper.physical
+        keeper.close()
+        keeper = integrator(tmp_path, current)
+        assert state(keeper) == before
     keeper.close()
 
 
@@ -227,5 +210,5 @@ def test_a_border_that_was_accepted_where_it_does_not_fit_any_more_waits_and_end
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
     place = BorderPlace(keeper.borders[0], accepted=accepted, accepted_on=flat())
     assert place.region_before(flat(seed=1)) is None
-    found = put_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place, "", 2.0)
+    found = put_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place, 2.0)
     assert found.verdicts["b1"].code == "to_be_confirmed" and found.outlines("b1")[0].shape == (0, 2)

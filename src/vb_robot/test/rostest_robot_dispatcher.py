@@ -19,11 +19,11 @@ from vb_testing import wait_until
 from vb_core import names
 from vb_core.poses import to_base
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_pose2d
+from vb_core.vocabulary import BORDER, DEFAULT, GUIDE
 from vb_msgs.msg import NoticeArray
 from vb_robot import robot_dispatcher_node
 from vb_robot.floor_view import FloorView
 
-DEFAULT, BORDER, GUIDE = 0, 1, 3
 SPOT = (2.0, 2.5)
 
 

@@ -11,21 +11,19 @@ import numpy as np
 import rosgraph
 import rospy
 import rostest
-from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Path
 from std_msgs.msg import UInt8
 from std_srvs.srv import Empty, EmptyResponse
-from visualization_msgs.msg import MarkerArray
 
 from stimulus import Body, Stimulus, assert_bad_parameter_is_named, room
 from vb_testing import wait_until
 
 from vb_core import names
 from vb_core.ros.messages import OccupancyGridArray
+from vb_core.vocabulary import DEFAULT, GUIDE
 from vb_msgs.msg import DriverState, NoticeArray, Stop, VirtualBorder, VirtualBorderArray
 from vb_robot import robot_driver_node
-
-DEFAULT, GUIDE = 0, 3
 
 
 def process_of(node):
@@ -334,18 +332,9 @@ class DriverTest(unittest.TestCase):
         wait_until(lambda: becomes(0.0001, lambda count: count == usual), "the usual margin")
         listener.unregister()
 
-    def test_the_path_by_the_planner_that_navigation_has_is_on_the_topic_of_all(self):
-        shown = {}
-        rospy.Subscriber(names.PLANS, MarkerArray, lambda m: shown.update({k.ns: len(k.points) for k in m.markers}))
-        path = Path(poses=[PoseStamped(), PoseStamped()])
-        path.header.frame_id = "map"
-        planner = rospy.Publisher("ada/move_base/GlobalPlanner/plan", Path, queue_size=1, latch=True)
-
-        def is_shown():
-            planner.publish(path)
-            return shown == {"ada": 2}
-
-        wait_until(is_shown, "the path on the topic of all")
+    def test_the_path_is_that_of_the_planner_that_navigation_has(self):
+        planner = rospy.Publisher("ada/move_base/GlobalPlanner/plan", Path, queue_size=1)
+        wait_until(lambda: planner.get_num_connections() > 0, "the driver to listen")
 
     def test_a_contact_that_cannot_be_heard_or_read_is_refused(self):
         integer = {"topic": "bumper", "type": "std_msgs/UInt8"}

@@ -15,10 +15,9 @@ from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
 from vb_core.stop_latch import StopLatch
+from vb_core.vocabulary import DEFAULT
 from vb_msgs.msg import DriverState, InteractionState, LaserSpot
 from vb_robot.floor_view import FloorView
-
-NAMES = {0: "default", 1: "border", 2: "seed", 3: "guide"}
 
 
 def room(width=6.0, height=5.0, resolution=0.05):
@@ -98,12 +97,12 @@ class Stimulus(Body):
         message = InteractionState()
         now = rospy.Time.now()
         message.header.stamp = now
-        if state == 0:
+        if state == DEFAULT:
             self._interaction = ""
         elif not self._interaction:
             self._count += 1
             self._interaction = f"interaction {self._count}"
-        message.state, message.name = state, NAMES[state]
+        message.name = state.name
         message.interaction_id, message.entered = self._interaction, now
         self._state_message = message
         self._publish_state(now)

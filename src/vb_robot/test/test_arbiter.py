@@ -14,7 +14,7 @@ from vb_core.stop_latch import HeldStops, StopLatch
 from vb_core.vocabulary import BORDER, DEFAULT, GUIDE, SEED
 from vb_robot.driving.arbiter import ACCELERATION, Arbiter
 from vb_robot.driving.gate import INPUT_TIMEOUT, NAVIGATION, TELEOP
-from vb_robot.driving.safety import Scan, SpeedLimits
+from vb_robot.driving.safety import Scan
 from vb_robot.driving.spot_follower import (
     BACK_TO_DISTANCE,
     FAR_DISTANCE,
@@ -262,7 +262,7 @@ def test_contact_lets_it_only_back_up():
 def test_speed_limits_hold_for_navigation():
     rig = Rig()
     rig.navigation = (0.5, 0.5)
-    rig.arbiter.gate.speed_limits = SpeedLimits(empty().with_data(np.full(empty().shape, 20, np.int8)))
+    rig.arbiter.gate.speed_limits = empty().with_data(np.full(empty().shape, 20, np.int8))
     command = rig.step(0.2)
     assert command.code == "speed_zone" and command.v == pytest.approx(0.2) and command.w == pytest.approx(0.2)
 

@@ -16,7 +16,7 @@ from vb_core.node_graph import NodeGraph
 from vb_robot.driving.workspace import KnownBorder
 from vb_robot.monitoring import navigation_limits, wiring
 from vb_robot.monitoring.goals import GoalReview
-from vb_robot.monitoring.navigation_limits import PlannerSpeed, limit_around, limited
+from vb_robot.monitoring.navigation_limits import PlannerSpeed, limited
 
 
 def graph(maps, robot="", publishes=None, planner="DWAPlannerROS"):
@@ -197,17 +197,6 @@ def test_a_goal_is_refused_exactly_where_a_search_of_its_own_finds_no_path(seed)
 
 
 # ------------------------------------------------------------ slow zones
-def test_the_limit_is_that_of_the_slowest_zone_within_reach():
-    data = np.zeros((80, 160), np.int8)
-    data[20:40, 60:80], data[20:40, 80:100] = 20, 10
-    zones = GridMap(data, 0.05)
-    assert limit_around(zones, (1.0, 1.5), 0.5) == math.inf
-    assert limit_around(zones, (2.6, 1.5), 0.5) == pytest.approx(0.2)
-    assert limit_around(zones, (3.8, 1.5), 0.5) == pytest.approx(0.1)
-    assert limit_around(None, (1.0, 1.0), 0.5) == math.inf
-    assert limit_around(zones, (-5.0, 1.0), 0.5) == math.inf
-
-
 def test_a_planner_under_a_limit_keeps_what_lies_below_it():
     usual = {"max_vel_trans": 0.5, "max_vel_x": 0.5, "min_vel_trans": 0.1, "max_vel_x_backwards": 0.0}
     assert limited(usual, 0.2) == {**usual, "max_vel_trans": 0.2, "max_vel_x": 0.2}

@@ -15,8 +15,8 @@ from vb_robot.driving.safety import (
     Clearance,
     Fix,
     Scan,
-    SpeedLimits,
     arc,
+    limit_around,
     pose_jump,
     safe_speed,
     stop_distance,
@@ -120,14 +120,15 @@ def test_it_stops_before_what_it_saw_however_old_the_scan_is_and_uses_the_room_i
     assert code == "obstacle" and v * moving + v * v / (2.0 * LIMITS.deceleration) == pytest.approx(room, abs=0.005)
 
 
-def test_speed_limits_count_where_the_robot_is_and_where_it_drives_to():
-    data = np.zeros(empty().shape, np.int8)
-    data[:, 160:] = 15
-    limits = SpeedLimits(empty().with_data(data))
-    assert limits.at((3.0, 2.5, 0.0), 0.5, 0.0, 0.2) == math.inf
-    assert limits.at((3.9, 2.5, 0.0), 0.5, 0.0, 0.2) == pytest.approx(0.15)
-    assert limits.at((3.9, 2.5, math.pi), 0.5, 0.0, 0.2) == math.inf
-    assert limits.at((6.0, 2.5, 0.0), 0.5, 0.0, 0.2) == pytest.approx(0.15)
+def test_speed_limits_count_where_the_robot_is_and_as_far_as_it_needs_to_stop():
+    data = np.zeros((80, 160), np.int8)
+    data[20:40, 60:80], data[20:40, 80:100] = 20, 10
+    zones = GridMap(data, 0.05)
+    assert limit_around(zones, (1.0, 1.5), 0.5) == math.inf
+    assert limit_around(zones, (2.6, 1.5), 0.5) == pytest.approx(0.2)
+    assert limit_around(zones, (3.8, 1.5), 0.5) == pytest.approx(0.1)
+    assert limit_around(zones, (3.2, 1.5), 0.0) == pytest.approx(0.2)
+    assert limit_around(zones, (-5.0, 1.0), 0.5) == math.inf
 
 
 def test_arc_closes_a_circle():

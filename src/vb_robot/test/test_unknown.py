@@ -175,7 +175,7 @@ def test_a_jump_over_a_moment_without_a_pose_is_a_jump_too():
 
 def test_a_state_that_is_not_known_moves_no_robot():
     record = Sightings(mobile_cameras=("robot",))
-    record.set_state(state_of(7), "a", 0.0)
+    record.set_state(state_of("of_a_newer_version"), "a", 0.0)
     for step in range(40):
         record.add(Sighting(0.1 * step, (1.0, 1.0), "robot", True))
     assert not record.should_follow("robot", 4.0) and not record.should_dispatch() and record.newest() is None

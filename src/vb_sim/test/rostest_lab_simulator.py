@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 import rospy
 import rostest
-from geometry_msgs.msg import Point, Pose2D, PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import Point, Pose2D, Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
@@ -18,7 +18,6 @@ from vb_testing import Newest, assert_ends_with_one_line, wait_until
 
 from vb_core import geometry, names
 from vb_core.errors import CodedError
-from vb_core.ros.messages import message_from_pose2d
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LabState, ParticipantState
 
@@ -32,10 +31,8 @@ class LabSimulatorTest(unittest.TestCase):
         cls.clock = Newest("/clock", Clock)
         cls.state = Newest(names.LAB_STATE, LabState)
         cls.odom = Newest("/odom", Odometry)
-        cls.amcl = Newest("/amcl_pose", PoseWithCovarianceStamped)
         cls.transforms = TransformLookup()
         cls.cmd_vel = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
-        cls.initialpose = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
         cls.participant = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
         cls.state.next()
         cls.reset()
@@ -98,19 +95,6 @@ class LabSimulatorTest(unittest.TestCase):
         self.assertEqual((scan.header.frame_id, len(scan.ranges)), ("base_laser_link", 360))
         # the start is 0.4 m from two walls
         self.assertAlmostEqual(min(scan.ranges), 0.4, delta=0.08)
-
-    def test_initial_pose_moves_the_estimate_not_the_robot(self):
-        self.reset()
-        before = self.pose()
-        wanted = PoseWithCovarianceStamped()
-        wanted.header.frame_id = "map"
-        wanted.pose.pose = message_from_pose2d(5.0, 2.0, 0.0)
-        wait_until(lambda: self.initialpose.get_num_connections() > 0, "the lab to listen")
-        self.initialpose.publish(wanted)
-        self.amcl.wait(lambda message: abs(message.pose.pose.position.x - 5.0) < 1e-3, "the new estimate")
-        self.assertTrue(np.allclose(self.pose(), before))
-        self.reset()
-        self.amcl.wait(lambda message: abs(message.pose.pose.position.x - START[0]) < 0.2, "the estimate at the start")
 
     def test_the_participant_is_in_the_state_until_silent(self):
         message = ParticipantState(

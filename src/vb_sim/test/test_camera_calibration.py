@@ -8,7 +8,7 @@ import pytest
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_sim.cameras.camera_calibration import calibrated_pose
-from vb_sim.room.camera_models import Optics
+from vb_sim.models import Optics
 from vb_sim.room.world import CeilingCamera, load_world
 
 CAMERAS = load_world(str(Path(__file__).resolve().parents[1] / "worlds" / "lab.yaml")).cameras

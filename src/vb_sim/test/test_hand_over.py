@@ -13,22 +13,18 @@ from shapely.geometry import LineString, Point
 
 from vb_core import geometry
 from vb_fusion.extraction import extract_border
-from vb_robot.coverage import floor_seen
 from vb_robot.floor_view import FloorView
 from vb_core.poses import to_base
 from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.room.floor_plan import physical_map
-from vb_sim.room.models import load_models, read_section
-from vb_sim.room.camera_models import load_camera_models
-from vb_sim.robot.motion_models import LocalizationModel
+from vb_sim.models import Models
 from vb_sim.room.world import load_world
 
 PACKAGE = Path(__file__).resolve().parents[1]
 WORLD = load_world(str(PACKAGE / "worlds" / "lab.yaml"))
-MODELS = str(PACKAGE / "config" / "models.yaml")
 GRID = physical_map(WORLD)
 BLUE = WORLD.camera("blue")
-SEEN = floor_seen(GRID, BLUE.model(), BLUE.pose())
+BLUES_VIEW = FloorView(BLUE.model(), BLUE.pose(), np.inf)  # of the map: nothing stands between it and the line
 ROBOT = (7.4, 2.0, np.radians(88.0))  # looks at the line from below
 TRUTH = LineString(WORLD.scenario("corner").border)
 TREMOR = 0.010  # [m]; models.yaml
@@ -47,16 +43,15 @@ def drawn(seed, overlap=True):
     line = geometry.resample_chain(np.asarray(TRUTH.coords), 0.4 / 25.0)  # 0.4 m/s, 25 images/s
     tremor = np.cumsum(rng.normal(0.0, 1.0, line.shape), axis=0)
     line = line + TREMOR * (tremor - tremor.mean(axis=0)) / tremor.std(axis=0)
-    by_blue = GRID.with_data(SEEN.astype(np.int8)).values_at(line) > 0
+    by_blue = BLUES_VIEW.sees(line)
     view = FloorView.usual()
     by_robot = view.sees(to_base(line, ROBOT), 0.03)
     if not overlap:
         by_robot &= ~by_blue
-    models = load_camera_models(MODELS)
-    localization = read_section(load_models(MODELS), "localisation", LocalizationModel)
+    models = Models()
     believed = calibrated_pose(BLUE, models.optics, seed)
     blue = on_floor(BLUE.model(), BLUE.pose(), believed, line[by_blue]) + rng.normal(0.0, 0.002, (by_blue.sum(), 2))
-    sigmas = (localization.position_sigma, localization.position_sigma, localization.yaw_sigma)
+    sigmas = (models.localization.position_sigma, models.localization.position_sigma, models.localization.yaw_sigma)
     off = np.array(sigmas) * rng.normal(size=3)
     true = geometry.transform_from_pose2d(*ROBOT) @ view.T_base_camera
     guess = geometry.transform_from_pose2d(*(np.array(ROBOT) + off)) @ view.T_base_camera
@@ -78,7 +73,7 @@ def test_no_gap_and_no_step_where_the_robot_goes_on(seed, overlap):
     assert max(chain.distance(place) for place in along) < 0.09
     # no step: on 0.5 m about the edge of what blue sees the border goes on as it is intended to
     along_line = np.column_stack([np.arange(6.0, 8.0, 0.01), np.full(200, 3.4)])
-    edge = along_line[GRID.with_data(SEEN.astype(np.int8)).values_at(along_line) > 0, 0].max()
+    edge = along_line[BLUES_VIEW.sees(along_line), 0].max()
     assert 6.5 < edge < 7.3
     heights = []
     for x in np.arange(edge - 0.25, edge + 0.26, 0.05):

@@ -17,7 +17,7 @@ from vb_sim.lab_history import Snapshot
 from vb_sim.room.bodies import piece_outlines, robot_pieces
 from vb_sim.room.floor_texture import render_floor
 from vb_sim.room.mesh import world_mesh
-from vb_sim.room.camera_models import CameraModels, Optics
+from vb_sim.models import Models, Optics
 from vb_sim.room.world import load_world, world_from_mapping
 
 TOP = Path(__file__).resolve().parents[3]
@@ -33,7 +33,7 @@ WORLD = world_from_mapping(
     }
 )
 # so long that the button, which is of a medium green, is saturated, and the floor is not
-LONG_EXPOSURE = CameraModels(optics=Optics(exposure_ms=26.0, exposure_gain=2.6))
+LONG_EXPOSURE = Models(optics=Optics(exposure_ms=26.0, exposure_gain=2.6))
 RATE, EMPTY, ALONE, DRAWN = 25.0, 25, 50, 75  # images per second; images of the empty room, of the robot, of both
 BESIDE = 0.4  # [m] from the robot's middle to the spot
 
@@ -55,12 +55,13 @@ def found(camera, hides):
         x, y, yaw = pose = pose_at(step)
         laser = (x - BESIDE * math.sin(yaw), y + BESIDE * math.cos(yaw)) if step >= EMPTY + ALONE else None
         snapshot = Snapshot(step / RATE, {"robot": pose} if step >= EMPTY else {}, laser)
+        image = view.frame(snapshot)
         if view.spot_share(snapshot) > 0.5:
             seen[step] = laser
         # localisation is a little off, as it always is
         body = RobotCylinder(x + 0.02, y - 0.02, 0.23, 0.45)
         frame = ImageGeometry(view.model, lambda: view.pose, projector, cylinders=lambda: [body] if hides else [])
-        spots += detector.detect(reader.read(view.frame(snapshot), view.encoding), step / RATE, frame)
+        spots += detector.detect(reader.read(image, view.encoding), step / RATE, frame)
     off = {}
     for spot in spots:
         step = round(spot.stamp * RATE)

@@ -38,7 +38,7 @@ FOLDER = tempfile.mkdtemp(prefix="vb_interaction_")
 LOG = os.path.join(FOLDER, "interactions.jsonl")
 ARGUMENTS = [
     f"_log_file:={LOG}",
-    f"_state_file:={FOLDER}/state.json",
+    f"_stop_file:={FOLDER}/stop",
     "_method:=a_method",
     "_service_timeout:=5.0",
     "_response_timeout:=10.0",
@@ -96,7 +96,7 @@ class InteractionManagerTest(unittest.TestCase):
     def test_a_whole_interaction(self):
         self.assertTrue(self.command("define_border", "voice").success)
         drawing = self.in_state("border")
-        self.assertEqual(drawing.state, InteractionState.BORDER)
+        self.assertEqual(drawing.name, "border")
         self.assertTrue(drawing.interaction_id and not drawing.started.is_zero())
         # elapsed times grow without anybody saying anything
         self.state.wait(lambda message: message.border_s > drawing.border_s, "time that runs")
@@ -392,11 +392,9 @@ class InteractionManagerTest(unittest.TestCase):
             timer.shutdown()
             notices.unregister()
 
-    def test_a_killed_node_goes_on_where_it_was(self):
+    def test_a_killed_node_begins_again_and_a_stop_holds(self):
         topic = rospy.Publisher("/virtual_borders/stop", Stop, queue_size=1)
         wait_until(topic.get_num_connections, "the manager's ear")
-        refused = self.command("undo", id="before")
-        self.assertEqual((refused.success, refused.code), (False, "no_service"))
         self.command("define_border", "voice")
         self.command("define_seed", "voice")
         topic.publish(source="a red button")
@@ -405,16 +403,10 @@ class InteractionManagerTest(unittest.TestCase):
         self.node.kill()
         del self.state.all[:]
         self.node.start()
-        again = self.in_state("seed")
-        self.assertEqual(again.interaction_id, before.interaction_id)
-        self.assertGreaterEqual(again.border_s, before.border_s)
-        self.assertEqual((again.stopped, again.stopped_by), (True, before.stopped_by))
-        self.assertEqual(again.stopped_by, "a red button")
-        wait_until(lambda: self._answers("save"), "the restarted node's service")
-        self.assertEqual(self.records()[-1]["interaction_id"], before.interaction_id)
-        self.assertEqual(self.records()[-1]["outcome"], "saved")
-        # what was answered before is answered again, and still nobody may drive
-        self.assertEqual(self.command("undo", id="before").code, "no_service")
+        again = self.in_state("default")
+        self.assertEqual((again.stopped, again.stopped_by), (True, "a red button"))
+        wait_until(lambda: self._answers("define_border"), "the restarted node's service")
+        self.assertNotEqual(self.in_state("border").interaction_id, before.interaction_id)
         self.assertEqual(self.command("guide_robot").code, "guide_stopped")
         self.assertTrue(self.command("resume").success)
         self.state.wait(lambda message: not message.stopped, "robots that may drive")
@@ -454,13 +446,13 @@ class InteractionManagerTest(unittest.TestCase):
             "interaction_manager",
             "__name:=interaction_manager",
             *ARGUMENTS,
-            f"_state_file:={folder}/s.json",
+            f"_stop_file:={folder}/stop",
         )
         try:
-            wait_until(lambda: os.path.exists(f"{folder}/s.stop") and self._answers("cancel"), "the other manager")
+            wait_until(lambda: os.path.exists(f"{folder}/stop") and self._answers("cancel"), "the other manager")
             # as a full disk: nothing new can be made, also not by root, and what is there can be emptied
-            os.rename(f"{folder}/s.stop", f"{folder}/kept")
-            os.mkdir(f"{folder}/s.stop")
+            os.rename(f"{folder}/stop", f"{folder}/kept")
+            os.mkdir(f"{folder}/stop")
             self.assertEqual(self.command("stop").code, "stop_not_stored")
             wait_until(
                 lambda: any(n.code == "stop_not_stored" for said in notices.all for n in said.notices), "the notice"
@@ -507,9 +499,8 @@ class InteractionManagerTest(unittest.TestCase):
     def test_a_lost_memory_counts_as_stopped_and_an_abandoned_interaction_ends_with_a_warning(self):
         # a manager of its own in a namespace would still use the fixed names: this one takes the other's place
         self.node.kill()
-        for name in ("json", "stop"):
-            with open(f"{FOLDER}/state.{name}", "w") as file:
-                file.write("{")
+        with open(f"{FOLDER}/stop", "w") as file:
+            file.write("{")
         del self.state.all[:]
         notices = Newest("/virtual_borders/notices", NoticeArray)
         impatient = Process(

@@ -34,7 +34,7 @@ class WizardConsoleTest(unittest.TestCase):
             "interaction_manager",
             "__name:=interaction_manager",
             f"_log_file:={FOLDER}/log",
-            f"_state_file:={FOLDER}/state",
+            f"_stop_file:={FOLDER}/stop",
         )
         # one console for all that does not need another one: starting it is most of a test's time
         cls.terminal = Terminal()
@@ -60,9 +60,10 @@ class WizardConsoleTest(unittest.TestCase):
         terminal.shows("waiting for the interaction manager", seen)
         seen = len(terminal.text)
         self.manager.start()
-        terminal.shows("BORDER", seen)
-        terminal.press("d")
-        self.state.wait(lambda message: message.name == "seed", "the seed state")
+        terminal.shows("READY", seen)
+        for key, name in (("b", "border"), ("d", "seed")):
+            terminal.press(key)
+            self.state.wait(lambda message, name=name: message.name == name, f"the state {name}")
         terminal.press("z")
         terminal.shows("'z' has no function")
         terminal.press("\x1b[A")

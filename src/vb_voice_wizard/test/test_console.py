@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from io import StringIO
+
 import pytest
 import rospy
+from rich.console import Console
 
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
@@ -28,8 +31,10 @@ def drawing(language="en"):
     )
 
 
-def text(view, now=0.0):
-    return "\n".join(line.plain for line in view.lines(now)).replace("\u00a0", " ")
+def text(view, now=0.0, width=300):
+    console = Console(file=StringIO(), width=width)
+    console.print(*view.lines(now), sep="\n")
+    return console.file.getvalue()
 
 
 def test_what_holds_is_said():
@@ -48,14 +53,24 @@ def test_what_holds_is_said():
     view.state.ends_at = rospy.Time(145)
     view.notices = (Notice("stopped", Severity.WARNING), Notice("of_a_newer_version", Severity.ERROR, message="Look!"))
     found = text(view, 100.0)
-    for word in ("STOPPED", "voice", "ends in 0:45", "save again to confirm", "! Stopped: no robot drives", "! Look!"):
+    for word in ("STOPPED", "voice", "ends in 0:45", "save again to confirm", "! Look!"):
         assert word in found, word
+    assert "! Stopped: no robot drives" not in found  # the line of the state has said so
+    view.state = None
+    assert "! Stopped: no robot drives" in text(view)
 
 
 def test_an_earlier_drawing_is_not_shown_in_a_new_interaction():
     view = drawing()
     view.state.interaction_id = "cd34"
     assert "120 border" not in text(view)
+
+
+def test_a_notice_that_is_an_issue_too_is_said_once():
+    view = drawing()
+    view.preview.issues[0].code = "robot_inside"
+    view.notices = (Notice("robot_inside", Severity.WARNING),)
+    assert text(view).count(f"! {sentences.translate('robot_inside')}") == 1
 
 
 def test_a_refused_preview_is_not_said_twice():
@@ -71,23 +86,28 @@ def test_a_silent_manager_is_reported():
 
 @pytest.mark.parametrize("escape", ["\x1b[2J", "\x1b]0;title\x07", "\x9b31m", "\x08\x08", "\r", "\n"])
 def test_no_control_character_from_elsewhere_reaches_the_terminal(escape):
-    view = drawing()
-    view.state.stopped, view.state.stopped_by = True, f"ada{escape}"
-    view.progress.cameras_seeing_spot = [f"red{escape}"]
-    view.preview.issues[0].message = f"why{escape}"
-    view.notices = (Notice("microphone_missing", Severity.WARNING, values={"why": f"look{escape}"}),)
-    found = "".join(line.plain for line in [*view.lines(), printable(f"said{escape}")])
-    assert [word for word in ("ada", "red", "why", "look", "said") if word not in found] == []
-    assert not any(ord(letter) < 0x20 or 0x7F <= ord(letter) < 0xA0 for letter in found)
+    def screen(escape):
+        view = drawing()
+        view.state.stopped, view.state.stopped_by = True, f"ada{escape}"
+        view.progress.cameras_seeing_spot = [f"red{escape}"]
+        view.preview.issues[0].message = f"why{escape}"
+        view.notices = (Notice("microphone_missing", Severity.WARNING, values={"why": f"look{escape}"}),)
+        return text(view) + printable(f"said{escape}").plain
+
+    found, usual = screen(escape).split("\n"), screen("").split("\n")
+    assert [word for word in ("ada", "red", "why", "look", "said") if word not in "".join(found)] == []
+    assert len(found) == len(usual)
+    assert not any(ord(letter) < 0x20 or 0x7F <= ord(letter) < 0xA0 for letter in "".join(found))
 
 
 @pytest.mark.parametrize("language", sentences.languages())
 def test_each_command_has_its_key_in_every_language(language):
     view = drawing(language)
-    found = text(view)
-    for command in COMMANDS.values():
-        key = view.words("console_space") if command.key == " " else command.key
-        assert f" {key}  {view.words('command_' + command.name)} " in found
+    for width in (300, 30):
+        found = text(view, width=width)
+        for command in COMMANDS.values():
+            key = view.words("console_space") if command.key == " " else command.key
+            assert f" {key}  {view.words('command_' + command.name)}" in found
     assert view.words("console_quit") in found and view.words("state_border").upper() in found
 
 

@@ -8,10 +8,9 @@ import threading
 
 import numpy as np
 import pytest
-import soxr
 
 from vb_core.ros.node import start_thread
-from vb_voice_wizard.voice.audio_sources import Microphone, Resampler, level_db
+from vb_voice_wizard.voice.audio_sources import Microphone, level_db
 from vb_voice_wizard.voice.endpointing import CHUNK, MAX_UTTERANCE, Endpointer, SpeechDetector
 
 from speech import RATE, room_noise, say, utterances
@@ -142,21 +141,6 @@ def test_a_program_that_talks_is_drained_and_its_last_word_reported():
     assert told.wait(60)
     microphone.close()
     assert sum(map(len, heard)) == 1000 and sentences_[0].endswith("end")
-
-
-@pytest.mark.parametrize("rate", [8000, 44100, 48000])
-def test_a_stream_is_resampled_as_one(rate):
-    time = np.arange(rate) / rate
-    pcm = (10000 * np.sin(2 * np.pi * 440 * time)).astype(np.int16)
-    whole = soxr.resample(pcm, rate, RATE).astype(float)
-    resampler = Resampler()
-    pieces = np.concatenate(
-        [resampler.push(pcm[at : at + rate // 20], rate) for at in range(0, rate, rate // 20)]
-    ).astype(float)
-    # the stream lags by its filter, and is otherwise the same: each piece alone was off by a tenth at its ends
-    assert len(whole) - 2000 < len(pieces) <= len(whole)
-    middle = slice(500, len(pieces) - 500)
-    assert np.abs(pieces[middle] - whole[: len(pieces)][middle]).max() < 20.0
 
 
 def test_levels():

@@ -29,7 +29,7 @@ from vb_core.ros.messages import OccupancyGridArray, grid_from_message, mapping_
 from vb_core.ros.notices import NoticePublisher
 from vb_evaluation.processes import free_port
 from vb_msgs.msg import DetectorStatus, DriverState, InteractionState, LaserSpot, NoticeArray, StudyEvent
-from vb_msgs.msg import Stop, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import RobotStatus, RobotStatusArray, Stop, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import AddBorder
 
 CARPET = [[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]]
@@ -857,6 +857,24 @@ class PageTest(unittest.TestCase):
         )
         self.browser.run("window.virtualBorders.map.picture('floor', '')")
         self.browser.faults()  # the browser's console has each failed request
+
+    def test_6c_a_robot_in_a_border_is_a_problem_and_a_monitor_that_fell_silent_is_told(self):
+        robots = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1)
+        notices = NoticePublisher()
+        notices.set([Notice("robot_inside_border", Severity.WARNING, values={"who": "$the_robot", "border": "Rug"})])
+        ready = RobotStatus(move_base="/move_base", driver=True, localized=True, plans_round_borders=True)
+        said = RobotStatusArray(interaction=True, cameras=["red"], robots=[ready])
+        self.browser.run("document.getElementById('health').open = true")
+        wait_until(
+            lambda: robots.publish(said) or self.browser.text("#health-sum") == "1 problem", "the robot in the border"
+        )
+        self.browser.wait_text("#banners", "robot_monitor has fallen silent")
+        self.assertIn("1 problem", self.browser.text("#health-sum"))
+        notices.close()
+        self.browser.wait("document.getElementById('health-sum').textContent != '1 problem'", what="the problem's end")
+        self.page.kill()  # which forgets that there was a monitor
+        self.start_page()
+        self.browser.wait_ready()
 
     # last: the page that it starts asks every browser for a code
     def test_7_the_page_comes_back_after_it_was_killed_and_in_a_network_asks_for_the_code_on_the_display(self):

@@ -177,7 +177,6 @@ def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
 
 Kind = Callable[[str, str], Any]
 _TRUTH: Kind = partial(check_choice, choices=("true", "false", "1", "0"))  # what roslaunch takes as a condition
-_IMAGES = ("raw", "compressed")
 _CONDITIONS = "robot obey rviz sound projector_window kobuki buttons voice page"
 KINDS: Dict[str, Kind] = {
     **dict.fromkeys(_CONDITIONS.split(), _TRUTH),
@@ -190,8 +189,7 @@ KINDS: Dict[str, Kind] = {
     "machines_file": check_file,
     "projector": check_node_file,
     "map": check_map,
-    "image_transport": partial(check_choice, choices=_IMAGES),
-    "record_images": partial(check_choice, choices=("none", *_IMAGES)),
+    "image_transport": partial(check_choice, choices=("raw", "compressed")),
     "method": partial(check_choice, choices=("nrs", "robot_only")),
     "language": partial(check_choice, choices=sentences.languages()),
     "navigation": partial(check_choice, choices=("none", "move_base")),

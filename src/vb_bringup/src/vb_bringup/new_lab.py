@@ -61,7 +61,6 @@ _DETECTOR = """\
 #
 # source: /dev/video0                 # the camera itself: a device, rtsp://..., http://... or a file; or, from a driver:
 # image: {name}/image_rect_color      # another topic than {name}/image_raw
-# ignore_regions: [[[1.0, 1.0], [1.5, 1.0], [1.5, 1.4]]]   # [m] in the map: a television, a shiny table
 {content}
 """
 

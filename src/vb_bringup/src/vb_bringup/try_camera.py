@@ -108,7 +108,8 @@ class CornerPage:
         self.view: Optional[FloorView] = None
         self._shot: Optional[Shot] = None
         self._error = ""
-        self._source = CameraSource(source, CaptureParams(), self._take, self._tell).start()
+        self._source = CameraSource(source, CaptureParams(), self._take, self._tell)
+        self._source.start()
         self._done = asyncio.Event()
 
     def _take(self, shot: Shot) -> None:

@@ -18,8 +18,6 @@ from vb_core.errors import CodedError
 
 _EXACT_PX = 1e-6  # [px] a ray's pixel is so near to the one that was asked for
 _STEPS = 12  # of Newton's method, which doubles the digits with each
-# from this many points on numpy is faster than OpenCV, whose calls cost less and whose points cost more
-_MANY = 64
 _ORIGIN = np.zeros(3)
 _FLAT = 1e9  # tangent of 90 degrees
 
@@ -59,9 +57,8 @@ class CameraModel:
             raise CodedError(
                 "bad_camera_info", "the camera matrix K has no focal length: calibrate the camera (camera_calibration)"
             )
-        if self.fisheye and self.distortion.size != 4:
-            if not distortion.size or not self.distortion[4:].any():
-                object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
+        if self.fisheye and not self.distortion[4:].any():
+            object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
         if (
             self.distortion.size not in ((4,) if self.fisheye else (4, 5, 8, 12, 14))
             or not np.isfinite(self.distortion).all()
@@ -114,7 +111,7 @@ class CameraModel:
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         if len(points) == 0:
             return np.zeros((0, 2))
-        if self.fisheye or self.distorted and (len(points) < _MANY or self.distortion.size > 8):
+        if self.distorted:
             project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
             pixels = project(points[:, None], _ORIGIN, _ORIGIN, self.matrix, self.distortion)[0][:, 0]
             seen = (points[:, 2] > 0) & (np.hypot(points[:, 0], points[:, 1]) <= self._within * points[:, 2])
@@ -123,15 +120,8 @@ class CameraModel:
         depths = points[:, 2:]
         if not depths.min() > 0:
             depths = np.where(depths > 0, depths, np.nan)
-        # the same operations as in OpenCV, bit for bit
-        normalized = points[:, :2] * (1.0 / depths)
         focal, middle = self._pinhole
-        if not self.distorted:
-            return normalized * focal + middle
-        pixels = self._distort(normalized) * focal + middle
-        if self._within < _FLAT:
-            pixels[np.hypot(*normalized.T) > self._within] = np.nan
-        return pixels
+        return points[:, :2] * (1.0 / depths) * focal + middle
 
     @cached_property
     def distorted(self) -> bool:
@@ -197,21 +187,6 @@ class CameraModel:
                 length = np.maximum(1.0, np.hypot(*step.T) / (0.5 * np.maximum(1e-6, self.limit - np.hypot(*found.T))))
                 found = found + step / length[:, None]
         return found
-
-    def _distort(self, normalized: np.ndarray) -> np.ndarray:
-        """Distorts normalised image coordinates (N, 2)."""
-        k1, k2, p1, p2, k3, k4, k5, k6 = np.concatenate([self.distortion, np.zeros(4)])[:8]
-        x, y = normalized.T
-        r2 = x * x + y * y
-        r4 = r2 * r2
-        r6 = r4 * r2
-        radial = 1.0 + k1 * r2 + k2 * r4 + k3 * r6
-        rational = 1.0 / (1.0 + k4 * r2 + k5 * r4 + k6 * r6)
-        xy = 2.0 * x * y
-        bent = np.empty_like(normalized)
-        bent[:, 0] = x * radial * rational + p1 * xy + p2 * (r2 + 2.0 * x * x)
-        bent[:, 1] = y * radial * rational + p1 * (r2 + 2.0 * y * y) + p2 * xy
-        return bent
 
     def contains(self, pixels: np.ndarray) -> np.ndarray:
         """Returns which of pixels (N, 2) are in the image, (N,) bool."""

@@ -6,7 +6,7 @@ import os
 import stat
 import tempfile
 from pathlib import Path
-from typing import Union
+from typing import Dict, Mapping, Union
 
 from vb_core.errors import CodedError
 
@@ -35,29 +35,38 @@ def write_atomically(path: Path, content: bytes, private: bool = False) -> None:
         private: whether only its owner may read it.
 
     Raises:
-        CodedError: "cannot_write".
+        CodedError: "cannot_write"; the old content is still there.
     """
+    write_together({path: content}, private)
+
+
+def write_together(contents: Mapping[Path, bytes], private: bool = False) -> None:
+    """Writes files as `write_atomically` does, and none unless there is room for all; only a crash can part them."""
+    temporary: Dict[Path, str] = {}
+    path = Path()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=str(path.parent))
-        try:
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle, temporary[path] = tempfile.mkstemp(prefix=f".{path.name}.", dir=str(path.parent))
             with os.fdopen(handle, "wb") as stream:
                 stream.write(content)
                 stream.flush()
                 os.fsync(stream.fileno())
-            os.chmod(temporary, PRIVATE if private else 0o644)
-            os.replace(temporary, str(path))
-        except BaseException:
-            if os.path.exists(temporary):
-                os.unlink(temporary)
-            raise
-        folder = os.open(str(path.parent), os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+            os.chmod(temporary[path], PRIVATE if private else 0o644)
+        for path in contents:
+            os.replace(temporary.pop(path), str(path))
+        for parent in {path.parent for path in contents}:
+            folder = os.open(str(parent), os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
     except OSError as error:
         raise CodedError("cannot_write", what=str(path), reason=error.strerror or str(error)) from None
+    finally:
+        for name in temporary.values():
+            if os.path.exists(name):
+                os.unlink(name)
 
 
 def append_line(path: Union[str, Path], line: str, private: bool = False) -> None:

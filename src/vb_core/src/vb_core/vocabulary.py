@@ -2,8 +2,8 @@
 
 The idea: what a command or a state means to others stands in its row, and everything reads it there: the interaction, the
 fusion, robots, the display, LED, sounds, voice, buttons, console, and the page, which gets both tables when it connects.
-Only the messages repeat names and numbers (vb_msgs/Command, vb_msgs/InteractionState), and a test compares them. The
-words are languages/<language>/interaction.yaml's: command_<name>, state_<name>, page_command_<name>, page_state_<name>.
+Messages carry the names (vb_msgs/Command, vb_msgs/InteractionState). The words are
+languages/<language>/interaction.yaml's: command_<name>, state_<name>, page_command_<name>, page_state_<name>.
 
 >>> COMMANDS[DEFINE_SEED].enters, STATES["seed"].collects, spoken_form(DEFINE_SEED)
 ('seed', 'seed', 'define seed')
@@ -22,7 +22,6 @@ class State:
     """A state of the interaction.
 
     Attributes:
-        number: in vb_msgs/InteractionState.
         collects: the part of a border that a spot becomes, "border" or "seed"; "": spots are ignored.
         guides: whether a robot follows the spot, also while ceiling cameras see it.
         prompt: code of the sentence that says what to do in it; "" in Default.
@@ -33,7 +32,6 @@ class State:
     """
 
     name: str
-    number: int
     collects: str = ""
     guides: bool = False
     prompt: str = ""
@@ -48,19 +46,19 @@ class State:
 
 
 _STATES = (
-    State("default", 0),
-    State("border", 1, "border", prompt="draw_border", color="#e69f00", led="ORANGE", tone=("C5", "E5")),
-    State("seed", 2, "seed", prompt="point_seed", color="#56b4e9", led="GREEN", tone=("C5", "G5")),
-    State("guide", 3, guides=True, prompt="guide", color="#e150a0", led="RED", tone=("C5", "C6")),
-    State("paused", 4, prompt="paused", color="#9682ff", tone=("G6", "E6")),
+    State("default"),
+    State("border", "border", prompt="draw_border", color="#e69f00", led="ORANGE", tone=("C5", "E5")),
+    State("seed", "seed", prompt="point_seed", color="#56b4e9", led="GREEN", tone=("C5", "G5")),
+    State("guide", guides=True, prompt="guide", color="#e150a0", led="RED", tone=("C5", "C6")),
+    State("paused", prompt="paused", color="#9682ff", tone=("G6", "E6")),
 )
 STATES: Dict[str, State] = {state.name: state for state in _STATES}
 DEFAULT, BORDER, SEED, GUIDE, PAUSED = _STATES
 
 
-def state_of(number: int) -> State:
-    """Returns the state with a number of vb_msgs/InteractionState; nothing is done in one that is not known."""
-    return next((state for state in _STATES if state.number == number), State("unknown", number))
+def state_of(name: str) -> State:
+    """Returns the state of a name; nothing is done in one that is not known."""
+    return STATES.get(name, State(name))
 
 
 # what a command needs that it has an effect

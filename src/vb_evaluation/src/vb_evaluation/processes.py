@@ -6,7 +6,9 @@ SIGTERM nor SIGKILL leaves a roslaunch or a screen behind; roslaunch then ends i
 
 from __future__ import annotations
 
+import contextlib
 import os
+import secrets
 import signal
 import socket
 import subprocess
@@ -16,16 +18,23 @@ from typing import Any, Dict, List, Optional, Sequence
 
 from vb_core.errors import CodedError
 
+_PORTS = range(20000, 32768)  # Linux hands out those above
+
 
 def free_port(wanted: int = 0) -> int:
-    """Finds an unused TCP port on loopback: the wanted one if it is free."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # the leftovers of a closed server do not count
-        try:
-            probe.bind(("127.0.0.1", wanted))
-        except OSError:
-            return free_port()
-        return int(probe.getsockname()[1])
+    """Finds an unused TCP port on loopback: the wanted one if it is free.
+
+    It is none of those that the system hands out by itself: anybody's connection could take one of those before the
+    server that it is meant for listens.
+    """
+    while True:
+        port = wanted or secrets.choice(_PORTS)
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # the leftovers of a closed server do not count
+            with contextlib.suppress(OSError):
+                probe.bind(("127.0.0.1", port))
+                return port
+        wanted = 0
 
 
 def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:

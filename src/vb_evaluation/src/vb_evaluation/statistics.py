@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Callable, Dict, Sequence, Tuple
+from typing import Callable, Dict, Sequence
 
 import numpy as np
 from scipy import stats
@@ -17,8 +17,6 @@ from scipy import stats
 from vb_core.errors import CodedError
 
 CONFIDENCE = 0.95
-# the exact distribution costs n^3; beyond this the normal one is as good
-EXACT_UP_TO = 200
 RESAMPLES = 4999
 ALPHA, POWER = 0.05, 0.8
 
@@ -33,7 +31,7 @@ class SignedRank:
         w_plus, w_minus: sums of the ranks of positive and of negative differences.
         z: of the smaller sum, at most 0; nan if nothing can be ranked.
         p: of Z by the normal approximation ("Asymp. Sig.").
-        p_exact: by the distribution of all 2^n signs, ties included ("Exact Sig."); nan for n > EXACT_UP_TO.
+        p_exact: by the distribution of all 2^n signs, ties included ("Exact Sig.").
     """
 
     n: int
@@ -123,7 +121,8 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
         # SciPy says that the normal approximation is poor for n < 10; the exact p is reported beside it
         warnings.simplefilter("ignore", UserWarning)
         found = stats.wilcoxon(ranked, zero_method="wilcox", correction=False, mode="approx")
-    p_exact = _exact_p(ranks, min(w_plus, w_minus)) if n <= EXACT_UP_TO else math.nan
+    tail = _distribution(ranks)[: int(round(2 * min(w_plus, w_minus))) + 1].sum()
+    p_exact = min(1.0, 2.0 * float(tail))
     return SignedRank(n, zeros, w_plus, w_minus, float(found.zstatistic), float(found.pvalue), p_exact)
 
 
@@ -139,15 +138,10 @@ def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> I
         return UNKNOWN
     rows, columns = np.triu_indices(n)
     walsh = np.sort((differences[rows] + differences[columns]) / 2.0)
-    if n <= EXACT_UP_TO:
-        cumulative = np.cumsum(_distribution(np.arange(1.0, n + 1)))[::2]
-        # as many of the smallest means are cut off as keep the confidence
-        cut = max(int(np.searchsorted(cumulative, (1.0 - confidence) / 2.0, side="right")) - 1, 0)
-        reached = 1.0 - 2.0 * float(cumulative[cut])
-    else:
-        spread = math.sqrt(n * (n + 1) * (2 * n + 1) / 24.0)
-        cut = int(math.floor(n * (n + 1) / 4.0 - stats.norm.ppf((1.0 + confidence) / 2.0) * spread))
-        reached = confidence
+    cumulative = np.cumsum(_distribution(np.arange(1.0, n + 1)))[::2]
+    # as many of the smallest means are cut off as keep the confidence
+    cut = max(int(np.searchsorted(cumulative, (1.0 - confidence) / 2.0, side="right")) - 1, 0)
+    reached = 1.0 - 2.0 * float(cumulative[cut])
     return Interval(float(np.median(walsh)), float(walsh[cut]), float(walsh[-1 - cut]), reached)
 
 
@@ -164,23 +158,6 @@ def median(values: np.ndarray) -> Interval:
 def mean(values: np.ndarray) -> Interval:
     """Computes the mean of values (N,) with a bootstrap interval."""
     return bootstrap(np.mean, values)
-
-
-def compare_unpaired(first: np.ndarray, second: np.ndarray) -> Tuple[float, Interval]:
-    """Compares two independent samples (N,), (M,): Mann-Whitney p, exact without ties, and the shift, first minus second.
-
-    The interval is Moses' (Hollander, Wolfe & Chicken 2014, Sect. 4.3).
-    """
-    first, second = _sample(first), _sample(second)
-    if not len(first) or not len(second):
-        return math.nan, UNKNOWN
-    n, m = len(first), len(second)
-    differences = np.sort((first[:, None] - second[None, :]).ravel())
-    spread = math.sqrt(n * m * (n + m + 1) / 12.0)
-    cut = int(math.floor(n * m / 2.0 - stats.norm.ppf((1.0 + CONFIDENCE) / 2.0) * spread))
-    p = float(stats.mannwhitneyu(first, second, alternative="two-sided").pvalue)
-    low, high = (differences[cut], differences[-1 - cut]) if cut >= 0 else (math.nan, math.nan)
-    return p, Interval(float(np.median(differences)), float(low), float(high), CONFIDENCE)
 
 
 def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method: str = "BCa") -> Interval:
@@ -231,8 +208,6 @@ def not_worse_p(gains: np.ndarray, margin: float) -> float:
     if not len(shifted):
         return math.nan
     ranks = stats.rankdata(np.abs(shifted))
-    if len(shifted) > EXACT_UP_TO:
-        return float(stats.wilcoxon(shifted, alternative="greater", mode="approx").pvalue)
     return float(_distribution(ranks)[int(round(2 * ranks[shifted > 0].sum())) :].sum())
 
 
@@ -314,12 +289,6 @@ def format_p(p: float) -> str:
     if p < 0.001:
         return "< .001"
     return f"{p:.3f}".lstrip("0") if p < 0.9995 else "1"
-
-
-def _exact_p(ranks: np.ndarray, smaller: float) -> float:
-    """Computes the two-sided p of the smaller rank sum over all signs of the ranks (N,), whole or half."""
-    tail = _distribution(ranks)[: int(round(2 * smaller)) + 1].sum()
-    return min(1.0, 2.0 * float(tail))
 
 
 def _distribution(ranks: np.ndarray) -> np.ndarray:

@@ -15,13 +15,13 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice
-from vb_core.offer import Offer, effective, offer
+from vb_core.offer import effective
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, grid_from_message, message_from_grid
 from vb_core.ros.notices import NoticeListener
-from vb_core.ros.robots import connections_from_message
-from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, RobotStatusArray, VirtualBorder
+from vb_core.ros.robots import OfferListener
+from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.msg import VirtualBorderArray
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -60,7 +60,6 @@ class _Inputs:
     borders: Tuple[VirtualBorder, ...] = ()
     spots: Tuple[scene.TrailPoint, ...] = ()
     held: Tuple[Notice, ...] = ()
-    offered: Optional[Offer] = None  # None: nobody has said what is connected
 
 
 class DisplayMarkersNode:
@@ -103,6 +102,7 @@ class DisplayMarkersNode:
         self._overlaid: Tuple[Any, ...] = (None, None, None)
         self._layout: Layout = fit_view(Box(0.0, 0.0, 8.0, 5.0), params.screen_aspect)
         self._notice_listener = NoticeListener(self._wake.set)
+        self._robots = OfferListener(self._wake.set)
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
@@ -114,7 +114,6 @@ class DisplayMarkersNode:
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
         rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "preview", queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
-        rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
 
     # ------------------------------------------------------------------ inputs
@@ -146,11 +145,6 @@ class DisplayMarkersNode:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._store(tuple(message.borders), "borders")
-
-    def _on_robots(self, message: RobotStatusArray) -> None:
-        found = offer(connections_from_message(message))
-        if found != self._known.offered:
-            self._store(found, "offered")
 
     def _on_spot(self, message: LaserSpot) -> None:
         x, y = message.position.x, message.position.y
@@ -247,8 +241,9 @@ class DisplayMarkersNode:
         shown = display_messages.select_notices(known.held, params.language)
         shown += display_messages.preview_notices(self._current_preview(known), params.language)
         content = display_messages.panel_from_state(state, cameras_seeing_spot, shown, has_map, params.language)
-        if known.offered is not None:
-            content = replace(content, commands=effective(known.offered, content.commands))
+        connected = self._robots.current()
+        if connected is not None:
+            content = replace(content, commands=effective(connected[1], content.commands))
         shapes = list(self._part("words", (layout, content), lambda: words(layout, content)))
         off = sentences.translate("display_off", {}, params.language)
         shapes += self._part(

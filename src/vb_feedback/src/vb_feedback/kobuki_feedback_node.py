@@ -40,7 +40,7 @@ class KobukiFeedbackNode:
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=5)
 
     def _on_state(self, message: InteractionState) -> None:
-        lit = (state_of(message.state).led, "RED" if message.stopped else "BLACK")
+        lit = (state_of(message.name).led, "RED" if message.stopped else "BLACK")
         if lit != self._lit:
             self._lit = lit
             for led, color in zip(self._leds, lit):

@@ -98,9 +98,9 @@ class BorderFusionNode:
             self._complain("state", error)
 
     def _take_state(self, message: InteractionState) -> None:
-        state = state_of(message.state)
+        state = state_of(message.name)
         if state.name not in STATES:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring the unknown state {message.state}")
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring the unknown state {message.name}")
             return
         with self._lock:
             before = (self._collector.state, self._collector.interaction_id)

@@ -28,7 +28,7 @@ from vb_laser_detect import camera_setup
 from vb_laser_detect.camera_setup import CameraImages
 from vb_laser_detect.calibration import calibration_file
 from vb_laser_detect.calibration.pose import PoseEstimationParams
-from vb_laser_detect.calibration.board import BoardParams, write_board
+from vb_laser_detect.calibration.board import write_board
 from vb_laser_detect.calibration.calibration_session import (
     CalibrationSession,
     HeldSpot,
@@ -208,7 +208,7 @@ def main() -> int:
     cv2.setNumThreads(1)
     try:
         if arguments.command == "print_board":
-            for line in write_board(BoardParams.for_paper(arguments.paper), arguments.paper, arguments.file):
+            for line in write_board(arguments.paper, arguments.file):
                 print_line(line)
             return 0
         rospy.init_node("calibrate_camera", anonymous=True)

@@ -17,8 +17,9 @@ from vb_core.errors import CodedError
 from vb_core.image_format import Picture
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import message_from_image
+from vb_core.ros.node import Mailbox
 from vb_laser_detect.camera import controls, lens_file
-from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_device, printable
+from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot, is_device, is_file, printable
 from vb_laser_detect.camera_geometry import require_size, sibling_topic
 from vb_laser_detect.detector_diagnostics import DetectorDiagnostics
 
@@ -87,7 +88,7 @@ class CameraFeed:
         source: see `CameraSource`.
         image: topic.
         settings: its file, detectors/NAME.yaml, if that is known.
-        put: takes each image.
+        mailbox: takes each image.
         report: of faults, and why there are no images.
     """
 
@@ -99,17 +100,18 @@ class CameraFeed:
         params: CaptureParams,
         image: str,
         settings: str,
-        put: Callable[[ReceivedImage], None],
+        mailbox: Mailbox,
         report: DetectorDiagnostics,
     ) -> None:
         self.lens = LensFile(lens_path(settings, camera))
-        self._frame, self._put, self._report = frame, put, report
+        self._frame, self._mailbox, self._report = frame, mailbox, report
         self._raw = rospy.Publisher(image, Image, queue_size=1)
         self._compressed = rospy.Publisher(f"{image}/compressed", CompressedImage, queue_size=1)
         self._info = rospy.Publisher(sibling_topic(image, "camera_info"), CameraInfo, queue_size=1)
         self._setting = threading.Lock()
         self._late = 0
-        self._source = CameraSource(source, params, self._take, self._tell).start()
+        self._source = CameraSource(source, params, self._take, self._tell)
+        self._source.start()  # its thread may call at once
 
     def close(self) -> None:
         """Sets the camera free."""
@@ -156,7 +158,9 @@ class CameraFeed:
         self._late = self._source.late
         stamp = rospy.Time.now() - rospy.Duration.from_sec(time.time() - shot.taken)
         read = partial(shot.searched, self._source.params.half_size)
-        self._put(ReceivedImage(stamp, self._frame, read, shot))
+        self._mailbox.put(ReceivedImage(stamp, self._frame, read, shot))
+        if is_file(self._source.address):
+            self._mailbox.wait_until_taken()
 
     def _tell(self, error: Optional[CodedError]) -> None:
         if error is None:

@@ -21,7 +21,6 @@ class SpotDetectorNodeParams(Parameters):
     depth: str = param("")
     frame: str = param("")
     image_transport: str = param("raw", choices=("raw", "compressed"))
-    ignore_regions: list = param([], "m")
     robots: list = param([])
 
 

@@ -77,7 +77,7 @@ class SpotDetectorNode:
             raise ParameterError(rospy.resolve_name("~camera"), "the camera's name must be set")
         self._params = params
         self._mobile = detector.moving_camera
-        self._projector = FloorProjection(projection_params, None, params.ignore_regions)
+        self._projector = FloorProjection(projection_params)
         self._detector = SpotDetector(detector)
         self._params_lock = threading.Lock()  # parameters change between images, never within one
         self._reader = PixelReader()
@@ -106,7 +106,7 @@ class SpotDetectorNode:
         given = self._params
         where = given.camera, given.frame or f"{given.camera}_optical_frame"
         if given.source:
-            return CameraFeed(*where, given.source, capture, image, given.settings, self._mailbox.put, self._report)
+            return CameraFeed(*where, given.source, capture, image, given.settings, self._mailbox, self._report)
         rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), given.camera, image)
         compressed = given.image_transport == "compressed"
         return TopicFeed(

@@ -114,18 +114,13 @@ class VirtualBorder:
             if not isinstance(text, str) or len(text) > MAX_NAME or not (text.isprintable() or not text):
                 raise IntegrationError("bad_name", key=key)
         points.setflags(write=False)
-        seed = seed[0]
         seed.setflags(write=False)
-        object.__setattr__(self, "points", points)
-        object.__setattr__(self, "seed", seed)
-        object.__setattr__(self, "occupancy", occupancy)
-        object.__setattr__(self, "closed", bool(closed))
-        object.__setattr__(self, "enabled", bool(self.enabled))
-        object.__setattr__(self, "wall", bool(self.wall))
-        object.__setattr__(self, "zone", zone)
-        object.__setattr__(self, "max_speed", speed)
         robots = (self.robots,) if isinstance(self.robots, str) else self.robots
-        object.__setattr__(self, "robots", tuple(str(robot) for robot in robots if str(robot)))
+        checked = {"points": points, "seed": seed[0], "occupancy": occupancy, "zone": zone, "max_speed": speed}
+        checked.update(closed=bool(closed), enabled=bool(self.enabled), wall=bool(self.wall))
+        checked.update(robots=tuple(str(robot) for robot in robots if str(robot)))
+        for key, value in checked.items():
+            object.__setattr__(self, key, value)
 
     def replace(self, **changes: object) -> "VirtualBorder":
         """Returns a copy with some fields replaced, validated again."""

@@ -17,9 +17,8 @@ from vb_core.errors import CodedError
 from vb_core.ros import services
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_messages import border_from_message, issues_from_messages, message_from_border
+from vb_map_integration.borders.border_messages import border_from_message, message_from_border
 from vb_map_integration.borders.geojson import borders_from_geojson
-from vb_map_integration.borders.issues import ERROR
 
 # [s] a preview of 16 million cells takes half a second on a busy computer
 _TIMEOUT = 20.0
@@ -46,9 +45,9 @@ def _stored_borders() -> List[VirtualBorder]:
     return [border_from_message(message) for message in response.borders.borders]
 
 
-def _import(border: VirtualBorder, frame: str, dry_run: bool) -> bool:
+def _import(border: VirtualBorder, dry_run: bool) -> bool:
     """Adds a border, updates the one of its id, or only previews it, and prints the answer; returns whether it was taken."""
-    fields = {"border": message_from_border(border), "frame_id": frame}
+    fields = {"border": message_from_border(border), "frame_id": names.MAP_FRAME}
     if dry_run:
         done = "would be taken"
         answer = _call(names.PREVIEW_BORDER, PreviewBorderArray, PreviewBorderRequest(**fields))
@@ -61,8 +60,8 @@ def _import(border: VirtualBorder, frame: str, dry_run: bool) -> bool:
         done = f"added as {answer.id}"
     name = border.name or ("polygon" if border.closed else "separating curve")
     print(f"{name}: {done if answer.success else f'refused [{answer.code}]'}: {answer.message}")
-    for found in issues_from_messages(answer.issues):
-        print(f"    {'error' if found.severity == ERROR else 'warning'} [{found.code}]: {found.message}")
+    for found in answer.issues:
+        print(f"    {'error' if found.severity == found.ERROR else 'warning'} [{found.code}]: {found.message}")
     return bool(answer.success)
 
 
@@ -74,7 +73,6 @@ def import_borders(arguments: Optional[List[str]] = None) -> int:
     parser = argparse.ArgumentParser(prog="import_borders", description=import_borders.__doc__)
     parser.add_argument("file", type=Path, help="GeoJSON in metres, as save_map writes it")
     parser.add_argument("--dry-run", action="store_true", help="only preview, add nothing")
-    parser.add_argument("--frame", default=names.MAP_FRAME, help="frame of the file's points (default: map)")
     options = parser.parse_args(rospy.myargv(sys.argv)[1:] if arguments is None else arguments)
     try:
         borders = read_borders(options.file)
@@ -89,7 +87,7 @@ def import_borders(arguments: Optional[List[str]] = None) -> int:
         for border in borders:
             if (border.id, round(border.created, 3)) not in known:
                 border = border.replace(id="")
-            taken += _import(border, options.frame, options.dry_run)
+            taken += _import(border, options.dry_run)
     except CodedError as error:
         print(error, file=sys.stderr)
         return 1

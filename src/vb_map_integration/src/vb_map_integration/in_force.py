@@ -17,7 +17,8 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.borders.schedule import is_scheduled
-from vb_map_integration.grid.layered_map import LayeredMap, Region, join_regions
+from vb_map_integration.grid.layered_map import LayeredMap
+from vb_map_integration.grid.region import Region, join_regions
 from vb_map_integration.integration import restricted_area
 from vb_map_integration.places.border_place import BorderPlace
 
@@ -38,7 +39,7 @@ class Verdict:
     Attributes:
         stored: the border in its place's frame.
         border: in the map's frame.
-        due: whether it is on at this time, and for this robot.
+        due: whether it is on at this time.
         code: TO_BE_CONFIRMED, DOES_NOT_FIT, or "" if it is the same.
         why: PLACE, EFFECT, or the code of the error; "" if it is the same.
         region: what is in force; None if nothing is.
@@ -90,11 +91,14 @@ class InForce:
         region = self.verdicts[border_id].region if border_id in self.verdicts else None
         return region.area_m2 if region else 0.0
 
-    def status(self, border: VirtualBorder, robot: str) -> Tuple[bool, str]:
-        """Returns whether a border is in force for a robot ("": any), and what is to be said of it."""
+    def status(self, border: VirtualBorder) -> Tuple[bool, str]:
+        """Returns whether a border is in force now, and what is to be said of it.
+
+        Returns:
+            (in force, code): "to_be_confirmed" or "" if it is in force, else "disabled", "off_schedule",
+            "inactive_on_this_map" or "no_effect".
+        """
         verdict = self.verdicts[border.id]
-        if robot and border.robots and robot not in border.robots:
-            return False, "other_robot"
         if not verdict.due:
             return False, "off_schedule" if border.enabled else "disabled"
         if verdict.code == DOES_NOT_FIT:
@@ -127,7 +131,6 @@ def put_in_force(
     grid: GridMap,
     borders: Iterable[VirtualBorder],
     locate: Callable[[VirtualBorder], BorderPlace],
-    robot: str,
     now: float,
     before: Optional[InForce] = None,
     checked: Optional[Tuple[str, LayeredMap]] = None,
@@ -138,7 +141,6 @@ def put_in_force(
         grid: the physical map.
         borders: stored ones, in the frame of their place.
         locate: finds where a border is on the map.
-        robot: that the map is for; borders for others are left out; "": all count.
         now: [s].
         before: what was in force on the same map, with the same `locate`: verdicts of borders that are still the same
             are taken from it.
@@ -148,7 +150,7 @@ def put_in_force(
     verdicts: Dict[str, Verdict] = {}
     regions: Dict[str, Optional[Region]] = {key: None for key in known}
     for border in borders:
-        due = is_due(border, now) and (not robot or not border.robots or robot in border.robots)
+        due = border.enabled and is_scheduled(border.schedule, now)
         verdict = known.get(border.id)
         if verdict is not None and verdict.stored is border and verdict.due == due:
             del regions[border.id]
@@ -178,7 +180,7 @@ def _judge(
     before = place.region_before(grid) if _has_a_side(border) else now
     if not why and not place.is_certain:
         why = PLACE
-    if not why and before is not now and _shared(before, now) < _SAME_EFFECT:
+    if not why and before is not now and (before is None or before.shared(now) < _SAME_EFFECT):
         why = EFFECT
     possible = [now, *(_region(grid, other)[0] for other in place.others)]
     if why and before is not None:
@@ -192,7 +194,7 @@ def _judge(
 def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str]:
     """Returns what a border restricts, or None and why it restricts nothing."""
     try:
-        return Region.of(restricted_area(grid, border)), ""
+        return restricted_area(grid, border), ""
     except IntegrationError as error:
         return None, error.code
 
@@ -200,23 +202,3 @@ def _region(grid: GridMap, border: VirtualBorder) -> Tuple[Optional[Region], str
 def _has_a_side(border: VirtualBorder) -> bool:
     """Returns whether walls decide what a border closes off, and not its own line alone."""
     return not border.closed and not border.wall
-
-
-def _shared(before: Optional[Region], now: Optional[Region]) -> float:
-    """Returns the share of the cells of two regions that is in both."""
-    if before is None or now is None:
-        return 0.0
-    (rows, columns), (r, c) = before.window, now.window
-    top, left = max(rows.start, r.start), max(columns.start, c.start)
-    bottom, right = min(rows.stop, r.stop), min(columns.stop, c.stop)
-    one, other = before.mask, now.mask
-    both = 0
-    if top < bottom and left < right:
-        part = one[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start] != 0
-        both = int((part & (other[top - r.start : bottom - r.start, left - c.start : right - c.start] != 0)).sum())
-    return both / max(1, int((one != 0).sum()) + int((other != 0).sum()) - both)
-
-
-def is_due(border: VirtualBorder, now: float) -> bool:
-    """Returns whether a border is on at a time [s]."""
-    return border.enabled and is_scheduled(border.schedule, now)

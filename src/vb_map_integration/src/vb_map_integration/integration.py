@@ -16,23 +16,21 @@ undo, and maps that change are `integrator.MapIntegrator`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import List, Mapping, Optional, Sequence, Tuple
+from dataclasses import dataclass
+from typing import List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 import shapely
 
-from vb_core import masks
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
+from vb_core.notices import Notice
 from vb_map_integration.grid import curve, raster
+from vb_map_integration.grid.region import Region
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError, make_issue
+from vb_map_integration.borders.issues import IntegrationError, warning
 
-__all__ = ["ERROR", "WARNING", "Area", "Issue", "Integration", "IntegrationError", "integrate", "restricted_area"]
-# positions [m] of things that should not be inside, by name
-Places = Mapping[str, Sequence]
-
+__all__ = ["Area", "Integration", "IntegrationError", "integrate", "restricted_area"]
 
 # [m] length of a curve's end that gives the direction of its extension: longer than a hand's tremor, shorter than a doorway
 EXTENSION_FIT_LENGTH = 0.3
@@ -51,32 +49,16 @@ _FILLED = 128
 
 
 @dataclass(frozen=True)
-class Area:
+class Area(Region):
     """What a border restricts on a map.
 
     Attributes:
-        window: the part of the map that it is in.
-        mask: (h, w) uint8 of that window; obstacles are not among the cells.
-        value: 0 .. 100, what the cells are raised to.
-        over_unknown: whether unknown cells are raised too.
-        area_m2: [m^2].
         line: (M, 2) [m] map frame, the border as it acts: a curve with its extensions.
         issues: warnings.
     """
 
-    window: raster.Window
-    mask: np.ndarray = field(repr=False)
-    value: int
-    over_unknown: bool
-    area_m2: float
     line: np.ndarray
-    issues: Tuple[Issue, ...]
-
-    def region(self, shape: Tuple[int, int]) -> np.ndarray:
-        """Returns (H, W) bool, the cells that the border restricts."""
-        region = raster.filled(shape, 0).view(bool)
-        np.not_equal(self.mask, 0, out=region[self.window])
-        return region
+    issues: Tuple[Notice, ...]
 
 
 @dataclass(frozen=True)
@@ -93,30 +75,23 @@ class Integration:
 
     posterior: GridMap
     region: np.ndarray
-    issues: Tuple[Issue, ...]
+    issues: Tuple[Notice, ...]
     area_m2: float
     line: np.ndarray
 
 
-def integrate(prior: GridMap, border: VirtualBorder, places: Optional[Places] = None) -> Integration:
-    """Integrates a border into a map; see `restricted_area` for what is restricted, and for the errors.
+def integrate(prior: GridMap, border: VirtualBorder) -> Integration:
+    """Integrates a border into a map, which stays as it is.
 
-    Args:
-        prior: the map; it stays as it is.
-        border: the border.
-        places: points (2,) or (N, 2) [m] that cause a warning if one is inside the area, by name; {"robot": (x, y)}
-            gives "robot_inside".
-
-    Raises:
-        IntegrationError: as `restricted_area`.
+    See `restricted_area` for what is restricted, and for the errors.
     """
-    area = restricted_area(prior, border, places)
+    area = restricted_area(prior, border)
     posterior = np.array(prior.data, order="C")
-    raster.paint(posterior[area.window], area.mask, area.value, area.over_unknown)
-    return Integration(prior.with_data(posterior), area.region(prior.shape), area.issues, area.area_m2, area.line)
+    area.apply(posterior)
+    return Integration(prior.with_data(posterior), area.spread(prior.shape), area.issues, area.area_m2, area.line)
 
 
-def restricted_area(prior: GridMap, border: VirtualBorder, places: Optional[Places] = None) -> Area:
+def restricted_area(prior: GridMap, border: VirtualBorder, robots: Sequence[Sequence[float]] = ()) -> Area:
     """Computes what a border restricts.
 
     A polygon restricts its inside, unknown cells included, or all the free space outside that is connected
@@ -125,7 +100,8 @@ def restricted_area(prior: GridMap, border: VirtualBorder, places: Optional[Plac
     by a value that counts as an obstacle: a soft one would make them look freer than they were.
 
     Args:
-        prior, border, places: as for `integrate`.
+        prior, border: the map, and what is to be put on it.
+        robots: (N, 2) [m] where robots are, to warn when one is inside.
 
     Raises:
         IntegrationError: "no_separation", "seed_on_both_sides", "empty_region", "outside_map",
@@ -133,9 +109,9 @@ def restricted_area(prior: GridMap, border: VirtualBorder, places: Optional[Plac
     """
     task = _Task(prior, border)
     try:
-        return task.area(places or {})
+        return task.area(robots)
     except IntegrationError as error:
-        error.issues = (*task.issues, *error.issues)
+        error.warnings = tuple(task.issues)
         raise
 
 
@@ -152,13 +128,13 @@ class _Task:
         grid = prior.world_to_grid(np.concatenate([border.points, [border.seed]]))
         self.points, self.seed = grid[:-1], grid[-1]
         self.cells = np.ascontiguousarray(prior.data).view(np.uint8)
-        self.issues: List[Issue] = []
+        self.issues: List[Notice] = []
 
     def warn(self, code: str, **values: str) -> None:
         """Adds a warning."""
-        self.issues.append(make_issue(WARNING, code, **values))
+        self.issues.append(warning(code, **values))
 
-    def area(self, places: Places) -> Area:
+    def area(self, robots: Sequence[Sequence[float]]) -> Area:
         """Computes what the border restricts."""
         prior, border = self.prior, self.border
         self.check_shape()
@@ -176,11 +152,10 @@ class _Task:
             self.warn("covers_nearly_all")
         if border.without_effect:
             self.warn("no_effect")
-        for name, there in places.items():
-            cells = prior.world_to_cell(there) - (window[0].start, window[1].start)
-            cells = cells[((cells >= 0) & (cells < mask.shape)).all(axis=1)]
-            if mask[tuple(cells.T)].any():
-                self.warn(f"{name}_inside")
+        cells = prior.world_to_cell(robots) - (window[0].start, window[1].start)
+        cells = cells[((cells >= 0) & (cells < mask.shape)).all(axis=1)]
+        if mask[tuple(cells.T)].any():
+            self.warn("robot_inside")
         return Area(
             window=window,
             mask=mask,
@@ -227,7 +202,7 @@ class _Task:
         # the outer area is all that is connected with the seed, also behind the polygon
         self.warn("restricts_outside")
         start = row, column
-        blocked = masks.threshold_mask(cells, threshold - 1, cv2.CMP_GT)
+        blocked = cv2.inRange(cells, threshold, 255)
         if blocked[start]:
             barred = blocked.copy()
             barred[window] = np.bitwise_or(barred[window], inner)
@@ -235,7 +210,7 @@ class _Task:
         _, _, _, (left, top, width, depth) = cv2.floodFill(blocked, None, start[::-1], _FILLED, flags=4)
         blocked[window] = cv2.subtract(blocked[window], inner)
         outer = slice(top, top + depth), slice(left, left + width)
-        return outer, masks.threshold_mask(blocked[outer], _FILLED, cv2.CMP_EQ)
+        return outer, cv2.inRange(blocked[outer], _FILLED, _FILLED)
 
     def wall(self) -> Tuple[raster.Window, np.ndarray]:
         """Returns the free cells of a band along a chain: a window, and a (h, w) uint8 mask of it."""
@@ -253,7 +228,7 @@ class _Task:
         mask[rows - top, columns - left] = 255
         if reach:
             mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-        free = masks.threshold_mask(cells[window], OCCUPIED_THRESHOLD, cv2.CMP_LT)
+        free = cv2.inRange(cells[window], 0, OCCUPIED_THRESHOLD - 1)
         return window, cv2.bitwise_and(mask, free)
 
     def curve(self) -> Tuple[raster.Window, np.ndarray, np.ndarray]:
@@ -305,11 +280,11 @@ class _Task:
 def _count_free(cells: np.ndarray) -> int:
     """Counts the cells that are neither obstacles nor unknown."""
     parts = (cells[block] for block in raster.row_blocks(cells.shape))
-    return sum(cv2.countNonZero(masks.threshold_mask(part, OCCUPIED_THRESHOLD, cv2.CMP_LT)) for part in parts)
+    return sum(cv2.countNonZero(cv2.inRange(part, 0, OCCUPIED_THRESHOLD - 1)) for part in parts)
 
 
 def _framed(cells: np.ndarray) -> np.ndarray:
     """Masks (H + 2, W + 2) uint8 what no fill may enter: obstacles, unknown, and a frame round the map."""
     framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
-    masks.threshold_mask(cells, OCCUPIED_THRESHOLD - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
+    cv2.inRange(cells, OCCUPIED_THRESHOLD, 255, dst=framed[1:-1, 1:-1])
     return framed

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
-
-from vb_core import sentences
-from vb_core import map_files
+from vb_core import map_files, sentences
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
@@ -20,11 +18,11 @@ from vb_core.notices import Notice
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.geojson import borders_to_geojson
 from vb_map_integration.grid.layered_map import LayeredMap
-from vb_map_integration.border_check import BorderCheck, CheckResult, IntegratorParams, check_robots
+from vb_map_integration.border_check import BorderCheck, CheckResult
 from vb_map_integration.in_force import InForce, Verdict, put_in_force
 from vb_map_integration.verdict_notices import find_notices
 from vb_map_integration.storage.database import BorderChange, Change, Database, fingerprint
-from vb_map_integration.borders.issues import WARNING, Issue, IntegrationError, make_issue
+from vb_map_integration.borders.issues import IntegrationError, warning
 from vb_map_integration.places.recognition import PlaceRecognition, PlaceRecognizer
 from vb_map_integration.places.registration import Transform
 
@@ -40,10 +38,10 @@ class ChangeResult:
     """
 
     ids: Tuple[str, ...]
-    issues: Tuple[Issue, ...]
+    issues: Tuple[Notice, ...]
     message: str
 
-    def with_issues(self, more: Tuple[Issue, ...]) -> "ChangeResult":
+    def with_issues(self, more: Tuple[Notice, ...]) -> "ChangeResult":
         """Returns the result with more warnings."""
         return replace(self, issues=(*self.issues, *more))
 
@@ -54,36 +52,25 @@ class MapIntegrator:
     Regions are always computed on the physical map, so what a border restricts does not depend on others.
 
     Args:
-        params: checked parameters.
         root: folder of the database; None keeps borders in memory only.
+        map_name: of the place that the map shows; empty: it is recognised by its map.
+        robots: names that borders may name; empty: any.
+        robot_radius: [m] for what a robot can reach.
 
     Raises:
         CodedError: "database_in_use".
     """
 
-    def __init__(self, params: IntegratorParams, root: Optional[Path]) -> None:
-        self.params = params
+    def __init__(
+        self, root: Optional[Path], map_name: str = "", robots: Sequence[str] = (), robot_radius: float = 0.18
+    ) -> None:
+        self._expected_name, self._robots = map_name, robots
         self._database = Database(root)
-        self._recognizer = PlaceRecognizer(self._database, params.map_name)
+        self._recognizer = PlaceRecognizer(self._database, map_name)
         self._recognition = PlaceRecognition()
         self._in_force: Optional[InForce] = None
         self._map_id = ""
-        self._check = BorderCheck(params)
-
-    def reopen(self, now: float = 0.0) -> bool:
-        """Opens a database again that failed, once its disk can be written; returns whether it did.
-
-        Raises:
-            CodedError: as at a start; this integrator is closed then.
-        """
-        if not self._database.can_reopen():
-            return False
-        self._database = self._database.reopen()
-        self._recognizer = PlaceRecognizer(self._database, self.params.map_name)
-        if self.has_map:
-            self._map_id = ""
-            self.set_map(self.physical, now)
-        return True
+        self._check = BorderCheck(robot_radius)
 
     def close(self) -> None:
         """Releases the database."""
@@ -135,7 +122,7 @@ class MapIntegrator:
     @property
     def map_name(self) -> str:
         """The name of the place that the current map shows; "" if it has none."""
-        return self._database.get_name(self._recognition.place) if self._recognition.place else self.params.map_name
+        return self._database.get_name(self._recognition.place) if self._recognition.place else self._expected_name
 
     @property
     def needs_confirmation(self) -> bool:
@@ -152,15 +139,6 @@ class MapIntegrator:
         """What people should know: about the files, the map, and borders that are not what they were on it."""
         verdicts = list(self._in_force.verdicts.values()) if self._in_force else []
         return [*self._database.notices, *find_notices(verdicts, self._recognition.certain, self.map_name)]
-
-    def status(self, border: VirtualBorder) -> Tuple[bool, str]:
-        """Returns whether a border is in force now, and what is to be said of it.
-
-        Returns:
-            (in force, code): "to_be_confirmed" or "" if it is in force, else "other_robot", "disabled", "off_schedule",
-            "inactive_on_this_map" or "no_effect".
-        """
-        return self.in_force.status(border, self.params.robot_name)
 
     # ------------------------------------------------------------- the physical map
     def set_map(self, grid: GridMap, now: float = 0.0) -> Tuple[bool, Tuple[str, ...]]:
@@ -180,7 +158,7 @@ class MapIntegrator:
         self._map_id = map_id
         self._use(grid, recognition, now)
         if recognition.place:
-            name = self.params.map_name
+            name = self._expected_name
             try:
                 self._database.remember_place(recognition.place)
                 if name and recognition.certain and not self.map_name:
@@ -198,13 +176,7 @@ class MapIntegrator:
     def _refresh(self, grid: GridMap, now: float, checked: Optional[Tuple[str, LayeredMap]] = None) -> None:
         """Puts in force what the database has now."""
         self._in_force = put_in_force(
-            grid,
-            self._database.borders(self._recognition.place),
-            self._recognizer.locate,
-            self.params.robot_name,
-            now,
-            self._in_force,
-            checked,
+            grid, self._database.borders(self._recognition.place), self._recognizer.locate, now, self._in_force, checked
         )
 
     # ------------------------------------------------------------- which place the map shows
@@ -234,7 +206,7 @@ class MapIntegrator:
             if not place or known is None or known.place != place:
                 place = self._database.add_map(grid, self._map_id, place, transform)
         else:
-            if known is not None and known.id == known.place and self._database.count(known.place):
+            if known is not None and known.id == known.place and self._database.borders(known.place):
                 raise CodedError("drawn_on_this_map")
             place = self._database.add_map(grid, self._map_id)
         if name:
@@ -256,21 +228,23 @@ class MapIntegrator:
         )
         return self._make_change(change, "new", "accepted on this map", now)
 
-    def check(
-        self,
-        border: VirtualBorder,
-        places: Optional[Mapping[str, Sequence[float]]] = None,
-        goals: Optional[Sequence[Sequence[float]]] = None,
-    ) -> CheckResult:
+    def check(self, border: VirtualBorder, places: Sequence[Sequence[float]] = ()) -> CheckResult:
         """Checks what adding a border, or replacing the one of the same id, would do; changes nothing.
 
         Args:
-            places, goals: as of `BorderCheck`.
+            places: (N, 2) [m] where the robots are that it is for.
 
         Raises:
-            CodedError: "no_map", or an IntegrationError with all issues.
+            CodedError: "no_map", "unknown_robot", or as `restricted_area`.
         """
-        return self._check(self.in_force.layered_map, border, places, goals)
+        self._check_robots(border)
+        return self._check(self.in_force.layered_map, border, places)
+
+    def _check_robots(self, border: VirtualBorder) -> None:
+        """Refuses a border for robots that are not known, if any are."""
+        unknown = [robot for robot in border.robots if self._robots and robot not in self._robots]
+        if unknown:
+            raise IntegrationError("unknown_robot", robot=", ".join(unknown), known=", ".join(self._robots))
 
     # ------------------------------------------------------------- changes
     # `expected` is the revision that the caller has seen; 0: any
@@ -278,7 +252,7 @@ class MapIntegrator:
         self,
         border: VirtualBorder,
         now: float,
-        places: Optional[Mapping[str, Sequence[float]]] = None,
+        places: Sequence[Sequence[float]] = (),
         expected: int = 0,
         request_id: str = "",
     ) -> ChangeResult:
@@ -306,11 +280,7 @@ class MapIntegrator:
         return ChangeResult((new.id,), check.issues, f"'{new.name}' restricts {check.area.area_m2:.2f} m2")
 
     def update(
-        self,
-        border: VirtualBorder,
-        now: float,
-        places: Optional[Mapping[str, Sequence[float]]] = None,
-        expected: int = 0,
+        self, border: VirtualBorder, now: float, places: Sequence[Sequence[float]] = (), expected: int = 0
     ) -> ChangeResult:
         """Replaces the border of the same id; raises CodedError if it is refused; then nothing changed.
 
@@ -321,7 +291,7 @@ class MapIntegrator:
         place, before = self._database.find(border.id)
         if place != self._recognition.place:
             raise CodedError("on_another_map", id=border.id)
-        check_robots(border, self.params)
+        self._check_robots(border)
         check: Optional[CheckResult] = None
         after = border.replace(
             name=border.name or before.name, created=before.created, modified=now, map_id=before.map_id
@@ -358,11 +328,11 @@ class MapIntegrator:
 
     def undo(self, now: float = 0.0) -> ChangeResult:
         """Undoes the last change; raises CodedError "nothing_to_undo"."""
-        return self._make_change(self._database.prepare_undo(self._recognition.place), "undo", "changed back", now)
+        return self._make_change(self._database.prepare("undo", self._recognition.place), "undo", "changed back", now)
 
     def redo(self, now: float = 0.0) -> ChangeResult:
         """Redoes what was undone last; raises CodedError "nothing_to_redo"."""
-        return self._make_change(self._database.prepare_redo(self._recognition.place), "redo", "changed again", now)
+        return self._make_change(self._database.prepare("redo", self._recognition.place), "redo", "changed again", now)
 
     @property
     def available_commands(self) -> List[str]:
@@ -407,7 +377,7 @@ class MapIntegrator:
             self._recognition = PlaceRecognition(place, self._recognition.transform)
 
     def _free_name(self) -> str:
-        return "" if self._database.find_place(self.params.map_name) else self.params.map_name
+        return "" if self._database.find_place(self._expected_name) else self._expected_name
 
     def _make_change(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> ChangeResult:
         issues = self._commit(place or self._recognition.place, change, kind, now)
@@ -422,7 +392,7 @@ class MapIntegrator:
         now: float,
         request_id: str = "",
         check: Optional[CheckResult] = None,
-    ) -> Tuple[Issue, ...]:
+    ) -> Tuple[Notice, ...]:
         """Makes a change, all of it or, with a CodedError, nothing; returns warnings about borders that do not act."""
         physical = self.physical
         self._database.commit(place, change, kind, request_id)
@@ -430,7 +400,7 @@ class MapIntegrator:
             return ()
         self._refresh(physical, now, (change[0].id, check.layered_map) if check else None)
         verdicts = [self.in_force.verdicts[entry.id] for entry in change if entry.after is not None]
-        return tuple(make_issue(WARNING, one.code, **one.values) for one in verdicts if one.code)
+        return tuple(warning(one.code, **one.values) for one in verdicts if one.code)
 
     # ------------------------------------------------------------- files
     def save(self, folder: Path, name: str, raw: bool) -> List[Path]:

@@ -6,7 +6,7 @@ import itertools
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Any, Callable, List, Tuple
 
 import numpy as np
 import rospy
@@ -35,6 +35,7 @@ from vb_msgs.srv import (
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
+from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.notices import NoticePublisher
@@ -42,25 +43,23 @@ from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayRe
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message, messages_from_issues, message_from_border
-from vb_map_integration.grid.costmap_settings import check_soft_value
-from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError, make_issue
-from vb_map_integration.integrator import ChangeResult, IntegratorParams, MapIntegrator
+from vb_map_integration.grid.costmap_settings import is_trinary
+from vb_map_integration.borders.issues import IntegrationError, issues_of, warning
+from vb_map_integration.integrator import ChangeResult, MapIntegrator
 
-_MAP_WARNING_PERIOD = 5.0  # [s] warns after this long without a map
 _SCHEDULE_PERIOD = 1.0  # [s] schedules are in minutes: nobody waits for this
-_MOVE_BASE_PERIOD = 60.0  # [s] a move_base may be started at any time; asking for its parameters costs little
 
 
 @dataclass(frozen=True)
-class MapIntegratorNodeParams(Parameters):
-    """The node's own parameters, beside `IntegratorParams`."""
+class MapIntegratorParams(Parameters):
+    """The node's parameters."""
 
-    frame_id: str = param(names.MAP_FRAME)
     database_dir: str = param("~/.ros/virtual_borders")
     map_dir: str = param("~/.ros/virtual_borders/maps")
+    map_name: str = param("")
+    robots: list = param([])
     robot_frames: str = param("")
-    move_base: str = param("/move_base")
-    map_timeout: float = param(60.0, "s", low=0.0)
+    robot_radius: float = param(0.18, "m", low=0.0)
 
 
 class MapIntegratorNode:
@@ -92,13 +91,15 @@ class MapIntegratorNode:
         config/map_integrator.yaml
     """
 
-    def __init__(self, params: MapIntegratorNodeParams, integrator_params: IntegratorParams) -> None:
+    def __init__(self, params: MapIntegratorParams) -> None:
         self._params = params
         self._map_dir = Path(params.map_dir).expanduser()
         if rospy.resolve_name(names.PHYSICAL_MAP) == rospy.resolve_name(names.MAP_WITH_BORDERS):
             raise ParameterError(names.MAP_WITH_BORDERS, "the physical and the virtual map need different topics")
         root = Path(params.database_dir).expanduser() if params.database_dir else None
-        self._integrator = MapIntegrator(integrator_params, root)
+        robots = [str(name) for name in params.robots]
+        radius = max(robot_profile.read_radius(name, params.robot_radius) for name in robots or [""])
+        self._integrator = MapIntegrator(root, params.map_name, robots, radius)
         self._lock = threading.RLock()
         self._notices = NoticePublisher()
         self._notices.set(self._integrator.notices)
@@ -107,10 +108,10 @@ class MapIntegratorNode:
 
         self._map_out = rospy.Publisher(names.MAP_WITH_BORDERS, messages.OccupancyGridArray, queue_size=1, latch=True)
         self._robot_maps = {
-            str(name): rospy.Publisher(
+            name: rospy.Publisher(
                 f"/{name}{names.MAP_WITH_BORDERS}", messages.OccupancyGridArray, queue_size=1, latch=True
             )
-            for name in integrator_params.robots
+            for name in robots
         }
         self._speeds_out = rospy.Publisher(names.SPEED_LIMITS, messages.OccupancyGridArray, queue_size=1, latch=True)
         self._had_speeds = False
@@ -133,45 +134,29 @@ class MapIntegratorNode:
         node.Worker(self._maps, self._take_map)
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, **options)
-        # unlike rospy's timers, a worker that dies ends the node
-        self._timers = [node.WakeTimer(_SCHEDULE_PERIOD), node.WakeTimer(_MOVE_BASE_PERIOD)]
-        for timer, handle in zip(self._timers, (self._follow_schedules, self._watch_move_base)):
-            node.Worker(timer, handle)
-        self._closing = threading.Event()
-        waiting: node.Mailbox = node.Mailbox()
-        node.Worker(waiting, lambda _: self._wait_for_map())
-        waiting.put(True)
+        self._timer = node.WakeTimer(_SCHEDULE_PERIOD)
+        node.Worker(self._timer, self._follow_schedules)
+        node.watch_input(f"the map on {names.PHYSICAL_MAP}", lambda: self._integrator.has_map)
 
     def close(self) -> None:
-        """Ends worker and wait, and releases the database."""
-        for input_ in (self._maps, *self._timers):
-            input_.close()
-        self._closing.set()
+        """Ends the workers, and releases the database."""
+        self._maps.close()
+        self._timer.close()
         with self._lock:
             self._integrator.close()
-
-    def _wait_for_map(self) -> None:
-        # wall time: a lab without map_server may have no /clock either
-        waited = 0.0
-        while not self._closing.wait(_MAP_WARNING_PERIOD) and not self._integrator.has_map:
-            waited += _MAP_WARNING_PERIOD
-            missing = CodedError("no_map")
-            if self._params.map_timeout and waited >= self._params.map_timeout:
-                node.shut_down_with_error(missing)
-                return
-            rospy.logwarn("%s: %s", rospy.get_name(), missing)
 
     # ------------------------------------------------------------- map in, map out
     def _take_map(self, message: Any) -> None:
         frame = message.header.frame_id.lstrip("/")
-        if frame and frame != self._params.frame_id:
-            raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=self._params.frame_id)
+        if frame and frame != names.MAP_FRAME:
+            raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=names.MAP_FRAME)
         grid = messages.grid_from_message(message)
-        self._with_database(lambda: self._use_map(grid))
+        with self._lock:
+            self._use_map(grid)
 
     def _use_map(self, grid: GridMap) -> None:
         first = not self._integrator.has_map
-        changed, notes = self._integrator.set_map(grid, self._now().to_sec())
+        changed, notes = self._integrator.set_map(grid, rospy.Time.now().to_sec())
         for note in notes:
             rospy.logwarn("%s: %s", rospy.get_name(), note)
         if not changed:
@@ -182,32 +167,26 @@ class MapIntegratorNode:
         rospy.loginfo("%s: %s map of %d x %d cells, %d border(s)", rospy.get_name(), got, columns, rows, count)
         self._publish()
 
-    def _now(self) -> rospy.Time:
-        return rospy.Time.now()
-
     def _publish(self) -> None:
         # with simulated time two changes may fall into one tick: each state gets its own stamp
-        stamp = self._now()
+        stamp = rospy.Time.now()
         if stamp == self._last_stamp:
             stamp = stamp + rospy.Duration(0, 1000)
         self._last_stamp = stamp
         self._notices.set(self._integrator.notices)
         self._borders_out.publish(self._array(stamp))
-        self._map_out.publish(
-            messages.message_from_grid(self._integrator.map_with_borders, stamp, self._params.frame_id)
-        )
+        self._map_out.publish(messages.message_from_grid(self._integrator.map_with_borders, stamp, names.MAP_FRAME))
         for name, publisher in self._robot_maps.items():
             grid = self._integrator.map_with_borders_for(name)
-            publisher.publish(messages.message_from_grid(grid, stamp, self._params.frame_id))
-
+            publisher.publish(messages.message_from_grid(grid, stamp, names.MAP_FRAME))
         if self._integrator.in_force.slow_zones or self._had_speeds:
             self._had_speeds = True
-            limits = messages.message_from_grid(self._integrator.in_force.speed_limits, stamp, self._params.frame_id)
+            limits = messages.message_from_grid(self._integrator.in_force.speed_limits, stamp, names.MAP_FRAME)
             self._speeds_out.publish(limits)
 
     def _array(self, stamp: rospy.Time) -> VirtualBorderArray:
         array = VirtualBorderArray()
-        array.header.stamp, array.header.frame_id = stamp, self._params.frame_id
+        array.header.stamp, array.header.frame_id = stamp, names.MAP_FRAME
         array.revision = self._integrator.revision
         array.map_id, array.map_name = self._integrator.map_id, self._integrator.map_name
         array.needs_confirmation = self._integrator.needs_confirmation
@@ -219,80 +198,48 @@ class MapIntegratorNode:
             worst = max(about_all, key=lambda notice: (notice.code in asks, notice.severity))
             array.code, array.message = worst.code, worst.sentence()
             array.values = messages.values_from_mapping(worst.values)
+        acting = self._integrator.in_force
         for border in self._integrator.borders:
-            in_force, reason = self._integrator.status(border)
-            area = self._integrator.in_force.area_m2(border.id)
-            outlines = self._integrator.in_force.outlines(border.id)
-            array.borders.append(message_from_border(border, area, in_force, reason, outlines))
+            status, outlines = acting.status(border), acting.outlines(border.id)
+            array.borders.append(message_from_border(border, acting.area_m2(border.id), *status, outlines))
         return array
 
     def _follow_schedules(self, _event: Any) -> None:
         with self._lock:
-            turned = () if self._reopen() else self._integrator.follow_schedules(self._now().to_sec())
+            turned = self._integrator.follow_schedules(rospy.Time.now().to_sec())
             for border in turned:
                 rospy.loginfo("%s: '%s' goes on or off by its schedule", rospy.get_name(), border.name)
             if turned:
                 self._publish()
 
-    def _reopen(self) -> bool:
-        """Opens a database that failed, if that can be done now; one that cannot be opened ends the node."""
-        try:
-            if not self._integrator.reopen(self._now().to_sec()):
-                return False
-        except CodedError as error:  # as at a start, for instance since another process has taken it meanwhile
-            node.shut_down_with_error(error)
-            raise
-        rospy.loginfo("%s: the database of borders was opened again", rospy.get_name())
-        self._notices.set(self._integrator.notices)
-        if self._integrator.has_map:
-            self._publish()
-        return True
-
-    def _with_database(self, action: Callable[[], Any]) -> Any:
-        """Does something; once more if the database failed meanwhile and could be repaired."""
-        with self._lock:
-            try:
-                return action()
-            except CodedError:
-                if not self._reopen():
-                    raise
-                return action()
-
     # ------------------------------------------------------------- services
     def _requested(self, request: Any) -> VirtualBorder:
         frame = request.frame_id.lstrip("/")
-        if frame and frame != self._params.frame_id:
-            raise IntegrationError("unknown_frame", frame=frame, expected=self._params.frame_id)
+        if frame and frame != names.MAP_FRAME:
+            raise IntegrationError("unknown_frame", frame=frame, expected=names.MAP_FRAME)
         return border_from_message(request.border)
 
-    def _places(self, border: VirtualBorder) -> Dict[str, List[Tuple[float, float]]]:
+    def _places(self, border: VirtualBorder) -> List[Tuple[float, float]]:
         """Returns where the robots are that a border is for, (x, y) [m]."""
         found = []
         for frame, name in itertools.zip_longest(self._params.robot_frames.split(), self._robot_maps):
             if self._transforms is None or frame is None or (border.robots and name and name not in border.robots):
                 continue
             try:
-                pose = self._transforms.lookup(self._params.frame_id, frame, rospy.Time(0), 0.0)
+                pose = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), 0.0)
             except CodedError:
                 continue  # where a robot is makes a warning at most
             found.append((float(pose[0, 3]), float(pose[1, 3])))
-        return {"robot": found} if found else {}
+        return found
 
-    def _soft_issues(self, border: VirtualBorder) -> Tuple[Issue, ...]:
+    def _soft_issues(self, border: VirtualBorder) -> Tuple[Notice, ...]:
         """Warns if a running move_base treats every soft value as free (its default, trinary_costmap)."""
         if border.value in (0, 100):
             return ()
-        base = self._params.move_base.rstrip("/")
-        costmaps = {name: rospy.get_param(f"{base}/{name}", None) for name in ("global_costmap", "local_costmap")}
-        found = check_soft_value(border.value, costmaps)
-        return (found,) if found else ()
-
-    def _watch_move_base(self, _event: Any) -> None:
-        """Rechecks: move_base may have started, or changed, after the soft border was made."""
-        with self._lock:
-            soft = [border for border in self._integrator.borders if border.enabled and border.value not in (0, 100)]
-        for found in self._soft_issues(soft[0]) if soft else ():
-            rospy.logwarn("%s: '%s': %s [%s]", rospy.get_name(), soft[0].name, found.message, found.code)
+        bases = [f"/{name}/move_base" for name in self._robot_maps] or ["/move_base"]
+        costmaps = [f"{base}/{which}_costmap" for base in bases for which in ("global", "local")]
+        blind = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
+        return (warning("soft_border_ignored", costmaps=", ".join(blind)),) if blind else ()
 
     def _refused(self, response: Any, error: CodedError) -> Any:
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
@@ -302,8 +249,7 @@ class MapIntegratorNode:
         if hasattr(response, "revision"):
             response.revision = self._integrator.revision
         if hasattr(response, "issues"):
-            plain = (make_issue(ERROR, error.code, **error.values),)
-            response.issues = messages_from_issues(error.issues if isinstance(error, IntegrationError) else plain)
+            response.issues = messages_from_issues(issues_of(error))
         return response
 
     def _done(self, response: Any, outcome: ChangeResult) -> Any:
@@ -321,7 +267,7 @@ class MapIntegratorNode:
         """Applies a change, publishes the result, and fills in the response."""
 
         def apply() -> Any:
-            outcome = change(self._now().to_sec())
+            outcome = change(rospy.Time.now().to_sec())
             self._publish()
             if hasattr(response, "id"):
                 response.id = outcome.ids[0]
@@ -332,7 +278,8 @@ class MapIntegratorNode:
     def _answer(self, response: Any, action: Callable[[], Any]) -> Any:
         """Does what a request asks for; a refusal fills in the response."""
         try:
-            return self._with_database(action)
+            with self._lock:
+                return action()
         except CodedError as error:
             return self._refused(response, error)
 
@@ -381,23 +328,17 @@ class MapIntegratorNode:
     def _preview(self, request: Any) -> Any:
         response = PreviewBorderArrayResponse()
         response.region.data = np.zeros(0, np.int8)
-        response.unreachable_goals = np.zeros(0, np.uint32)
         try:
             border = self._requested(request)
-            goals = messages.array_from_points(request.goals)
-            if not np.isfinite(goals).all():
-                raise IntegrationError("bad_points")
             with self._lock:
-                check = self._integrator.check(border, self._places(border), goals.tolist())
+                check = self._integrator.check(border, self._places(border))
         except CodedError as error:
             return self._refused(response, error)
         after = check.layered_map.map_with_borders
-        region = after.with_data(np.where(check.area.region(after.shape), np.int8(100), np.int8(0)))
-        response.region = messages.message_from_grid(region, self._now(), self._params.frame_id)
+        region = after.with_data(np.where(check.area.spread(after.shape), np.int8(100), np.int8(0)))
+        response.region = messages.message_from_grid(region, rospy.Time.now(), names.MAP_FRAME)
         response.area_m2, response.line = check.area.area_m2, messages.points_from_array(check.area.line)
-        if check.reachability is not None:
-            response.free_parts = check.reachability.free_parts
-            response.unreachable_goals = np.array(check.reachability.unreachable, np.uint32)
+        response.free_parts = check.free_parts
         response.success, response.code = True, "ok"
         response.message = f"the border would restrict {check.area.area_m2:.2f} m2"
         response.issues = messages_from_issues((*check.issues, *self._soft_issues(border)))
@@ -407,23 +348,21 @@ class MapIntegratorNode:
         with self._lock:
             if not self._integrator.has_map:
                 return ListBordersResponse()
-            return ListBordersResponse(self._array(self._now()))
+            return ListBordersResponse(self._array(rospy.Time.now()))
 
     def _trigger(self, command: str) -> TriggerResponse:
-        def change() -> TriggerResponse:
-            outcome = getattr(self._integrator, command)(self._now().to_sec())
-            self._publish()
-            rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
-            return TriggerResponse(True, outcome.message)
-
         try:
-            return self._with_database(change)
+            with self._lock:
+                outcome = getattr(self._integrator, command)(rospy.Time.now().to_sec())
+                self._publish()
         except CodedError as error:
             return TriggerResponse(False, str(error))
+        rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
+        return TriggerResponse(True, outcome.message)
 
     def _save(self, request: Any) -> SaveMapResponse:
         response = SaveMapResponse()
-        name = request.name or f"map-{self._now().to_nsec() // 10**6}"
+        name = request.name or f"map-{rospy.Time.now().to_nsec() // 10**6}"
         try:
             with self._lock:
                 response.files = [str(path) for path in self._integrator.save(self._map_dir, name, request.raw)]
@@ -435,8 +374,4 @@ class MapIntegratorNode:
 
 def build() -> MapIntegratorNode:
     """Reads the parameters and makes the node."""
-    own, shared = (tuple(cls.__dataclass_fields__) for cls in (MapIntegratorNodeParams, IntegratorParams))
-    params = parameters.read(MapIntegratorNodeParams, ignore=shared)
-    integrator = parameters.read(IntegratorParams, ignore=own)
-    radii = [robot_profile.read_radius(name, integrator.robot_radius) for name in integrator.robots or [""]]
-    return MapIntegratorNode(params, integrator.replace(robot_radius=max(radii)))
+    return MapIntegratorNode(parameters.read(MapIntegratorParams))

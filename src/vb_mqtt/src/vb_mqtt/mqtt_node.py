@@ -12,20 +12,20 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Set, Tuple
 
 import rospy
-from vb_msgs.msg import DetectorStatus, InteractionState, RobotStatusArray, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import DetectorStatus, InteractionState, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import SetBorderEnabled, SetBorderEnabledRequest
 
 from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
 from vb_core.limiter import Limiter
 from vb_core.notices import Notice, Severity
-from vb_core.offer import Offer, effective, offer
+from vb_core.offer import effective
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, services
 from vb_core.ros.commands import CommandSender, send
 from vb_core.ros.messages import OccupancyGridArray
 from vb_core.ros.notices import NoticeListener, NoticePublisher
-from vb_core.ros.robots import connections_from_message
+from vb_core.ros.robots import OfferListener
 from vb_core.vocabulary import COMMANDS, STOP
 from vb_mqtt import entities, states
 from vb_mqtt.broker import Broker, read_connection
@@ -47,7 +47,7 @@ from vb_mqtt.inbox import BURST, RATE, Inbox, Request
 SOURCE = "home_assistant"
 SWITCH = "switch_border"  # what it is called among the commands: all are carried out in the order they were given
 _PERIOD = 1.0  # [s] between two looks at what is silent
-_SILENCE = 4.0  # [s] a detector or robot_monitor says something every second, the interaction manager ten times
+_SILENCE = 4.0  # [s] a detector says something every second, the interaction manager ten times
 _GRACE = 5.0  # [s] without a broker before people are told
 _INTEGRATOR = "$map_integrator"
 _UNREACHED = ("no_service", "no_response")
@@ -96,7 +96,6 @@ class MqttNode:
         self._described: Set[str] = set()  # topics on the broker that describe entities of this lab
         self._borders: Dict[str, VirtualBorder] = {}  # by key
         self._grids: Dict[str, Any] = {}
-        self._offer: Optional[Offer] = None
         self._asked = False  # whether a question is open
         self._heard: Dict[str, float] = {}  # [s] of the monotonic clock, by node or camera
         self._told: Optional[Dict[Tuple, Notice]] = None
@@ -131,7 +130,7 @@ class MqttNode:
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, queue_size=1, buff_size=2**24)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=2, tcp_nodelay=True)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=20)
-        rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1)
+        self._robots = OfferListener(self._on_robots)
 
     def _on_state(self, message: InteractionState) -> None:
         self._heard[MANAGER] = time.monotonic()
@@ -151,11 +150,12 @@ class MqttNode:
         self._describe()
         self._maps.put(True)
 
-    def _on_robots(self, message: RobotStatusArray) -> None:
-        self._heard[MONITOR] = time.monotonic()
+    def _on_robots(self) -> None:
+        known = self._robots.current()
+        if known is None:
+            return
         with self._lock:
-            self._offer = offer(connections_from_message(message))
-            found = tuple(robot.robot for robot in message.robots)
+            found = tuple(robot.robot for robot in known[0].robots)
             changed, self._lab = found != self._lab.robots, replace(self._lab, robots=found)
         if changed:
             self._describe()
@@ -199,10 +199,10 @@ class MqttNode:
         return time.monotonic() - self._heard.get(what, -1e9) < _SILENCE
 
     def _put_health(self) -> None:
-        manager, monitor, found = self._is_heard(MANAGER), self._is_heard(MONITOR), self._offer
-        offered = effective(found, tuple(COMMANDS)) if found is not None and monitor else COMMANDS
+        manager, known = self._is_heard(MANAGER), self._robots.current()
+        offered = effective(known[1], tuple(COMMANDS)) if known is not None else COMMANDS
         health = {command: manager and command in offered for command in COMMANDS}
-        health.update({MANAGER: manager, MONITOR: monitor, CONFIRM: manager and self._asked})
+        health.update({MANAGER: manager, MONITOR: known is not None, CONFIRM: manager and self._asked})
         health[INTEGRATOR] = self._integrator.get_num_connections() > 0
         self._put("health", {key: ONLINE if well else OFFLINE for key, well in health.items()})
 
@@ -215,8 +215,9 @@ class MqttNode:
             if not self._is_heard("camera " + camera):
                 problems.append(sentences.translate("mqtt_camera_silent", {"camera": camera}, self._language))
             self._put(key_of("camera", camera), states.problem_value(problems))
+        known = self._robots.current()
         for robot in self._lab.robots or ():
-            lines = self._offer.lines if self._offer is not None else ()
+            lines = known[1].lines if known is not None else ()
             self._put(
                 key_of("robot", robot),
                 states.problem_value(states.robot_problems(robot, lines, notices, self._language)),

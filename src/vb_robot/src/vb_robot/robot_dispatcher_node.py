@@ -8,21 +8,18 @@ from dataclasses import dataclass
 from typing import Any, Callable, Deque, Mapping
 
 import rospy
-from geometry_msgs.msg import PoseStamped
 
 from vb_core import names
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
-from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.messages import array_from_points, message_from_pose2d
+from vb_core.ros.messages import array_from_points
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import state_of
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_robot.dispatching.dispatcher import Dispatcher
-from vb_robot.dispatching.drawing import UnseenFloor
 from vb_robot.dispatching.robot_client import RobotClient
 from vb_robot.floor_view import FloorView
 from vb_robot.inputs import SpotListener, subscribe_map
@@ -51,11 +48,8 @@ class RobotDispatcherNode:
         /virtual_borders/map, /<robot>/virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may be, and
             what hides the spot
         [<robot>/]camera_info (sensor_msgs/CameraInfo): what its camera sees of the floor
-        [<robot>/]move_base/goal (move_base_msgs/MoveBaseActionGoal): where a robot drives to, by any node's goal
         /tf, /tf_static (tf2_msgs/TFMessage): where the robots and their cameras are
-        /virtual_borders/coverage (nav_msgs/OccupancyGrid): optional; floor that no stationary camera sees
     Published topics:
-        ~viewpoint (geometry_msgs/PoseStamped, latched): where a robot was sent last
         /virtual_borders/notices (vb_msgs/NoticeArray): when no camera sees the spot, and what follows
     Actions called:
         [<robot>/]move_base (move_base_msgs/MoveBaseAction)
@@ -69,21 +63,13 @@ class RobotDispatcherNode:
         self._timer = node.WakeTimer(PERIOD)
         self._inputs: Deque[Callable[[], None]] = deque()  # for the worker, in the order in which they came
         transforms = TransformLookup()
-        self._viewpoint = rospy.Publisher("~viewpoint", PoseStamped, queue_size=1, latch=True)
         self._notices = NoticePublisher()
         self._robots = [
-            RobotClient(
-                name,
-                profile,
-                transforms,
-                functools.partial(self._queue_input, self._take_view, name),
-                self._publish_viewpoint,
-            )
+            RobotClient(name, profile, transforms, functools.partial(self._queue_input, self._take_view, name))
             for name, profile in profiles.items()
         ]
         grids = [
             (names.PHYSICAL_MAP, dispatcher.set_physical_map),
-            (names.COVERAGE, lambda grid: setattr(dispatcher, "unseen", UnseenFloor(grid))),
             *((f"{name}{names.MAP_WITH_BORDERS}", known.set_map) for name, known in dispatcher.maps.items()),
         ]
         self._subscribers = [
@@ -116,7 +102,7 @@ class RobotDispatcherNode:
 
     def _take_state(self, message: InteractionState) -> None:
         if self._dispatcher.sightings.set_state(
-            state_of(message.state), message.interaction_id, message.entered.to_sec()
+            state_of(message.name), message.interaction_id, message.entered.to_sec()
         ):
             rospy.loginfo("%s: state %s", rospy.get_name(), message.name)
 
@@ -139,11 +125,6 @@ class RobotDispatcherNode:
         for robot in self._robots:
             robot.set_goal(goals[robot.name])
         self._notices.set([self._dispatcher.notice] if self._dispatcher.notice else [])
-
-    def _publish_viewpoint(self, pose: Pose) -> None:
-        message = PoseStamped(pose=message_from_pose2d(*pose))
-        message.header.stamp, message.header.frame_id = rospy.Time.now(), names.MAP_FRAME
-        self._viewpoint.publish(message)
 
 
 def build() -> RobotDispatcherNode:

@@ -18,9 +18,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from move_base_msgs.msg import RecoveryStatus
 from nav_msgs.msg import Path
 from sensor_msgs.msg import LaserScan
-from std_msgs.msg import ColorRGBA
 from std_srvs.srv import Empty, EmptyRequest
-from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError
@@ -39,7 +37,7 @@ from vb_core.vocabulary import state_of
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, Stop, VirtualBorderArray
 from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
-from vb_robot.driving.safety import Scan, SpeedLimits
+from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace, quoted
 from vb_robot.inputs import FloorViewListener, SpotListener, borders_for, message_class, subscribe_map
 
@@ -47,7 +45,6 @@ STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
 WIRING_PERIOD, LOOK_PERIOD = 1.0, 0.3  # [s] wall time
 LOOKS = 40  # [updates] after which AMCL has found its pose, or will not
-PLAN_LIFETIME = rospy.Duration(5.0)  # a robot on its way plans once a second
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 # what people are told, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
 STOP_CODES = frozenset(
@@ -97,8 +94,6 @@ class RobotDriverNode:
         /virtual_borders/notices (vb_msgs/NoticeArray)
         robot_driver/keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders inflated by the localisation
             uncertainty: for navigation's costmaps
-        /virtual_borders/plans (visualization_msgs/MarkerArray): navigation's path of a robot with a name, for 5 s
-            after it was planned; RViz would have to know the robots' names to subscribe to each one's path
     Services called:
         request_nomotion_update (std_srvs/Empty): AMCL's, once it was shown where the robot is
     Parameters:
@@ -135,7 +130,6 @@ class RobotDriverNode:
         self._heard = True  # whether anybody listens to these commands
         self._look_for_commanders()  # before anything can drive
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
-        self._plans = rospy.Publisher(names.PLANS, MarkerArray, queue_size=5) if params.robot else None
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
         self._looks_left = 0  # how often AMCL may still be asked to look, since it knew or was shown where it is
@@ -175,7 +169,7 @@ class RobotDriverNode:
             ),
             subscribe_map(names.MAP_WITH_BORDERS, functools.partial(self._on_map, "borders")),
             subscribe_map(names.PHYSICAL_MAP, functools.partial(self._on_map, "physical")),
-            subscribe_map(names.SPEED_LIMITS, self._on_speed_limits),
+            subscribe_map(names.SPEED_LIMITS, functools.partial(setattr, self._arbiter.gate, "speed_limits")),
             listen(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1),
             listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1),
             listen("initialpose", PoseWithCovarianceStamped, self._on_shown, queue_size=1),
@@ -214,7 +208,7 @@ class RobotDriverNode:
 
     def _on_state(self, message: InteractionState) -> None:
         self._arbiter.set_state(
-            state_of(message.state), message.interaction_id, message.entered.to_sec(), message.header.stamp.to_sec()
+            state_of(message.name), message.interaction_id, message.entered.to_sec(), message.header.stamp.to_sec()
         )
         self._stops.follow(message.stopped, message.stops)
         self._stops.store()  # in the callbacks: a slow disk does not keep the wheels waiting
@@ -256,23 +250,11 @@ class RobotDriverNode:
     def _on_plan(self, message: Path) -> None:
         if message.header.frame_id.lstrip("/") == names.MAP_FRAME:
             self._arbiter.set_path(array_from_points([entry.pose.position for entry in message.poses]))
-        if self._plans is None:
-            return
-        marker = Marker(header=message.header, ns=self._params.robot, type=Marker.LINE_STRIP)
-        marker.action = Marker.ADD if len(message.poses) > 1 else Marker.DELETE
-        marker.pose.orientation.w, marker.pose.position.z, marker.scale.x = 1.0, 0.03, 0.05
-        marker.color = ColorRGBA(0.46, 0.31, 0.63, 1.0)  # as the only robot's path in rviz/
-        marker.lifetime = PLAN_LIFETIME
-        marker.points = [entry.pose.position for entry in message.poses]
-        self._plans.publish(MarkerArray(markers=[marker]))
 
     def _on_map(self, which: str, grid: GridMap) -> None:
         with self._lock:
             self._maps[which] = grid
             self._use_maps()
-
-    def _on_speed_limits(self, grid: GridMap) -> None:
-        self._arbiter.gate.speed_limits = SpeedLimits(grid)
 
     def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
         with self._lock:

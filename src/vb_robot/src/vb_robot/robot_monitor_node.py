@@ -34,8 +34,8 @@ from vb_msgs.msg import (
     VirtualBorderArray,
 )
 from vb_msgs.srv import SendRobot, SendRobotResponse
+from vb_robot.driving.safety import limit_around
 from vb_robot.inputs import borders_for, subscribe_map
-from vb_robot.monitoring.navigation_limits import limit_around
 from vb_robot.monitoring.watched_robot import WatchedRobot
 from vb_robot.monitoring.wiring import within
 

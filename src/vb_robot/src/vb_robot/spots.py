@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from dataclasses import dataclass
-from typing import Deque, Dict, Iterable, Optional, Set, Tuple
+from typing import Deque, Iterable, Optional, Set, Tuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from vb_core.vocabulary import BORDER, DEFAULT, SEED, State
 WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] for which sightings count for the spot's present place, and how many must
 LOST_TIMEOUT = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
 MIN_STRAIGHTNESS = 0.7  # cosine of the angle up to which a spot goes straight on
-VELOCITY_LENGTH = 0.25  # [m] of the line tell where it goes on: ten times what cameras are off
+VELOCITY_WINDOW = 0.6  # [s] tell where the line goes on
 MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that piece, so that one wrong spot does not count
 MIN_SPEED = 0.1  # [m/s] a slower spot rests
 RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
@@ -40,7 +40,7 @@ class Sighting:
 class Sightings:
     """Collects the sightings of one interaction and tells who acts on them.
 
-    In Guide, the robot whose camera has seen the spot longest follows; no other robot acts. In Border and Seed
+    In Guide, the robot whose camera has seen the spot first follows, until it has lost it; no other robot acts. In Border and Seed
     a robot is sent once a stationary camera has seen the spot in this interaction; before, and without any such camera,
     the robot follows.
 
@@ -51,14 +51,13 @@ class Sightings:
     def __init__(self, mobile_cameras: Iterable[str] = ()) -> None:
         self._mobile_names: Set[str] = set(mobile_cameras)
         self._recent: Deque[Sighting] = deque(maxlen=400)
-        # by camera on a robot: since when and until when it sees the spot [s]
-        self._runs: Dict[str, Tuple[float, float]] = {}
         self._interaction = ""
         self._entered = 0.0
         self.state = DEFAULT
         self.stationary_seen = False
         self.first_mobile: Optional[float] = None
-        self._follower: Optional[str] = None  # the camera of the robot that followed last in this state
+        # the camera of the robot that follows in this state, and when it saw the spot last [s]
+        self._follower: Tuple[Optional[str], float] = (None, -math.inf)
 
     @property
     def key(self) -> Tuple[str, State]:
@@ -73,8 +72,7 @@ class Sightings:
             self.first_mobile = None
         if changed:
             self._recent.clear()
-            self._runs.clear()
-            self._follower = None
+            self._follower = (None, -math.inf)
         self.state, self._interaction, self._entered = state, interaction, entered
         return changed
 
@@ -90,11 +88,9 @@ class Sightings:
             return
         if self.first_mobile is None:
             self.first_mobile = sighting.stamp
-        since, until = self._runs.get(sighting.camera, (sighting.stamp, sighting.stamp))
-        if abs(sighting.stamp - until) > RUN_GAP:
-            since = sighting.stamp
-        self._runs[sighting.camera] = (since, max(until, sighting.stamp) if since < sighting.stamp else sighting.stamp)
-        self._leader(sighting.stamp)
+        follower, until = self._follower
+        if sighting.camera == follower or abs(sighting.stamp - until) > RUN_GAP:
+            self._follower = sighting.camera, sighting.stamp
 
     def should_dispatch(self) -> bool:
         """Returns whether to send a robot to where its camera sees the spot."""
@@ -102,18 +98,11 @@ class Sightings:
 
     def should_follow(self, camera: str, now: float) -> bool:
         """Returns whether the robot with this camera should follow the spot."""
-        if self._leader(now) != camera or not self.state.robots_act:
+        if self._follower[0] != camera or not self.state.robots_act:
             return False
         if self.state.guides:
             return True
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= AUTO_WAIT
-
-    def _leader(self, now: float) -> Optional[str]:
-        """Returns the robot camera that has seen the spot longest without a pause; while none sees it, the last one."""
-        seeing = {camera: run for camera, run in self._runs.items() if abs(now - run[1]) <= RUN_GAP}
-        if seeing:
-            self._follower = min(seeing, key=lambda camera: (seeing[camera][0], camera))
-        return self._follower
 
     def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:
         """Learns which cameras contributed to an interaction, also before this program started."""
@@ -144,7 +133,7 @@ class Sightings:
         return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
 
     def target(self) -> Optional[np.ndarray]:
-        """Returns where the spot was last, (2,) [m]: the median of the last window before the newest sighting.
+        """Returns where the spot was last, (2,) [m]: the median of its last sightings.
 
         Returns None with fewer than MIN_TARGET_SIGHTINGS of them: one false spot sends no robot.
         """
@@ -153,32 +142,26 @@ class Sightings:
             return None
         last = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * WINDOW]
         if len(last) < MIN_TARGET_SIGHTINGS:
-            last = [s.position for s in self._recent if s.stamp >= newest.stamp - WINDOW]
+            last = [s.position for s in sorted(self._recent, key=lambda s: s.stamp)[-MIN_TARGET_SIGHTINGS:]]
         return np.median(np.array(last), axis=0) if len(last) >= MIN_TARGET_SIGHTINGS else None
 
     def velocity(self) -> Optional[np.ndarray]:
-        """Measures the spot's velocity (2,) [m/s] over its last VELOCITY_LENGTH; None if it rests or turned there.
+        """Measures the spot's velocity (2,) [m/s], by the last pieces of its way; None if it rests or has just turned.
 
-        The last piece of the line tells where it goes on, not the last second: a quick hand is past a corner long before
-        that. Cameras differ by centimetres: only one counts, the one that saw the spot last if it saw it often enough.
+        Cameras differ by centimetres: only the one that saw the spot last counts, or the one that saw it most.
         """
         newest = self.newest()
         if newest is None:
             return None
-        recent = [s for s in self._recent if s.stamp >= newest.stamp - WINDOW]
+        recent = sorted((s for s in self._recent if s.stamp >= newest.stamp - VELOCITY_WINDOW), key=lambda s: s.stamp)
         counts = Counter(s.camera for s in recent)
         camera = newest.camera if counts[newest.camera] >= MIN_VELOCITY_SIGHTINGS else counts.most_common(1)[0][0]
-        recent = sorted((s for s in recent if s.camera == camera), key=lambda s: s.stamp)
-        if len(recent) < MIN_VELOCITY_SIGHTINGS:
+        if counts[camera] < MIN_VELOCITY_SIGHTINGS:
             return None
-        places = np.array([s.position for s in recent])
-        earlier = places[: len(places) - MIN_VELOCITY_SIGHTINGS + 1]
-        far = np.flatnonzero(np.linalg.norm(earlier - np.median(places[-3:], axis=0), axis=1) >= VELOCITY_LENGTH)
-        begin = int(far[-1]) if len(far) else 0
-        path = np.column_stack([[sighting.stamp for sighting in recent], places])[begin:]
-        thirds = np.array([np.median(third, axis=0) for third in np.array_split(path, 3)])  # (3, 3): [s], x, y [m]
+        seen = np.array([(s.stamp, *s.position) for s in recent if s.camera == camera])
+        thirds = np.array([np.median(third, axis=0) for third in np.array_split(seen, 3)])  # (3, 3): [s], x, y [m]
         (before, after), (seconds, *whole) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
-        if seconds <= 0 or math.hypot(*whole) < MIN_SPEED * max(seconds, 0.5 * WINDOW):
+        if math.hypot(*whole) < MIN_SPEED * max(seconds, 0.5 * VELOCITY_WINDOW):
             return None
         straight = float(np.dot(before, after)) >= MIN_STRAIGHTNESS * float(
             np.linalg.norm(before) * np.linalg.norm(after)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import List, Tuple
+from dataclasses import dataclass, replace
+from typing import List, Optional, Tuple
 
 import numpy as np
 
 from vb_sim.room.floor_plan import physical_map
-from vb_sim.robot.motion_models import LocalizationModel, RobotModel, ScanModel
+from vb_sim.models import Models
 from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody
 from vb_sim.room.world import World
@@ -19,37 +19,31 @@ PARTICIPANT_SILENCE = 0.5  # [s] after which the participant counts as gone
 
 @dataclass(frozen=True)
 class Participant:
-    """The participant's last message."""
+    """The participant's last message.
 
-    laser_on: bool = False
-    laser: Tuple[float, float] = (0.0, 0.0)
+    Attributes:
+        laser: (x, y) [m] of the spot, None while it is off.
+        pose: (x, y, yaw) [m, m, rad], None if nobody is there.
+        stamp: [s]
+    """
+
+    laser: Optional[Tuple[float, float]] = None
     laser_color: str = "red"
-    present: bool = False
-    pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pose: Optional[Tuple[float, float, float]] = None
     doing: str = ""
-    stamp: float = field(default=-math.inf)
+    stamp: float = -math.inf
 
 
 class Lab:
     """Steps everything that moves. Not thread-safe: the caller holds a lock."""
 
-    def __init__(
-        self,
-        world: World,
-        robot: RobotModel = RobotModel(),
-        localization: LocalizationModel = LocalizationModel(),
-        scan: ScanModel = ScanModel(),
-        seed: int = 0,
-    ) -> None:
-        self.world = world
+    def __init__(self, world: World, models: Models = Models(), seed: int = 0) -> None:
+        self.world, self.models = world, models
         self.field = DistanceField(physical_map(world))
-        self.scan_model = scan
         sequence = np.random.SeedSequence(seed).spawn(len(world.robots) + 1)
         self._scan_rng = np.random.default_rng(sequence[-1])
         self.robots: List[RobotBody] = [
-            RobotBody(
-                item.start_pose(), item.radius, robot, localization, self.field.clearance, np.random.default_rng(child)
-            )
+            RobotBody(item.start_pose(), item.radius, models, self.field.clearance, np.random.default_rng(child))
             for item, child in zip(world.robots, sequence)
         ]
         self._participant = Participant()
@@ -63,13 +57,12 @@ class Lab:
 
     def set_participant(self, participant: Participant) -> None:
         """Sets what the participant does now."""
-        self._participant = participant
+        self._participant = replace(participant, stamp=self.now)
 
     def participant(self) -> Participant:
-        """Returns what the participant does; laser off and no person if silent for too long."""
+        """Returns what the participant does; one who is silent for too long stands there with the laser off."""
         if self.now - self._participant.stamp > PARTICIPANT_SILENCE:
-            # a laser pointer goes out when the hand lets go; the person himself does not vanish
-            return Participant(present=self._participant.present, pose=self._participant.pose)
+            return Participant(pose=self._participant.pose)
         return self._participant
 
     def scan(self, index: int) -> Tuple[np.ndarray, np.ndarray]:
@@ -77,7 +70,7 @@ class Lab:
 
         As REP 117 has it: inf where nothing is, -inf where something is nearer than the scanner can measure.
         """
-        model = self.scan_model
+        model = self.models.scan
         angles = -math.pi + 2.0 * math.pi / model.beams * np.arange(model.beams)
         x, y, yaw = self.robots[index].pose
         ranges = self.field.cast((x, y), angles + yaw, model.range_max)
@@ -86,9 +79,9 @@ class Lab:
             for other, (body, item) in enumerate(zip(self.robots, self.world.robots))
             if other != index
         ]
-        participant = self.participant()
-        if participant.present:
-            discs.append((participant.pose[:2], model.person_radius))
+        person = self.participant().pose
+        if person is not None:
+            discs.append((person[:2], model.person_radius))
         for center, radius in discs:
             ranges = np.minimum(ranges, cast_disc((x, y), angles + yaw, center, radius))
         ranges = ranges + model.range_sigma * self._scan_rng.standard_normal(model.beams)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import threading
+from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Deque, Dict, Optional, Tuple
 
 from vb_core.geometry import wrap_angle
-from vb_sim.room.disturbances import SceneConditions
 
 Pose2 = Tuple[float, float, float]
 Point2 = Tuple[float, float]
@@ -17,6 +17,7 @@ Point2 = Tuple[float, float]
 # [m] a spot that is further away a moment later was moved with the beam off, not swept over the floor
 _MAX_JUMP = 0.4
 _AHEAD = 0.03  # [s] how far motion is extrapolated beyond the newest snapshot
+_STALE = 1.0  # [s] without a snapshot after which the scene is empty
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,6 @@ class Snapshot:
         laser: where the beam meets the floor, None while it is off.
         laser_velocity: [m/s] of that point.
         person: (x, y, yaw), None if there is none.
-        around: what else changes in the room.
     """
 
     stamp: float
@@ -37,46 +37,31 @@ class Snapshot:
     laser_color: str = "red"
     laser_velocity: Point2 = (0.0, 0.0)
     person: Optional[Pose2] = None
-    around: SceneConditions = SceneConditions()
 
 
 class History:
-    """The newest snapshots; may be written and read by different threads.
+    """The newest snapshots; may be written and read by different threads."""
 
-    Args:
-        stale_s: [s] a scene without an update for this long is empty.
-    """
-
-    def __init__(self, stale_s: float = 1.0) -> None:
-        self._stale_s = stale_s
+    def __init__(self) -> None:
         self._lock = threading.Lock()
         self._snapshots: Deque[Snapshot] = deque(maxlen=64)
 
     def add(self, snapshot: Snapshot) -> None:
-        """Adds a snapshot; one that is older than the newest means that time was set back."""
+        """Adds a snapshot that is newer than the others."""
         with self._lock:
-            if self._snapshots and snapshot.stamp <= self._snapshots[-1].stamp:
-                if snapshot.stamp > self._snapshots[-1].stamp - 0.5:
-                    return
-                self._snapshots.clear()
             self._snapshots.append(snapshot)
 
     def at(self, stamp: float) -> Snapshot:
-        """Interpolates the scene at a time [s]; an empty one if nothing is known."""
+        """Interpolates the scene at a time [s]; an empty one if nothing is known, or nothing new for a while."""
         with self._lock:
             snapshots = list(self._snapshots)
-        if not snapshots or stamp - snapshots[-1].stamp > self._stale_s or snapshots[0].stamp - stamp > self._stale_s:
+        if not snapshots or stamp - snapshots[-1].stamp > _STALE or snapshots[0].stamp - stamp > _STALE:
             return Snapshot(stamp)
-        after = len(snapshots) - 1
-        while after > 1 and snapshots[after - 1].stamp >= stamp:
-            after -= 1
-        if after == 0:
+        if len(snapshots) == 1:
             return replace(snapshots[0], stamp=stamp)
+        after = min(max(bisect_left([snapshot.stamp for snapshot in snapshots], stamp), 1), len(snapshots) - 1)
         first, second = snapshots[after - 1], snapshots[after]
         interval = second.stamp - first.stamp
-        if interval > self._stale_s:
-            # the node that describes the scene was away: nothing moved steadily in between
-            return replace(second if stamp >= second.stamp else first, stamp=stamp)
         at = min(max(stamp, first.stamp), second.stamp + _AHEAD)
         return _between(first, second, (at - first.stamp) / interval, interval, stamp)
 
@@ -93,7 +78,7 @@ def _between(a: Snapshot, b: Snapshot, share: float, interval: float, stamp: flo
         if math.hypot(dx, dy) < _MAX_JUMP:
             laser = (a.laser[0] + share * dx, a.laser[1] + share * dy)
             velocity = (dx / interval, dy / interval)
-    return Snapshot(stamp, robots, laser, nearest.laser_color, velocity, person, nearest.around)
+    return Snapshot(stamp, robots, laser, nearest.laser_color, velocity, person)
 
 
 def _pose_between(a: Pose2, b: Pose2, share: float) -> Pose2:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import threading
 import time
 import warnings
@@ -21,12 +20,12 @@ from std_srvs.srv import Trigger, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
 from vb_core import geometry, names
+from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
 from vb_msgs.msg import LabState, ParticipantState
 from vb_sim.lab import Lab, Participant
-from vb_sim.room.models import load_models, read_section
-from vb_sim.robot.motion_models import LocalizationModel, RobotModel, ScanModel
+from vb_sim.models import load_models
 from vb_sim.pacing import Lockstep, Pacer
 from vb_sim.room.world import Robot, load_world
 
@@ -54,14 +53,10 @@ class RobotConnection:
     """Publishers of one robot. Frames and topics carry its namespace; one without has none."""
 
     def __init__(self, robot: Robot) -> None:
-        topic = f"/{robot.namespace.strip('/')}/" if robot.namespace.strip("/") else "/"
-        prefix = topic[1:]
-        self.topic = topic
-        self.odom_frame, self.base_frame, self.laser_frame = (
-            prefix + "odom",
-            prefix + "base_link",
-            prefix + "base_laser_link",
-        )
+        prefix = f"{robot.namespace.strip('/')}/".lstrip("/")
+        self.topic = topic = f"/{prefix}"
+        self.odom_frame, self.base_frame = prefix + "odom", prefix + "base_link"
+        self.laser_frame = prefix + "base_laser_link"
         self.odom = rospy.Publisher(topic + "odom", Odometry, queue_size=5)
         self.amcl = rospy.Publisher(topic + "amcl_pose", PoseWithCovarianceStamped, queue_size=1, latch=True)
         self.scan = rospy.Publisher(topic + "scan", LaserScan, queue_size=2)
@@ -70,18 +65,17 @@ class RobotConnection:
 class LabSimulatorNode:
     """Moves the robots, publishes the ground truth of the lab and the clock.
 
-    With /use_sim_time it publishes /clock, paced to at most real time or to /sim/pace; without it, it steps in wall
-    time. A robot's topics are below its namespace; the first robot usually has none.
+    /clock is paced to at most real time or to /sim/pace; /use_sim_time must be set. A robot's topics are below its
+    namespace; the first robot usually has none.
 
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
         <robot>/cmd_vel/navigation (geometry_msgs/Twist), /tf (tf2_msgs/TFMessage): only with ~lockstep
-        <robot>/initialpose (geometry_msgs/PoseWithCovarianceStamped): sets only the pose estimate
         /sim/participant (vb_msgs/ParticipantState)
         /sim/pace (std_msgs/Float64): simulated seconds per real second at most, for drives without people and cameras;
             1 before there is one
     Published topics:
-        /clock (rosgraph_msgs/Clock): 50 Hz, only with /use_sim_time
+        /clock (rosgraph_msgs/Clock): 50 Hz
         /sim/lab_state (vb_msgs/LabState): 50 Hz, ground truth
         <robot>/odom (nav_msgs/Odometry), /tf (tf2_msgs/TFMessage): map -> odom -> base_link, 25 Hz
         <robot>/scan (sensor_msgs/LaserScan): 10 Hz, only while it has subscribers
@@ -93,22 +87,18 @@ class LabSimulatorNode:
         config/lab_simulator.yaml
     """
 
-    def __init__(
-        self, lab: Lab, params: LabSimulatorParams, localization: LocalizationModel, simulated_time: bool
-    ) -> None:
+    def __init__(self, lab: Lab, params: LabSimulatorParams) -> None:
         self._lab = lab
         self._params = params
-        self._sigma = (localization.position_sigma, localization.yaw_sigma)
-        self._simulated = simulated_time
         self._lock = threading.Lock()
         self._step_ns = int(round(1e9 / RATE))
         # whole steps, so that cameras at a divisor of the rate fall on them
-        self._now_ns = time.time_ns() // self._step_ns * self._step_ns if simulated_time else time.time_ns()
+        self._now_ns = time.time_ns() // self._step_ns * self._step_ns
         self._count = 0
         self._closing = False
         lab.step(0.0, self._now_ns * 1e-9)
 
-        self._clock = clock_publisher() if simulated_time else None
+        self._clock = clock_publisher()
         # a slow or hung subscriber must not stop the lab: each has its own short queue
         self._lab_state = rospy.Publisher(names.LAB_STATE, LabState, queue_size=1)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
@@ -118,20 +108,11 @@ class LabSimulatorNode:
         self._static_tf = tf2_ros.StaticTransformBroadcaster()
         self._static_tf.sendTransform([self._laser_mount(connection) for connection in self._robots])
         for index, connection in enumerate(self._robots):
-            rospy.Subscriber(
-                connection.topic + "cmd_vel", Twist, self._on_cmd_vel, index, queue_size=1, tcp_nodelay=True
-            )
+            topic, callback = connection.topic + "cmd_vel", self._on_cmd_vel
+            rospy.Subscriber(topic, Twist, callback, index, queue_size=1, tcp_nodelay=True)
             if params.lockstep:
-                rospy.Subscriber(
-                    connection.topic + "cmd_vel/navigation",
-                    Twist,
-                    functools.partial(self._on_navigation, index),
-                    queue_size=1,
-                    tcp_nodelay=True,
-                )
-            rospy.Subscriber(
-                connection.topic + "initialpose", PoseWithCovarianceStamped, self._on_initialpose, index, queue_size=1
-            )
+                topic, callback = topic + "/navigation", self._on_navigation
+                rospy.Subscriber(topic, Twist, callback, index, queue_size=1, tcp_nodelay=True)
         if params.lockstep:
             rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
@@ -153,7 +134,7 @@ class LabSimulatorNode:
         if self._params.lockstep:
             self._lockstep[index].arrive("driver")
 
-    def _on_navigation(self, index: int, _message: Twist) -> None:
+    def _on_navigation(self, _message: Twist, index: int) -> None:
         self._lockstep[index].arrive("navigation")
 
     def _on_transform(self, message: rospy.AnyMsg) -> None:
@@ -162,36 +143,11 @@ class LabSimulatorNode:
             for robot in self._lockstep:
                 robot.arrive("localisation")
 
-    def _on_initialpose(self, message: PoseWithCovarianceStamped, index: int) -> None:
-        if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
-            rospy.logwarn_throttle(
-                5.0, f"{rospy.get_name()}: initialpose in frame '{message.header.frame_id}' ignored, expected 'map'"
-            )
-            return
-        pose = messages.pose2d_from_message(message.pose.pose)
-        if not np.isfinite(pose).all():
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: initialpose ignored, it is not finite")
-            return
-        with self._lock:
-            self._lab.robots[index].relocalize(pose)
-
     def _on_participant(self, message: ParticipantState) -> None:
-        laser, person = (message.laser.x, message.laser.y), (message.person.x, message.person.y, message.person.theta)
-        if not np.isfinite(laser + person).all():
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: a participant with a pose that is not finite is ignored")
-            return
+        laser = (message.laser.x, message.laser.y) if message.laser_on else None
+        person = (message.person.x, message.person.y, message.person.theta) if message.person_present else None
         with self._lock:
-            self._lab.set_participant(
-                Participant(
-                    laser_on=message.laser_on,
-                    laser=laser,
-                    laser_color=message.laser_color or "red",
-                    present=message.person_present,
-                    pose=person,
-                    doing=message.doing,
-                    stamp=self._lab.now,
-                )
-            )
+            self._lab.set_participant(Participant(laser, message.laser_color or "red", person, message.doing))
 
     def _on_pace(self, message: Float64) -> None:
         if not MIN_PACE <= message.data <= MAX_PACE:
@@ -220,16 +176,12 @@ class LabSimulatorNode:
                 raise
 
     def _step(self) -> None:
-        before = self._now_ns
-        self._now_ns = before + self._step_ns if self._simulated else max(time.time_ns(), before)
+        self._now_ns += self._step_ns
         now = rospy.Time(self._now_ns // 10**9, self._now_ns % 10**9)
-        # in wall time a pause of the machine must not become a leap of the robot
-        dt = min((self._now_ns - before) * 1e-9, 0.1)
         with self._lock:
-            self._lab.step(dt, self._now_ns * 1e-9)
+            self._lab.step(self._step_ns * 1e-9, self._now_ns * 1e-9)
             state = self._state_message(now)
-        if self._clock is not None:
-            self._clock.publish(Clock(now))
+        self._clock.publish(Clock(now))
         self._lab_state.publish(state)
         if self._count % POSE_STEPS == 0:
             self._publish_poses(now)
@@ -246,11 +198,11 @@ class LabSimulatorNode:
         state.header.stamp, state.header.frame_id = now, names.MAP_FRAME
         state.robots = [robot.namespace.strip("/") for robot in self._lab.world.robots]
         state.robot_poses = [Pose2D(*body.pose) for body in self._lab.robots]
-        state.laser_on = participant.laser_on
-        state.laser = Point(participant.laser[0], participant.laser[1], 0.0)
+        state.laser_on = participant.laser is not None
+        state.laser = Point(*(participant.laser or (0.0, 0.0)), 0.0)
         state.laser_color = participant.laser_color
-        state.person_present = participant.present
-        state.person = Pose2D(*participant.pose)
+        state.person_present = participant.pose is not None
+        state.person = Pose2D(*(participant.pose or (0.0, 0.0, 0.0)))
         state.participant_doing = participant.doing
         return state
 
@@ -277,6 +229,7 @@ class LabSimulatorNode:
         self._tf.publish(TFMessage(transforms))
 
     def _publish_amcl(self, now: rospy.Time) -> None:
+        model = self._lab.models.localization
         for body, connection in zip(self._lab.robots, self._robots):
             with self._lock:
                 estimate = body.estimate()
@@ -284,13 +237,13 @@ class LabSimulatorNode:
             message.header.stamp, message.header.frame_id = now, names.MAP_FRAME
             message.pose.pose = messages.message_from_pose2d(*estimate)
             covariance = [0.0] * 36
-            covariance[0] = covariance[7] = self._sigma[0] ** 2
-            covariance[35] = self._sigma[1] ** 2
+            covariance[0] = covariance[7] = model.position_sigma**2
+            covariance[35] = model.yaw_sigma**2
             message.pose.covariance = covariance
             connection.amcl.publish(message)
 
     def _publish_scans(self, now: rospy.Time) -> None:
-        model = self._lab.scan_model
+        model = self._lab.models.scan
         for index, connection in enumerate(self._robots):
             if not connection.scan.get_num_connections():
                 continue
@@ -306,7 +259,7 @@ class LabSimulatorNode:
             connection.scan.publish(message)
 
     def _laser_mount(self, connection: RobotConnection) -> TransformStamped:
-        mount = geometry.transform(np.eye(3), (0.0, 0.0, self._lab.scan_model.height))
+        mount = geometry.transform(np.eye(3), (0.0, 0.0, self._lab.models.scan.height))
         return messages.message_from_transform(mount, connection.base_frame, connection.laser_frame, rospy.Time(0))
 
 
@@ -326,9 +279,7 @@ def build() -> LabSimulatorNode:
     """Reads the parameters and makes the node."""
     parameters.read_required("~world")
     params = parameters.read(LabSimulatorParams)
-    models = load_models()
-    robot = read_section(models, "robot", RobotModel)
-    localization = read_section(models, "localisation", LocalizationModel)
-    scan = read_section(models, "scan", ScanModel)
-    lab = Lab(load_world(params.world), robot, localization, scan, params.seed)
-    return LabSimulatorNode(lab, params, localization, bool(rospy.get_param("/use_sim_time", False)))
+    if not rospy.get_param("/use_sim_time", False):
+        raise ParameterError("/use_sim_time", "must be true: the simulated lab has a time of its own")
+    lab = Lab(load_world(params.world), load_models(), params.seed)
+    return LabSimulatorNode(lab, params)

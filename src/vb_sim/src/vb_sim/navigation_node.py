@@ -18,7 +18,6 @@ from std_srvs.srv import Empty, EmptyResponse
 
 from vb_core import geometry, names
 from vb_core.errors import CodedError
-from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import messages, node, parameters, robot_profile
@@ -107,9 +106,6 @@ class NavigationNode:
         grown = messages.grid_from_message(keep_out) if keep_out is not None else grid
         if grown.same_geometry(grid):
             grid = grid.with_data(np.maximum(grid.data, grown.data))  # as a static layer with use_maximum
-        if abs(grid.origin[2]) > 1e-6:
-            rospy.logwarn_once("%s: the map's rotation is ignored, as move_base does", rospy.get_name())
-            grid = GridMap(grid.data, grid.resolution, (grid.origin[0], grid.origin[1], 0.0))
         costmap = self._navigator.set_map(grid)
         occupancy = grid.with_data(costmap.occupancy())
         self._global.publish(messages.message_from_grid(occupancy, rospy.Time.now()))
@@ -141,17 +137,13 @@ class NavigationNode:
         Raises:
             CodedError: "bad_goal" or "no_transform".
         """
-        frame = pose.header.frame_id.lstrip("/")
-        q = pose.pose.orientation
-        x, y, yaw = messages.pose2d_from_message(pose.pose)
-        if not np.isfinite([x, y, yaw]).all() or abs(q.x**2 + q.y**2 + q.z**2 + q.w**2 - 1.0) > 0.1:
-            raise CodedError("bad_goal", "the goal's pose is not finite or its quaternion is not of length 1")
+        found, frame = messages.pose2d_from_message(pose.pose), pose.header.frame_id.lstrip("/")
+        if not np.isfinite(found).all():
+            raise CodedError("bad_goal", "the goal's pose is not finite")
         if frame == names.MAP_FRAME:
-            return x, y, yaw
-        placed = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0)) @ geometry.transform_from_pose2d(
-            x, y, yaw
-        )
-        return geometry.pose2d_from_transform(placed)
+            return found
+        T = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0))
+        return geometry.pose2d_from_transform(T @ geometry.transform_from_pose2d(*found))
 
     # ------------------------------------------------------------ services and the simple topic
     def _on_make_plan(self, request: GetPlan) -> GetPlanResponse:
@@ -159,10 +151,9 @@ class NavigationNode:
             raise rospy.ServiceException("move_base must be in an inactive state to make a plan for an external user")
         response = GetPlanResponse()
         try:
-            planner, _ = self._navigator.static()
             start = self._in_map(request.start) if request.start.header.frame_id else self._pose()
             goal = self._in_map(request.goal)
-            path = planner.plan(np.array(start[:2]), np.array(goal[:2]), max(request.tolerance, 0.0))
+            path = self._navigator.static().plan(np.array(start[:2]), np.array(goal[:2]), max(request.tolerance, 0.0))
             response.plan = path_message(path, goal[2])
         except CodedError as error:
             rospy.loginfo("%s: make_plan: %s", rospy.get_name(), error)
@@ -220,16 +211,13 @@ class NavigationNode:
             if drive.arrived:
                 self._server.set_succeeded(MoveBaseResult(), "the goal is reached")
                 return
-            self._send(drive.speed, drive.turn_rate)
+            command = Twist()
+            command.linear.x, command.angular.z = drive.speed, drive.turn_rate
+            self._cmd_vel.publish(command)
             count += 1
             if count % 2 == 0:
                 self._feedback(pose)
-            self._sleep()
-
-    def _send(self, speed: float, turn_rate: float) -> None:
-        message = Twist()
-        message.linear.x, message.angular.z = speed, turn_rate
-        self._cmd_vel.publish(message)
+            rospy.sleep(_PERIOD)
 
     def _feedback(self, pose: Pose) -> None:
         feedback = MoveBaseFeedback()
@@ -237,13 +225,6 @@ class NavigationNode:
         feedback.base_position.header.frame_id = names.MAP_FRAME
         feedback.base_position.pose = messages.message_from_pose2d(*pose)
         self._server.publish_feedback(feedback)
-
-    @staticmethod
-    def _sleep() -> None:
-        try:
-            rospy.sleep(_PERIOD)
-        except rospy.ROSTimeMovedBackwardsException:
-            pass  # the clock was started again: go on with the next cycle
 
 
 def path_message(path: np.ndarray, goal_yaw: float) -> Path:

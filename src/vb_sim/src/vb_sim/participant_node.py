@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import threading
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Dict, Optional, Set, Tuple
@@ -18,8 +17,7 @@ from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
 from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
-from vb_sim.room.models import load_models, read_section
-from vb_sim.person.participant_model import ParticipantModel
+from vb_sim.models import ParticipantModel, load_models
 from vb_sim.person.participant import Action, CommandReply, ParticipantScript, Perception, Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript
@@ -40,8 +38,6 @@ class ParticipantParams(Parameters):
 class ParticipantNode:
     """Simulates one person who carries out one scenario.
 
-    A participant that is killed in the middle cancels and starts over; one that had finished publishes that again.
-
     Subscribed topics:
         /sim/lab_state (vb_msgs/LabState): where the robot is; each message is one step of the person
         /virtual_borders/spots (vb_msgs/LaserSpot): used only for whether the spot is seen, as sound and LED show
@@ -49,7 +45,7 @@ class ParticipantNode:
         /virtual_borders/state (vb_msgs/InteractionState): the state that the display shows
         /virtual_borders/notices (vb_msgs/NoticeArray): what it says about the robots
     Published topics:
-        /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock, 5 Hz once everything is over
+        /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock
         /sim/participant_done (std_msgs/String, latched): JSON with outcome ("saved", "gave_up", "failed"), reason,
             scenario, method, seed, tries, started, ended [s]
     Services called:
@@ -64,21 +60,12 @@ class ParticipantNode:
         self._percept = Perception()
         self._sees_state = False  # a person who came back must know whether something was left half done
         self._spot: Optional[Tuple[float, float]] = None
-        self._script: Optional[ParticipantScript] = None
         self._started = 0.0
-        self._count = 0
-        # a node started by the same launch with the same task is the same person
-        self._identity = f"{os.getppid()} {scenario.key} {params.method} {params.seed}"
-
         self._state = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
         self._done = rospy.Publisher(names.PARTICIPANT_DONE, String, queue_size=1, latch=True)
-        finished = rospy.get_param("~finished", {})
-        over = isinstance(finished, dict) and finished.get("identity") == self._identity
-        if over:
-            self._done.publish(String(str(finished.get("report", ""))))
-            rospy.loginfo("%s: had finished already", rospy.get_name())
-        else:
-            self._script = self._make_person(world, model)
+        near = scenario.stand if params.method == "nrs" else np.array(world.robots[0].start[:2])
+        person = Person(world, scenario, model, params.seed, near, params.method)
+        self._script = NetworkRobotSystemScript(person) if params.method == "nrs" else RobotOnlyScript(person)
         self._lab_states: node.Mailbox = node.Mailbox()
         self._worker = node.Worker(self._lab_states, self._live)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
@@ -101,11 +88,6 @@ class ParticipantNode:
     def close(self) -> None:
         """Ends the worker."""
         self._lab_states.close()
-
-    def _make_person(self, world: World, model: ParticipantModel) -> ParticipantScript:
-        near = self._scenario.stand if self._params.method == "nrs" else np.array(world.robots[0].start[:2])
-        person = Person(world, self._scenario, model, self._params.seed, near, self._params.method)
-        return NetworkRobotSystemScript(person) if self._params.method == "nrs" else RobotOnlyScript(person)
 
     # ------------------------------------------------------------ perception
     def _on_spot(self, message: LaserSpot) -> None:
@@ -134,23 +116,17 @@ class ParticipantNode:
     def _live(self, lab: LabState) -> None:
         now = lab.header.stamp
         with self._lock:
-            script = self._script if self._sees_state else None
+            if not self._sees_state:
+                return
             percept = self._percept
-            if now.to_sec() < percept.now:
-                # time jumped back: nothing was seen in the future
-                percept.last_seen = percept.last_seen_by_robot = float("-inf")
             percept.now = now.to_sec()
             if lab.robot_poses:
                 pose = lab.robot_poses[0]
                 percept.robot = (pose.x, pose.y, pose.theta)
             seen = replace(percept)
-        if script is None:
-            return
+        script = self._script
         if not self._started:
             self._started = seen.now
-        self._count += 1
-        if script.outcome and self._count % 10:
-            return
         over_before = bool(script.outcome)
         action = script.step(seen)
         with self._lock:
@@ -195,9 +171,7 @@ class ParticipantNode:
             "ended": now,
             "answer": asdict(script.person.last_answer),
         }
-        text = json.dumps(report)
-        rospy.set_param("~finished", {"identity": self._identity, "report": text})
-        self._done.publish(String(text))
+        self._done.publish(String(json.dumps(report)))
         rospy.loginfo("%s: %s %s", rospy.get_name(), script.outcome, script.reason)
 
 
@@ -205,7 +179,6 @@ def build() -> ParticipantNode:
     """Reads the parameters and makes the node."""
     for name in ("~world", "~scenario"):
         parameters.read_required(name)
-    params = parameters.read(ParticipantParams, ignore=("finished",))
+    params = parameters.read(ParticipantParams)
     world = load_world(params.world)
-    model = read_section(load_models(), "participant", ParticipantModel)
-    return ParticipantNode(world, world.scenario(params.scenario), model, params)
+    return ParticipantNode(world, world.scenario(params.scenario), load_models().participant, params)

@@ -10,18 +10,21 @@ import re
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Tuple
 
+from rich.columns import Columns
+from rich.console import RenderableType
 from rich.text import Text
 
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import mapping_from_values
-from vb_core.vocabulary import COMMANDS, DEFAULT, STATES
+from vb_core.vocabulary import COMMANDS, DEFAULT, STATES, STOP
 from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState
 
 GOOD, BAD, NOTE, WRONG = "green", "yellow", "cyan", "bold red"
 COMMAND_KEYS: Dict[str, str] = {command.key: name for name, command in COMMANDS.items()}
 SEVERITIES = {Severity.INFO: NOTE, Severity.WARNING: BAD, Severity.ERROR: WRONG}
 QUIT_KEY = "q"
+_IN_STATE_LINE = ("stopped", "interaction_ends_soon")  # notices that the line of the state has said
 # what a terminal sends for an arrow or function key
 _SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|)")
 _CONTROLS = dict.fromkeys([*range(0x20), *range(0x7F, 0xA0)])
@@ -59,11 +62,13 @@ class ConsoleContent:
         values = mapping_from_values(said.values)
         return sentences.translate(said.code, values, self.language, said.message) if said.code else said.message
 
-    def lines(self, now: float = 0.0) -> List[Text]:
-        """Writes what holds at a ROS time [s]: state, drawing, keys, what saving would do, and notices."""
-        found = [self._state_line(now), self._keys()]
-        found += [printable(text, style) for text, style in self._preview()]
-        return found + [printable(f"! {one.sentence(self.language)}", SEVERITIES[one.severity]) for one in self.notices]
+    def lines(self, now: float = 0.0) -> List[RenderableType]:
+        """Writes what holds at a ROS time [s]: state, drawing, keys, what saving would do, and notices; each once."""
+        said = dict(self._preview())
+        for one in self.notices:
+            if self.state is None or one.code not in _IN_STATE_LINE:
+                said.setdefault(f"! {one.sentence(self.language)}", SEVERITIES[one.severity])
+        return [self._state_line(now), self._keys(), *(printable(text, style) for text, style in said.items())]
 
     def _state_line(self, now: float) -> Text:
         state, drawn = self.state, self.progress
@@ -101,15 +106,20 @@ class ConsoleContent:
             (f"! {what}", style) for what, style in issues if what not in text
         ]
 
-    def _keys(self) -> Text:
-        available = self.state.available_commands if self.state is not None else ()
-        text = Text()
-        for key, command in COMMAND_KEYS.items():
-            shown, dim = self.words("console_space") if key == " " else key, "" if command in available else "dim "
-            # a key stays with its word where a line ends
-            words = self.words("command_" + command).replace(" ", "\u00a0")
-            text.append(f"\u00a0{shown}\u00a0", dim + "reverse").append(f"\u00a0{words}", dim.strip()).append(" ")
-        return text.append(f"\u00a0{QUIT_KEY}\u00a0", "reverse").append(f"\u00a0{self.words('console_quit')}")
+    def _keys(self) -> Columns:
+        # a stop needs no manager
+        available = self.state.available_commands if self.state is not None else (STOP,)
+        shown = [
+            (key, self.words("command_" + command), "" if command in available else "dim")
+            for key, command in COMMAND_KEYS.items()
+        ]
+        shown.append((QUIT_KEY, self.words("console_quit"), ""))
+        return Columns(
+            Text.assemble(
+                (f" {self.words('console_space') if key == ' ' else key} ", f"reverse {style}"), f" {word}", style=style
+            )
+            for key, word, style in shown
+        )
 
 
 def _clock(seconds: float) -> str:

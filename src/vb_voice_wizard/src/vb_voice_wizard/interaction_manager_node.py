@@ -5,8 +5,7 @@ from __future__ import annotations
 import threading
 import traceback
 from dataclasses import dataclass
-from pathlib import Path
-from typing import List, Mapping, Optional
+from typing import List, Mapping
 
 import rospy
 from vb_core import names
@@ -19,7 +18,7 @@ from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticeListener, NoticePublisher
 from vb_core.stop_latch import StopLatch, new_id
-from vb_core.vocabulary import BORDER, COMMANDS, DEFAULT, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize
+from vb_core.vocabulary import BORDER, COMMANDS, GUIDE, RESUME, SAVE, SEED, STOP, UNDO, normalize
 from vb_msgs.msg import (
     BorderProgress,
     DriverState,
@@ -31,7 +30,7 @@ from vb_msgs.msg import (
 )
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-from vb_voice_wizard.dialogue import persistence
+from vb_voice_wizard.dialogue import record
 from vb_voice_wizard.confirmation import ANSWERS
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.session import Answer, InteractionParams
@@ -51,7 +50,7 @@ class ManagerParams(InteractionParams):
     """Parameters of the interaction manager; config/interaction_manager.yaml says why."""
 
     log_file: str = param("~/.ros/virtual_borders/interactions.jsonl")
-    state_file: str = param("~/.ros/virtual_borders/interaction_state.json")
+    stop_file: str = param("~/.ros/virtual_borders/robots.stop")
     method: str = param("nrs")
     occupancy: float = param(1.0, "", low=0.0, high=1.0)
     service_timeout: float = param(2.0, "s", above=0.0, high=10.0)
@@ -96,23 +95,22 @@ class InteractionManagerNode:
 
     Args:
         params: see config/interaction_manager.yaml.
-        run_id: the roscore's /run_id, which identifies files of another run.
     """
 
-    def __init__(self, params: ManagerParams, run_id: str) -> None:
+    def __init__(self, params: ManagerParams) -> None:
         self._params = params
-        self._log_file = persistence.file_path("~log_file", params.log_file)
-        self._state_file = persistence.StateFile(persistence.file_path("~state_file", params.state_file), run_id)
-        node.keep_private(Path(self._log_file))
+        self._log_file = record.file_path("~log_file", params.log_file)
+        node.keep_private(self._log_file)
         self._lock = threading.Lock()
-        self._latch = StopLatch(Path(persistence.file_path("~state_file", params.state_file)).with_suffix(".stop"))
+        self._latch = StopLatch(record.file_path("~stop_file", params.stop_file))
+        if self._latch.lost:
+            rospy.logwarn("interaction_manager: it is not known whether robots were stopped: they are, until resume")
         self._interaction = Interaction(params, latch=self._latch)
         # a save calls two services, undo calls one three times
         self._timeout = 3.0 * (params.service_timeout + params.response_timeout)
         self._answer_cache = AnswerCache(self._timeout)
         self._cameras: List[str] = []
         self._cameras_of = ""
-        self._recall()
 
         told = NoticeListener().current
         self._services = BorderServices(params.occupancy, params.service_timeout, params.response_timeout, told)
@@ -120,13 +118,12 @@ class InteractionManagerNode:
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=10)
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
-        self._stop_unwritten = False
         with self._lock:
             self._publish()
         self._timer = node.WakeTimer(_REPEATED_AFTER)
         self._storing = node.WakeTimer(_STORE_PERIOD)
         node.Worker(self._timer, lambda _woken: self._on_beat())
-        node.Worker(self._storing, self._store)
+        node.Worker(self._storing, lambda _woken: self._latch.store())
         rospy.Subscriber(names.STOP, Stop, self._on_stop, queue_size=10)
         rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver, queue_size=20)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
@@ -139,7 +136,6 @@ class InteractionManagerNode:
         self._timer.close()
         self._storing.close()
         self._preview.close()
-        self._remember_stop()
 
     # ------------------------------------------------------------------ inputs
     def _on_progress(self, message: BorderProgress) -> None:
@@ -184,16 +180,6 @@ class InteractionManagerNode:
             else:
                 self._publish()
 
-    def _store(self, _woken: bool) -> None:
-        self._latch.store()
-        self._remember_stop()
-
-    def _remember_stop(self) -> None:
-        """Writes down what a stop left for later."""
-        with self._lock:
-            if self._stop_unwritten:
-                self._remember()
-
     # ------------------------------------------------------------------ commands
     def _handle(self, order: CommandRequest) -> Answer:
         command = normalize(order.command)
@@ -202,9 +188,6 @@ class InteractionManagerNode:
         else:
             meant = ANSWERS.get(command, command)
             answer = self._answer_cache.carry_out(order.id, lambda: self._carry_out(meant, order))
-            if order.id:
-                with self._lock:
-                    self._remember()
         rospy.loginfo("%s says %s: %s [%s]", order.source or "somebody", command, answer.message, answer.code)
         return answer
 
@@ -214,12 +197,8 @@ class InteractionManagerNode:
         self._stop.publish(Stop(id=identity, source=source))
         with self._lock:
             answer = self._interaction.command(STOP, source, rospy.get_time(), identity=identity)
-            self._stop_unwritten = True
             self._publish()
-        stored = self._latch.store()
-        # what was said last has time; the person waits for no more than the stop's own file
-        self._storing.set()
-        return answer if stored else Answer(True, "stop_not_stored")
+        return answer if self._latch.store() else Answer(True, "stop_not_stored")
 
     def _carry_out(self, command: str, order: CommandRequest) -> Answer:
         with self._lock:
@@ -267,7 +246,6 @@ class InteractionManagerNode:
         border = self._preview.border_to_save(interaction_id)
         with self._lock:
             self._interaction.send_save()
-            self._remember()
         return self._services.add(border, source, interaction_id)
 
     def _change(self, command: str) -> Answer:
@@ -282,41 +260,15 @@ class InteractionManagerNode:
     # ------------------------------------------------------------------ outputs; the lock is held
     def _changed(self) -> None:
         self._publish()
-        record = self._interaction.take_record()
-        if record is not None:
-            cameras = self._cameras if self._cameras_of == record.interaction_id else []
-            line = persistence.record_line(record, self._params.method, cameras)
-            rospy.loginfo("interaction %s %s after %.1f s", record.interaction_id, record.outcome, record.total_s)
+        ended = self._interaction.take_record()
+        if ended is not None:
+            cameras = self._cameras if self._cameras_of == ended.interaction_id else []
+            line = record.record_line(ended, self._params.method, cameras)
+            rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
             try:
                 append_line(self._log_file, line, private=True)
             except OSError as error:
                 rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
-        self._remember()
-
-    def _remember(self) -> None:
-        interaction, self._stop_unwritten = self._interaction, False
-        try:
-            self._state_file.write({"interaction": interaction.to_mapping(), "answers": self._answer_cache.to_list()})
-        except CodedError as error:
-            rospy.logwarn_throttle(30.0, f"interaction_manager: cannot remember the interaction: {error}")
-
-    def _recall(self) -> None:
-        if self._latch.lost:
-            rospy.logwarn("interaction_manager: it is not known whether robots were stopped: they are, until resume")
-        try:
-            remembered = self._state_file.read()
-            if remembered is not None:
-                self._interaction = Interaction.from_mapping(
-                    remembered.get("interaction"), self._params, latch=self._latch
-                )
-                self._answer_cache = AnswerCache(self._timeout, remembered.get("answers") or ())
-        except (CodedError, TypeError, ValueError) as error:
-            rospy.logwarn("interaction_manager: starting again: %s", error)
-        self._interaction.advance(rospy.get_time())
-        if self._interaction.state != DEFAULT:
-            rospy.loginfo(
-                "interaction %s goes on in state %s", self._interaction.interaction_id, self._interaction.state.name
-            )
 
     def _publish(self) -> None:
         interaction, now = self._interaction, rospy.get_time()
@@ -324,7 +276,6 @@ class InteractionManagerNode:
         message = InteractionState()
         message.header.stamp = rospy.Time.from_sec(now)
         message.header.frame_id = names.MAP_FRAME
-        message.state = interaction.state.number
         message.name = interaction.state.name
         message.interaction_id = interaction.interaction_id
         message.started = rospy.Time.from_sec(interaction.started)
@@ -375,17 +326,6 @@ def _what_changed(command: str, before: Mapping[str, VirtualBorder], after: Mapp
     return Answer(True, changes[0][0], {"borders": ", ".join(border.name or border.id for _, border in changes)})
 
 
-def _await_clock(timeout: float = 3.0) -> None:
-    """Waits for simulated time, so that a remembered interaction is not counted from zero; not for ever."""
-    waited = 0.0
-    while rospy.get_rostime().is_zero() and waited < timeout and not rospy.is_shutdown():
-        rospy.rostime.wallsleep(0.02)
-        waited += 0.02
-
-
 def build() -> InteractionManagerNode:
     """Reads the parameters and makes the node."""
-    params = parameters.read(ManagerParams)
-    _await_clock()
-    run_id: Optional[str] = rospy.get_param("/run_id", "")
-    return InteractionManagerNode(params, str(run_id or ""))
+    return InteractionManagerNode(parameters.read(ManagerParams))

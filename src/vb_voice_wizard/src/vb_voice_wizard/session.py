@@ -1,15 +1,14 @@
-"""The session between person and system: its clock, its record, and what outlives a restart of the node.
+"""The session between person and system: its clock and its record.
 
 Times are injected, in seconds, and may pause or jump back. `interaction` builds the states on it.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import uuid
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type, TypeVar
+from typing import Callable, Dict, List, Mapping, Optional, Tuple
 
 from vb_core import sentences
 from vb_core.errors import CodedError
@@ -18,9 +17,6 @@ from vb_core.stop_latch import StopLatch
 from vb_core.vocabulary import BORDER, CANCEL, DEFAULT, GUIDE, SEED, STATES, State
 
 from vb_voice_wizard.confirmation import Question
-
-_S = TypeVar("_S", bound="Session")
-
 
 # [s] without a spot in Border or Seed: a person has begun by then, or draws with a laser that no camera sees
 UNSEEN_AFTER = 10.0
@@ -81,11 +77,6 @@ class Record:
     seed_s: float
     total_s: float
     sources: Tuple[str, ...]
-
-
-# what outlives a restart of the node, as far as it is one number or text
-_TIMES = ("started", "entered", "_active", "_counted_until", "last_answered")
-_TEXTS = ("interaction_id", "last_command", "last_source", "last_outcome", "last_border_id")
 
 
 def _new_id() -> str:
@@ -208,56 +199,6 @@ class Session:
     def missing(self) -> List[str]:
         """Lists the parts of a border that the person has not begun yet: "border", "seed"."""
         return [state.collects for state in (BORDER, SEED) if state not in self._visited]
-
-    # ------------------------------------------------------------------ memory across a restart of the node
-    def to_mapping(self) -> Dict[str, Any]:
-        """Returns the complete state as plain values; inverse of `from_mapping`."""
-        return {
-            **{name.strip("_"): getattr(self, name) for name in (*_TIMES, *_TEXTS)},
-            "state": self.state.name,
-            "durations": {state.name: value for state, value in self._durations.items()},
-            "sources": list(self._sources),
-            "visited": [state.name for state in self._visited],
-            "unanswered_save": self.unanswered_save,
-            "last_answer": dataclasses.asdict(self.last_answer),
-        }
-
-    @classmethod
-    def from_mapping(
-        cls: Type[_S],
-        mapping: Mapping[str, Any],
-        params: InteractionParams = InteractionParams(),
-        new_id: Callable[[], str] = _new_id,
-        latch: Optional[StopLatch] = None,
-    ) -> _S:
-        """Restores a saved interaction; a command that was being carried out is not part of it and must be sent again.
-
-        Whether robots are stopped is not part of it: that outlives every interaction.
-
-        Raises:
-            CodedError: "bad_state_file" if this is not a saved interaction.
-        """
-        self = cls(params, new_id, latch)
-        try:
-            for names, kind in ((_TIMES, float), (_TEXTS, str)):
-                for name in names:
-                    setattr(self, name, kind(mapping[name.strip("_")]))
-            self.state = STATES[mapping["state"]]
-            self._durations = {state: float(mapping["durations"][state.name]) for state in self._durations}
-            self._sources = [str(source) for source in mapping["sources"]]
-            self._visited = [STATES[name] for name in mapping["visited"]]
-            self.unanswered_save = mapping["unanswered_save"] is True
-            answer = Answer(**mapping["last_answer"])
-            values = {str(name): str(value) for name, value in answer.values.items()}
-            self.last_answer = Answer(bool(answer.success), str(answer.code), values, str(answer.said))
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise CodedError("bad_state_file", f"this is not the saved state of an interaction: {error!r}") from None
-        numbers = [*(getattr(self, name) for name in _TIMES), *self._durations.values()]
-        if not all(map(math.isfinite, numbers)) or min(self._durations.values()) < 0:
-            raise CodedError("bad_state_file", "this is not the saved state of an interaction: times must be finite")
-        if (self.state == DEFAULT, self.state == DEFAULT) != (self.interaction_id == "", not self._visited):
-            raise CodedError("bad_state_file", "this is not the saved state of an interaction: state and id do not fit")
-        return self
 
     # ------------------------------------------------------------------ inside
     def _begin(self, now: float) -> None:

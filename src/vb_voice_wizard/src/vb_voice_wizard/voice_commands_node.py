@@ -2,38 +2,36 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from dataclasses import dataclass, replace
-from typing import Any, List, Optional, Tuple
+from typing import Any, Optional, Tuple
 
 import numpy as np
 import rospy
-from std_msgs.msg import Float32
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
-from vb_core.parameters import param
+from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.voice.audio_sources import Microphone, Resampler, arecord, level_db
-from vb_voice_wizard.voice.listener import CommandListener, Heard, ListenerParams
+from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, arecord, level_db
+from vb_voice_wizard.voice.listener import CommandListener, Heard
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams
 
 AUDIO = "/virtual_borders/voice/audio"
 
-_LEVEL_PERIOD = 0.25  # [s] wall time between two levels
+_WATCH_PERIOD = 0.25  # [s] wall time between two looks whether there is sound
 _NEAR = 0.2  # confidence from which a rejected utterance gets the refusal sound: say it again
 _DEAF_TIMEOUT = 5.0  # [s] without any sound after which people are told
 _DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has its own noise; this is its least significant bit
 
 
 @dataclass(frozen=True)
-class VoiceParams(ListenerParams):
+class VoiceParams(Parameters):
     """Parameters of the voice commands, beside the recogniser's; config/voice_commands.yaml says why."""
 
     source: str = param("microphone", choices=("microphone", "topic"))
@@ -46,14 +44,13 @@ class VoiceCommandsNode:
     Sound is handled as it arrives: people speak in wall time, whatever /clock says.
 
     Subscribed topics:
-        /virtual_borders/sound (vb_msgs/Sound): what is heard while one of ~sounds plays, and not beyond it, counts only
-            if it is *stop*.
-        /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic".
+        /virtual_borders/sound (vb_msgs/Sound): what is heard while one plays, and not beyond it, counts only if it is
+            *stop*.
+        /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic"; 16,000 samples a second.
         /virtual_borders/state (vb_msgs/InteractionState): the newest stop, which a spoken command names.
 
     Published topics:
         /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and how its command was answered.
-        /virtual_borders/voice/level (std_msgs/Float32): the microphone's level [dB], 0 at full scale, four times a second.
         /virtual_borders/stop (vb_msgs/Stop): on `stop`.
         /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent.
         /virtual_borders/sound (vb_msgs/Sound): "recognized" as soon as a command is understood; "error" for a near miss,
@@ -68,18 +65,14 @@ class VoiceCommandsNode:
     """
 
     def __init__(self, params: VoiceParams, recognizer: CommandRecognizer) -> None:
-        self._listener = CommandListener(recognizer, params)
+        self._listener = CommandListener(recognizer)
         # 20 s of sound: a node that falls further behind should not act on old commands
         self._sound: node.Queue = node.Queue(400)
         self._microphone: Optional[Microphone] = None
-        self._resampler = Resampler()
         self._trouble = ""
-        self._level_lock = threading.Lock()
-        self._pieces: List[np.ndarray] = []
         self._heard_at = time.monotonic()
-        self._level = rospy.Publisher(names.VOICE_LEVEL, Float32, queue_size=2)
         self._notices = NoticePublisher()
-        self._watch = node.WakeTimer(_LEVEL_PERIOD)
+        self._watch = node.WakeTimer(_WATCH_PERIOD)
         self._heard = rospy.Publisher(names.SPEECH_COMMANDS, SpeechCommand, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # a command's answer may take seconds; listening goes on meanwhile
@@ -102,38 +95,31 @@ class VoiceCommandsNode:
 
     # ------------------------------------------------------------------ sound in
     def _put(self, pcm: np.ndarray) -> None:
-        with self._level_lock:
-            self._pieces.append(pcm)
+        if level_db(pcm) > _DIGITAL_SILENCE_DB:
+            self._heard_at, self._trouble = time.monotonic(), ""
         if not self._sound.put((pcm, time.monotonic())):
             rospy.logwarn_throttle(5.0, "voice_commands: too slow for the sound that comes in, some is lost")
 
     def _on_audio(self, message: Audio) -> None:
-        if not 4000 <= message.sample_rate <= 192000 or len(message.data) % 2:
+        if message.sample_rate != SAMPLE_RATE or len(message.data) % 2:
             rospy.logwarn_throttle(
-                5.0, f"voice_commands: sound dropped: {message.sample_rate} samples/s in {len(message.data)} bytes"
+                5.0,
+                f"voice_commands: sound dropped: {message.sample_rate} samples/s in {len(message.data)} bytes, "
+                f"and not {SAMPLE_RATE} of 2 bytes",
             )
             return
-        # one thread calls this
-        self._put(self._resampler.push(np.frombuffer(message.data, dtype="<i2"), message.sample_rate))
+        self._put(np.frombuffer(message.data, dtype="<i2"))
 
     def _on_trouble(self, sentence: str) -> None:
         self._trouble = sentence
         rospy.logwarn_throttle(30.0, f"voice_commands: no sound: {sentence}")
 
     def _on_watch(self) -> None:
-        """Publishes the level, and says when there is no sound: a muted or missing microphone looks like silence."""
-        with self._level_lock:
-            pieces, self._pieces = self._pieces, []
-        now = time.monotonic()
-        if pieces:
-            level = level_db(np.concatenate(pieces))
-            self._level.publish(level)
-            if level > _DIGITAL_SILENCE_DB:
-                self._heard_at, self._trouble = now, ""
+        """Says when there is no sound: a muted or missing microphone looks like silence."""
         missing = []
         if self._trouble:
             missing = [Notice("microphone_missing", Severity.WARNING, values={"why": self._trouble})]
-        elif now - self._heard_at > _DEAF_TIMEOUT:
+        elif time.monotonic() - self._heard_at > _DEAF_TIMEOUT:
             missing = [Notice("microphone_silent", Severity.WARNING)]
         self._notices.set(missing)
 

@@ -113,7 +113,7 @@ class WizardConsoleNode:
     # ------------------------------------------------------------------ screen
     def _say(self, text: str, style: str) -> None:
         """Writes a line with the time of day above what holds now; from any thread."""
-        self._live.console.print(Text(time.strftime("%H:%M:%S "), "dim").append_text(printable(text, style)))
+        self._live.console.print(Text.assemble((time.strftime("%H:%M:%S "), "dim"), printable(text, style)))
 
     def run(self) -> None:
         """Shows what happens until it is left."""
@@ -135,11 +135,11 @@ class WizardConsoleNode:
             if time.monotonic() - self._heard_at > _SILENCE_TIMEOUT:
                 self._view.state = None
             self._view.notices = tuple(self._notices.current())
-            lines = self._view.lines(rospy.get_time())
-            looks = [(line.plain, line.style, line.spans) for line in lines], self._live.console.size
+            lines = Group(*self._view.lines(rospy.get_time()))
+            looks = self._live.console.render_lines(lines)
             if looks != shown:  # nothing flickers
                 shown = looks
-                self._live.update(Group(*lines), refresh=True)
+                self._live.update(lines, refresh=True)
             typed = ""
             if select.select([keyboard], [], [], _PERIOD)[0]:
                 typed = os.read(keyboard, 64).decode("utf-8", "replace")

@@ -11,7 +11,6 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 import rospy
-from std_msgs.msg import Float32
 from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, DriverState, InteractionState, LaserSpot
 from vb_msgs.msg import RobotStatusArray, StudyEvent, VirtualBorder, VirtualBorderArray
 
@@ -21,12 +20,12 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import pose2d_from_transform
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice
-from vb_core.offer import Offer, offer
+from vb_core.offer import Offer
 from vb_core.parameters import param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
 from vb_core.ros.notices import NoticeListener, NoticePublisher
-from vb_core.ros.robots import connections_from_message
+from vb_core.ros.robots import OfferListener
 from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import DEFAULT
 from vb_web import access, images, ros_view
@@ -39,7 +38,6 @@ from vb_web.view import View, coarse_age, mark_borders, rounded
 
 _POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
 _HEALTH_PERIOD = 0.5  # [s]
-_LEVEL_PERIOD = 0.25  # [s] the microphone's level is shown no more often
 _SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's driver more often
 _INVITATION = "page_invitation"
 _SESSIONS = "page_sessions.json"  # beside the codes
@@ -71,7 +69,6 @@ class PageNode:
         /virtual_borders/progress (vb_msgs/BorderProgress), /virtual_borders/preview (vb_msgs/BorderPreview)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/notices (vb_msgs/NoticeArray)
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/drivers (vb_msgs/DriverState)
-        /virtual_borders/voice/level (std_msgs/Float32)
         /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, and so what is offered and claimed
         /tf, /tf_static (tf2_msgs/TFMessage): the robots' and the cameras' poses
         <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): while a browser shows them
@@ -101,14 +98,13 @@ class PageNode:
         self._grid: Optional[GridMap] = None
         self._borders: Optional[Dict[str, VirtualBorder]] = None  # None: not known yet
         self._border_list: Optional[VirtualBorderArray] = None
-        self._offer: Optional[Offer] = None  # None: nobody has said what is connected
+        self._offer: Optional[Offer] = None  # None: it is not known what is connected
         self._stoppable = False  # whether a robot has obeyed Stop since this node was started
         self._frames: Dict[str, str] = {}  # of the robots, by name
         self._marks: Dict[str, str] = {}
         self._answered: Any = None
         self._state_at = time.monotonic()
         self._invites: Optional[NoticePublisher] = None
-        self._level_at = -1e9
         self._spots: Dict[str, Any] = {}
         self._wrong_codes, self._wrong_told = 0, _WRONG_CODES
         self._poses: Dict[str, List[Optional[float]]] = {}  # by robot
@@ -130,6 +126,7 @@ class PageNode:
         self._view.put("events", self._history.shown())
         self._recall_study()
         self._subscribe()
+        self._robots = OfferListener(self._show_robots)
         self._serve()
         # wall time goes on when simulated time stops
         looks = (
@@ -165,6 +162,7 @@ class PageNode:
             self._images,
             backend,
             lambda error: node.shut_down_with_error(CodedError("internal_error")),
+            lambda error: rospy.logerr("%s: who comes now has to wait: %s", rospy.get_name(), error.strerror),
         )
         self._server.start()
         self._addresses = addresses(params, self._server.port, _own_addresses())
@@ -205,8 +203,6 @@ class PageNode:
                 (names.SPOTS, LaserSpot, self._on_spot, {"queue_size": 20, **small}),
                 (names.DETECTORS, DetectorStatus, self._on_detector, {"queue_size": 20}),
                 (names.DRIVERS, DriverState, self._on_driver, {"queue_size": 20}),
-                (names.ROBOTS, RobotStatusArray, self._on_robots, {"queue_size": 1, **small}),
-                (names.VOICE_LEVEL, Float32, self._on_level, {"queue_size": 1}),
             )
         }
 
@@ -231,18 +227,28 @@ class PageNode:
             self._images.put("restricted", restricted)
         self._view.put("map", images.map_section(prior, base, restricted, bool(self._params.cameras)))
 
-    def _on_robots(self, message: RobotStatusArray) -> None:
-        found = offer(connections_from_message(message))
+    def _show_robots(self) -> None:
+        """Shows what is connected; a browser is told that it is not known any more by an offer that is null."""
+        known = self._robots.current()
+        found = known[1] if known is not None else None
         with self._lock:
-            self._frames = {robot.robot: robot.frame for robot in message.robots}
             changed, self._offer = found != self._offer, found
+            if known is not None:
+                self._frames = {robot.robot: robot.frame for robot in known[0].robots}
+        if known is not None:
+            self._offer_to_browsers(*known)
+        elif changed:
+            self._view.put("offer", None)
+            self._view.put("drives", {})
+        if changed and self._border_list is not None:
+            self._on_borders(self._border_list)
+
+    def _offer_to_browsers(self, message: RobotStatusArray, found: Offer) -> None:
         # a Stop does not go from under a finger because a driver is just being started again
         self._stoppable = self._stoppable or "stop" in found.commands
         stop = ("stop", "resume") if self._stoppable and "stop" not in found.commands else ()
         self._view.put("offer", ros_view.offer_section(found, message, stop))
         self._view.put("drives", ros_view.drives_section(message))
-        if changed and self._border_list is not None:
-            self._on_borders(self._border_list)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._border_list = message
@@ -298,12 +304,6 @@ class PageNode:
                 self._spots.pop(next(iter(self._spots)))
             self._view.put("spots", dict(self._spots))
 
-    def _on_level(self, message: Float32) -> None:
-        now = time.monotonic()
-        if now - self._level_at > _LEVEL_PERIOD:
-            self._level_at = now
-            self._view.put("level", rounded(message.data, 1))
-
     def _show_notices(self) -> None:
         # a page's code is for the room: a viewer must not read the operator's
         held = [notice for notice in self._told.current() if notice.code != _INVITATION]
@@ -342,6 +342,7 @@ class PageNode:
         self._view.put("robots", dict(self._poses))
 
     def _look_at_health(self) -> None:
+        self._show_robots()
         now = time.monotonic()
         with self._lock:
             cameras = [
@@ -361,8 +362,6 @@ class PageNode:
             },
         )
         self._view.put("beat", int(now) // 2)  # so that a browser hears that it is still connected
-        if now - self._level_at > _SILENCE_TIMEOUT:
-            self._view.put("level", None)
 
     def _connected(self, topic: str) -> bool:
         return self._subscribers[topic].get_num_connections() > 0

@@ -171,7 +171,7 @@ class Queue(Generic[T]):
             if len(self._items) >= self._size:
                 return False
             self._items.append(item)
-            self._condition.notify()
+            self._condition.notify_all()
             return True
 
     def get(self) -> Optional[T]:
@@ -179,7 +179,9 @@ class Queue(Generic[T]):
         with self._condition:
             while not self._items and not self._closed:
                 self._condition.wait()
-            return self._items.popleft() if self._items else None
+            item = self._items.popleft() if self._items else None
+            self._condition.notify_all()
+            return item
 
     def close(self) -> None:
         """Closes the queue: waiting items are still taken, then `get` returns None."""
@@ -206,6 +208,11 @@ class Mailbox(Queue[T]):
             self.dropped += len(self._items)
             self._items.clear()
             return super().put(item)
+
+    def wait_until_taken(self) -> None:
+        """Waits until what was put is taken, or the mailbox closed: for a source that has no hurry."""
+        with self._condition:
+            self._condition.wait_for(lambda: not self._items or self._closed)
 
     def close(self) -> None:
         """Wakes up the waiting thread; `get` then returns None."""

@@ -28,20 +28,7 @@ def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
     found = rospy.get_param(where, {})
     if not isinstance(found, dict):
         raise ParameterError(where, f"expected keys and values, got {found!r}")
-    try:
-        params = cls.from_mapping(found, where, ignore)
-    except ParameterError as error:
-        # one that was removed from the launch file stays on the server until it is deleted
-        set_on_server = error.key.startswith("/") and rospy.has_param(error.key)
-        raise (
-            error
-            if not set_on_server
-            else ParameterError(
-                error.key,
-                f"{error.message.split(': ', 1)[1]} (if no launch file sets it any longer: "
-                f"rosparam delete {error.key})",
-            )
-        ) from None
+    params = cls.from_mapping(found, where, ignore)
     if params.describe():  # the defaults are in the files; twenty nodes that repeat them bury the warnings
         rospy.loginfo("%s: %s", where, params.describe())
     return params

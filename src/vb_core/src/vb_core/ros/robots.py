@@ -1,9 +1,16 @@
-"""What is connected, to and from messages: robot_monitor publishes it, page, display and check_lab make the offer of it."""
+"""What is connected, from messages: robot_monitor publishes it; page, display, hub and check_lab make the offer of it."""
 
 from __future__ import annotations
 
-from vb_core.offer import ConnectedRobot, Connections
+from typing import Callable, Optional, Tuple
+
+import rospy
+
+from vb_core import names
+from vb_core.offer import ConnectedRobot, Connections, Offer, offer
 from vb_msgs.msg import RobotStatus, RobotStatusArray
+
+_SILENCE = 4.0  # [s] ROS time; robot_monitor says something every second
 
 
 def robot_from_status(message: RobotStatus) -> ConnectedRobot:
@@ -24,3 +31,27 @@ def robot_from_status(message: RobotStatus) -> ConnectedRobot:
 def connections_from_message(message: RobotStatusArray) -> Connections:
     """Converts what is connected to a lab."""
     return Connections(tuple(map(robot_from_status, message.robots)), bool(message.cameras), message.interaction)
+
+
+class OfferListener:
+    """Hears from robot_monitor what is connected; what it said before it fell silent is not known any more.
+
+    Args:
+        on_message: called from rospy's thread after each message.
+    """
+
+    def __init__(self, on_message: Callable[[], None] = lambda: None) -> None:
+        self._on_message = on_message
+        self._newest: Optional[Tuple[float, RobotStatusArray, Offer]] = None  # with the time [s] when it came
+        rospy.Subscriber(names.ROBOTS, RobotStatusArray, self._on_robots, queue_size=1, tcp_nodelay=True)
+
+    def current(self) -> Optional[Tuple[RobotStatusArray, Offer]]:
+        """Returns the newest message and what is offered by it; None if it is too old, or there was none."""
+        newest = self._newest
+        if newest is None or not 0.0 <= rospy.get_time() - newest[0] <= _SILENCE:
+            return None
+        return newest[1:]
+
+    def _on_robots(self, message: RobotStatusArray) -> None:
+        self._newest = (rospy.get_time(), message, offer(connections_from_message(message)))
+        self._on_message()

@@ -16,6 +16,7 @@ import math
 import os
 import shutil
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
@@ -118,7 +119,7 @@ class Demo:
         options, proof = self.options, self.options.scenario.proof
         self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHODS[options.method]}")
         self._launch()
-        rospy.init_node("demo_observer", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
+        self._register()
         observer = Observer()
         self._wait_until_ready(observer)
         start, goal = ((x, y, math.radians(yaw)) for x, y, yaw in (proof.start, proof.goal))
@@ -174,6 +175,16 @@ class Demo:
         if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT):
             raise CodedError("not_ready", "the ROS master did not come up")
         self._print(f"watch it, and take part, at http://127.0.0.1:{page}/")
+
+    def _register(self) -> None:
+        """Makes this process a node. rospy would try for ever if roslaunch, and the master with it, ended meanwhile."""
+        node = {"anonymous": True, "disable_signals": True, "log_level": rospy.ERROR}
+        attempt = threading.Thread(target=rospy.init_node, args=("demo_observer",), kwargs=node, daemon=True)
+        attempt.start()
+        while attempt.is_alive() and self._launched.running:
+            attempt.join(0.2)
+        if attempt.is_alive():
+            raise CodedError("launch_ended", f"roslaunch ended:\n{self._launched.tail()}")
 
     def _roslaunch(self, files: List[str], **arguments: Any) -> Child:
         """Starts launch files for this world, method and seed."""

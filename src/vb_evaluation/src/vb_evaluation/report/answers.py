@@ -79,7 +79,7 @@ def _answers(study: StudyResults, grids: Dict[str, Grid]) -> List[str]:
             f"pointed at the right side, {share.text(1)} % restrict the other one"
         )
     if "worlds" in grids:
-        whole = [row for row in grids["worlds"].rows if row["scenario"] == "all"]
+        whole = [row for row in grids["worlds"].rows if row["worlds"] == "all"]
         shares = (f"{row['conclusion']} in {row['holds'].text(0)} % of {row['n']}" for row in whole)
         found.append(f"**In plausible worlds?** {'; '.join(shares)}")
     return found

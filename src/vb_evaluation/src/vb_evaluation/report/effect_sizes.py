@@ -13,11 +13,6 @@ from vb_evaluation.report.data import StudyResults, known, pairs, select
 from vb_evaluation.statistics import Interval
 
 
-def mean(values: np.ndarray) -> float:
-    """Computes the mean; nan of nothing."""
-    return float(np.mean(values)) if len(values) else float("nan")
-
-
 def shift(
     table: pandas.DataFrame,
     column: str,
@@ -36,12 +31,6 @@ def ratio(table: pandas.DataFrame, methods: Tuple[str, str], completed: bool = F
     """Computes the speed-up of the first method."""
     first, second = pairs(table, "time_total_s", methods, completed)
     return statistics.ratio_of_means(second, first)
-
-
-def mean_difference(table: pandas.DataFrame, column: str, methods: Tuple[str, str]) -> Interval:
-    """Computes the mean of the differences, paired by participant, of each participant's mean."""
-    first, second = pairs(table, column, methods)
-    return statistics.mean(first - second)
 
 
 def completed_more(

@@ -154,7 +154,7 @@ def time_section(study: StudyResults) -> List[Block]:
                 "method": cell.title,
                 "total": statistics.mean(known(cell.runs, "time_total_s")),
                 "runs": len(cell.runs),
-                **{state: effect_sizes.mean(known(cell.runs, f"time_{state}_s")) for state in STATES},
+                **{state: float(cell.runs[f"time_{state}_s"].mean()) for state in STATES},
             }
             for cell in cells
         ]

@@ -28,7 +28,6 @@ SECTIONS: Tuple[Tuple[str, str, Callable[[StudyResults], List[Block]]], ...] = (
     ("completeness", "Completeness", outcomes.completeness_section),
     ("paper", "Beside the paper", paper_comparison.paper_comparison_section),
     ("worlds", "Plausible worlds", sensitivity.plausible_worlds_section),
-    ("order", "Order", background.order_section),
     ("experience", "People and their experience", background.participants_section),
     ("runs", "The runs", background.runs_section),
 )

@@ -13,7 +13,6 @@ import platform
 import sys
 import traceback
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Sequence, Tuple
 
@@ -35,17 +34,6 @@ from vb_evaluation.study.plan import Job
 from vb_evaluation.study.result import COLUMNS, measure
 from vb_sim.room import floor_plan
 
-# what a run's result depends on
-PACKAGES = (
-    "vb_core",
-    "vb_laser_detect",
-    "vb_fusion",
-    "vb_map_integration",
-    "vb_msgs",
-    "vb_robot",
-    "vb_voice_wizard",
-    "vb_sim",
-)
 AREAS, ROWS = "areas.npz", "rows"
 
 
@@ -104,7 +92,7 @@ def run_jobs(
     """
     console = console or Console(highlight=False, soft_wrap=True)
     open_folder(folder, configuration(study), {**(facts or {}), **about(study)})
-    write_truths(study, folder / "maps" / "physical", folder / "maps" / "truth_{}")
+    write_truths(study, folder / "maps")
     if any(job.file == WORLDS for job in jobs):
         drawn = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
         write_table(
@@ -184,34 +172,16 @@ def open_folder(folder: Path, configuration: str, facts: Mapping[str, Any]) -> N
 
 
 def configuration(study: Study) -> str:
-    """Returns what identifies studies whose rows must not be mixed: configuration and program.
+    """Identifies studies whose rows must not be mixed: by configuration and program, without its tests.
 
     Rows of some participants are rows of all.
     """
-    parts = [
-        study.hash,
-        *(
-            _fingerprint(folder)
-            for folder in (
-                *(f"src/{package}" for package in PACKAGES),
-                "src/vb_evaluation/src/vb_evaluation/study",
-                "src/vb_evaluation/src/vb_evaluation/virtual_ros",
-                "launch",
-                "robots",
-            )
-        ),
-    ]
-    return hashlib.sha256("".join(parts).encode()).hexdigest()[:12]
-
-
-@lru_cache(maxsize=None)
-def _fingerprint(folder: str) -> str:
-    """Computes a fingerprint of all that is run: nodes, parameters, interfaces; not of the tests."""
-    digest = hashlib.sha256()
-    for path in sorted((repository_top() / folder).rglob("*")):
-        if path.suffix in (".py", ".yaml", ".json", ".msg", ".srv", ".launch") and "test" not in path.parts:
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+    digest = hashlib.sha256(study.hash.encode())
+    for folder in ("src", "launch", "robots"):
+        for path in sorted((repository_top() / folder).rglob("*")):
+            if path.suffix in (".py", ".yaml", ".json", ".msg", ".srv", ".launch") and "test" not in path.parts:
+                digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 def about(study: Study) -> Dict[str, Any]:
@@ -244,12 +214,11 @@ def pack_areas(folder: Path) -> None:
     np.savez_compressed(folder / AREAS, floor=physical.data == FREE, **areas)
 
 
-def write_truths(study: Study, physical: Path, truth: Path) -> None:
-    """Writes the physical map, and each scenario's ground truth for "{}" in a name, as map_server files."""
+def write_truths(study: Study, maps: Path) -> None:
+    """Writes the physical map, and each scenario's ground truth, as map_server files."""
     prior = floor_plan.physical_map(study.world)
-    physical.parent.mkdir(parents=True, exist_ok=True)
-    truth.parent.mkdir(parents=True, exist_ok=True)
-    write_map(physical, prior)
+    maps.mkdir(parents=True, exist_ok=True)
+    write_map(maps / "physical", prior)
     for key in study.design.scenarios:
         cells = floor_plan.ground_truth(study.world, study.world.scenario(key))
-        write_map(Path(str(truth).format(key)), prior.with_data(np.where(cells, np.int8(OCCUPIED), prior.data)))
+        write_map(maps / f"truth_{key}", prior.with_data(np.where(cells, np.int8(OCCUPIED), prior.data)))

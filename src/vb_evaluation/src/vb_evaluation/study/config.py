@@ -17,10 +17,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_evaluation.provenance import repository_top
 from vb_evaluation.study.people import KINDS, Population, Streams, Traits, draw
-from vb_sim.room.models import read_document, read_section
-from vb_sim.room.camera_models import CameraModels, read_camera_models
-from vb_sim.robot.motion_models import LocalizationModel, RobotModel, ScanModel
-from vb_sim.person.participant_model import ParticipantModel
+from vb_sim.models import Models, read_document, read_models
 from vb_sim.room.world import World, world_from_mapping
 
 
@@ -29,7 +26,6 @@ METHODS: Dict[str, Callable[[World], Tuple[str, ...]]] = {
     "nrs": lambda world: tuple(camera.name for camera in world.cameras),
     "robot_only": lambda world: (),
 }
-MODELS = {"robot": RobotModel, "localisation": LocalizationModel, "scan": ScanModel}
 PACKAGE = Path(__file__).resolve().parents[3]
 DEFAULT = PACKAGE / "config" / "study.yaml"
 
@@ -39,7 +35,7 @@ class Design(Parameters):
     """The study's size: participants, scenarios, methods and worlds."""
 
     seed: int = param(1, low=0)
-    participants: int = param(10, low=1, high=1000)
+    participants: int = param(10, low=1, high=300)  # exact tests of more take minutes
     scenarios: list = param(["room", "carpet", "corner"])
     methods: list = param(["nrs", "robot_only"])
     worlds: int = param(20, low=0, high=100000)
@@ -64,7 +60,7 @@ class Study:
     Attributes:
         document: the YAML document with all defaults filled in; what is hashed.
         sources: YAML documents of the files that it names, by their name in the document; do not change them.
-        models: of the robot, its localisation and its scanner, by section; people come from the population.
+        models: what people have in common; what they differ in comes from the population.
     """
 
     document: Mapping[str, Any]
@@ -72,13 +68,11 @@ class Study:
     design: Design
     timing: Timing
     world: World
-    models: Mapping[str, Any]
-    cameras: CameraModels
+    models: Models
 
     def traits(self, participant: int) -> Traits:
         """Draws a participant, numbered from 1."""
-        model = read_section(self.sources["models"], "participant", ParticipantModel)
-        return Population(self.document["participants"], model).draw(self.streams(participant))
+        return Population(self.document["participants"], self.models.participant).draw(self.streams(participant))
 
     def marks(self, participant: int, scenario: str) -> Tuple[float, float, float]:
         """Draws (dx, dy) [m] and turn [rad] by which the marks on the floor are off the map.
@@ -170,8 +164,7 @@ def study_from_mapping(document: Mapping[str, Any], sources: Mapping[str, Any]) 
         design,
         Timing.from_mapping(document.get("timing"), "timing"),
         world,
-        {name: read_section(sources["models"], name, cls) for name, cls in MODELS.items()},
-        read_camera_models(sources["models"]),
+        read_models(sources["models"]),
     )
     study.traits(1)  # a mistake in a distribution is found now, not in the tenth run
     study.marks(1, "")

@@ -10,8 +10,7 @@ import numpy as np
 
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters
-from vb_sim.room.bodies import BodyProportions
-from vb_sim.person.participant_model import ParticipantModel
+from vb_sim.models import BodyProportions, ParticipantModel
 
 # a random generator for each name: drawing from one leaves all others unchanged
 Streams = Callable[[str], np.random.Generator]

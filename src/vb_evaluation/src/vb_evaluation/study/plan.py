@@ -93,17 +93,14 @@ def world_jobs(study: Study) -> List[Job]:
     ]
 
 
-def find(among: List[Job], **wanted: Any) -> Job:
-    """Finds the one job with these columns.
+def select(among: List[Job], **wanted: Any) -> List[Job]:
+    """Selects the jobs with these values of columns; None is any.
 
     Raises:
-        CodedError: "no_such_run".
+        CodedError: "no_such_run" if there is none.
     """
-    found = [
-        job
-        for job in among
-        if all(str(job.columns(0).get(name)) == str(value) for name, value in wanted.items() if value is not None)
-    ]
+    asked = {name: value for name, value in wanted.items() if value is not None}
+    found = [job for job in among if asked.items() <= job.columns(0).items()]
     if not found:
-        raise CodedError("no_such_run", f"the study has no run with {wanted}")
-    return found[0]
+        raise CodedError("no_such_run", f"the study has no run with {asked}")
+    return found

@@ -11,6 +11,8 @@ import re
 from pathlib import Path
 from typing import Callable, List
 
+import cv2
+import numpy as np
 import yaml
 
 from vb_core.files import append_line
@@ -23,10 +25,14 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.storage.recording import MapRecording
 
 
+TRUTHS = "ground_truth"
+YELLOW, WHITE = (0, 215, 247), (255, 255, 255)
+
+
 def person(study: Study, outcomes: List[bool]) -> Callable[[NextRun], Callable[[], None]]:
     """Returns the person that `conduct_run` starts instead of the system.
 
-    Whether the run was completed is appended to `outcomes`.
+    Whether the run was completed is appended to `outcomes`. The simulated home's ground truth is painted beside the protocol.
     """
 
     # only running needs ROS
@@ -36,6 +42,9 @@ def person(study: Study, outcomes: List[bool]) -> Callable[[NextRun], Callable[[
         number = int(re.sub(r"\D", "", planned.entry.participant) or 1)
         result = runner.run(study, RunTask(number, planned.entry.scenario, planned.entry.method))
         write_recording(result, planned.folder)
+        picture = np.where(result.truth[::-1, :, None], YELLOW, WHITE).astype(np.uint8)
+        (planned.folder.parent / TRUTHS).mkdir(exist_ok=True)
+        cv2.imwrite(str(planned.folder.parent / TRUTHS / f"{planned.entry.scenario}.png"), picture)
         outcomes.append(result.saved and result.seed_is_right)
         return lambda: None
 

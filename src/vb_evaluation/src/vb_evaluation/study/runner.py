@@ -40,7 +40,7 @@ from vb_sim.lab_messages import snapshot_from_message
 from vb_sim.lab_simulator_node import LabSimulatorNode, LabSimulatorParams
 from vb_sim.person.walking import distance_to_chain
 from vb_sim.map_server_node import MapServerNode
-from vb_sim.room.camera_models import CameraModels
+from vb_sim.models import Models
 from vb_sim.participant_node import ParticipantNode, ParticipantParams
 from vb_sim.robot.planner import Planner
 from vb_sim.room.world import Scenario, World
@@ -49,7 +49,7 @@ OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
 START_NS = 1_000_000_000_000  # no stamp is near zero, which would mean that there is none
 WARM_UP_TIME = 2.0  # [s] until every node has heard of the others; then the person comes in
 # nothing acts on what these publish or store
-WITHOUT = ("display_markers", "feedback", "camera_poses", "map_recorder")
+WITHOUT = ("display_markers", "feedback", "camera_poses")
 LAB_NODES = ("lab_simulator", "ceiling_cameras", "robot_camera", "map_server")  # of this run's own making
 _LONGEST_END_NS = 600 * 10**9
 LAUNCH = "launch/simulation.launch"
@@ -117,9 +117,9 @@ class LiveRun:
             self._prior,
             study.marks(task.participant, task.scenario),
         )
-        self._models: CameraModels = replace(study.cameras, body=self._traits.body)
+        self._models: Models = replace(study.models, body=self._traits.body)
         self._cache = _kept_cache()
-        self._lab = Lab(self._world, *(study.models[name] for name in ("robot", "localisation", "scan")), self._seed)
+        self._lab = Lab(self._world, study.models, self._seed)
         self._robots = [robot.namespace.strip("/") for robot in self._world.robots]
         self._too_bright = False
         self._participant: Optional[ParticipantNode] = None
@@ -193,7 +193,7 @@ class LiveRun:
         idle_every = self._study.timing.idle_every
 
         def lab_simulator() -> None:
-            LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams), self._study.models["localisation"], True)
+            LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams))
 
         def ceiling_cameras() -> None:
             shown = [self._world.camera(name) for name in cameras]

@@ -1,1 +1,1 @@
-"""For a study with people: plan, record, measure, replay, questionnaire (docs/how-to/run-a-study.md)."""
+"""For a study with people: plan, record, measure, questionnaire (docs/how-to/run-a-study.md)."""

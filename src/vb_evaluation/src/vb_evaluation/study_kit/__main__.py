@@ -6,7 +6,6 @@ rosrun vb_evaluation study_kit forms ~/study/forms
 rosrun vb_evaluation study_kit run p01 --protocol ~/study/protocol.csv
 rosrun vb_evaluation study_kit measure ~/study/protocol.csv --ground-truth ~/study/ground_truth --out ~/study/results
 rosrun vb_evaluation study_kit judge ~/study/results
-rosrun vb_evaluation study_kit replay ~/study/p01_1_nrs_carpet
 rosrun vb_evaluation study_kit report ~/study/results
 rosrun vb_evaluation study_kit export ~/study/results --out ~/shared
 rosrun vb_evaluation study_kit delete p07 --protocol ~/study/protocol.csv
@@ -15,12 +14,10 @@ rosrun vb_evaluation study_kit delete p07 --protocol ~/study/protocol.csv
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import math
 import secrets
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, List, Optional
 
 from rich.console import Console
 
@@ -28,11 +25,8 @@ from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 from vb_evaluation import statistics
 from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, protocol
-from vb_evaluation.study_kit.ground_truth import read_ground_truth
-from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.report import answers
 from vb_evaluation.report.page import write_report
-from vb_evaluation.report.data import write_table
 
 _console = Console(highlight=False, soft_wrap=True)
 
@@ -80,8 +74,6 @@ def _parser() -> argparse.ArgumentParser:
     argument = command("run", _run, "do a participant's next run: starts the system in the planned condition")
     argument("participant")
     argument("--protocol", type=_path, default=Path("protocol.csv"))
-    argument("--scenario", help="refuses unless it is the planned one")
-    argument("--method", help="refuses unless it is the planned one")
     argument("--again", action="store_true", help="do the last run again, in another folder")
     argument("--rehearse", action="store_true", help="a simulated person in one process, without ROS and people")
     argument = command("measure", _measure, "compute the measures of all recordings and the report")
@@ -89,11 +81,6 @@ def _parser() -> argparse.ArgumentParser:
     argument("--ground-truth", type=_path, required=True, help="folder of <scenario>.png")
     argument("--map", type=_path, help="map_server's YAML of the physical map; default: the first recording's")
     argument("--out", type=_path, default=Path("out/study_people"))
-    argument = command("replay", _replay, "put a recording through today's code and compare")
-    argument("recordings", type=_path, nargs="+")
-    argument("--images", action="store_true", help="find the spots again in the recorded images")
-    argument("--ground-truth", type=_path, help="the picture of what was asked for: says which of both is better")
-    argument("--out", type=_path, help="a CSV file for the comparison")
     argument = command("report", _report, "write the report of a study's folder")
     argument("folder", type=_path)
     argument("--page", type=_path, help="a Markdown page that gets the answers between its two marks")
@@ -147,9 +134,7 @@ def _plan(given: argparse.Namespace) -> None:
 
 
 def _run(given: argparse.Namespace) -> None:
-    planned = conduct.next_run(
-        given.protocol, given.participant, given.again, scenario=given.scenario, method=given.method
-    )
+    planned = conduct.next_run(given.protocol, given.participant, given.again)
     say = lambda words: _console.print(words, markup=False)  # noqa: E731
     if given.rehearse:
         # only here: the rest of the kit knows no simulator and works without ROS
@@ -176,52 +161,6 @@ def _measure(given: argparse.Namespace) -> None:
     ):
         _console.print(f"look at this: {note}", markup=False)
     print(write_report(given.out))
-
-
-def _replay(given: argparse.Namespace) -> None:
-    # only here: the rest of the kit works on a computer without ROS
-    from vb_evaluation.study_kit import replay
-
-    rows: List[Dict[str, object]] = []
-    for folder in given.recordings:
-        recording = Recording(folder)
-        physical = replay.physical_map(recording) or recording.physical()
-        today = replay.replay(recording, given.images)
-        for camera, count in today.cameras.items():
-            _console.print(
-                f"{folder.name}: camera {camera}: {count.images} images, spot in {count.today} today, "
-                f"{count.recorded} recorded"
-            )
-        truth = read_ground_truth(given.ground_truth, physical) if given.ground_truth else None
-        rows += [
-            {"recording": folder.name, **dataclasses.asdict(found)}
-            for found in replay.compare(recording, today, physical, truth)
-        ]
-    if not rows:
-        raise CodedError("bad_recording", "no interaction has ended in these recordings")
-    for row in rows:
-        _console.print(_sentence(row), markup=False)
-    if given.out:
-        write_table(given.out, list(rows[0]), rows)
-
-
-def _sentence(row: Dict[str, object]) -> str:
-    """Returns the outcome of one interaction."""
-    words = [f"{row['recording']}, interaction {row['interaction']} ({row['outcome']}): {row['spots']} spots"]
-    if row["code"] != "ok":
-        return f"{words[0]}; no border today: {row['message']} [{row['code']}]"
-    known = {name: value for name, value in row.items() if isinstance(value, float) and not math.isnan(value)}
-    if "agreement" in known:
-        words.append(
-            f"today's area agrees with the recorded one: Jaccard index {known['agreement']:.3f}, "
-            f"chains at most {known['chain_distance_m']:.3f} m apart"
-        )
-    if "today" in known:
-        words.append(
-            "against the ground truth: "
-            + ", ".join(f"{name} {known[name]:.3f}" for name in ("recorded", "today") if name in known)
-        )
-    return "; ".join(words)
 
 
 if __name__ == "__main__":

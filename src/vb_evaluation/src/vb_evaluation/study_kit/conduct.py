@@ -10,7 +10,7 @@ import datetime
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, Mapping, Tuple
 
 import yaml
 
@@ -85,15 +85,14 @@ def write_template(folder: Path) -> None:
         raise CodedError("cannot_write", what=str(folder / SETTINGS), reason=error.strerror) from None
 
 
-def next_run(path: Path, participant: str, again: bool = False, **asked: Optional[str]) -> NextRun:
+def next_run(path: Path, participant: str, again: bool = False) -> NextRun:
     """Finds the participant's next run: the first one in the planned order that has no finished recording.
 
     Args:
         again: repeats the last run that was begun, in a separate folder.
-        asked: scenario or method that the experimenter expects.
 
     Raises:
-        CodedError: "no_participant", "all_done", "wrong_condition", "unfinished", "bad_protocol".
+        CodedError: "no_participant", "all_done", "unfinished", "bad_protocol".
     """
     entries = protocol.read(path)
     mine = sorted((entry for entry in entries if entry.participant == participant), key=lambda entry: entry.order)
@@ -118,14 +117,6 @@ def next_run(path: Path, participant: str, again: bool = False, **asked: Optiona
         if not waiting:
             raise CodedError("all_done", f"{participant} has done all runs", participant=participant)
         entry = waiting[0]
-    for name, value in asked.items():
-        if value and value != getattr(entry, name):
-            raise CodedError(
-                "wrong_condition",
-                f"the plan says {entry.scenario} with {entry.method} now, run {entry.order}, " f"not {value}",
-                planned=getattr(entry, name),
-                asked=value,
-            )
     return replace(_planned(path, entry), last=entry == mine[-1], questionnaire=mine[0].method)
 
 

@@ -13,7 +13,7 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import write_atomically, write_map
 from vb_evaluation import metrics
 from vb_evaluation.study_kit import blind, protocol
-from vb_evaluation.study_kit.ground_truth import find_ground_truths
+from vb_evaluation.study_kit.ground_truth import read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.report.data import META, REQUIRED, RUNS, WARNINGS, read_meta, write_table
 
@@ -62,7 +62,7 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     if physical is None:
         physical = recordings[entries[0].recording].physical()
     scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
-    truths = find_ground_truths(ground_truths, scenarios, physical)
+    truths = {scenario: read_ground_truth(ground_truths / f"{scenario}.png", physical) for scenario in scenarios}
     maps = out / "maps"
     maps.mkdir(parents=True, exist_ok=True)
     write_map(maps / "physical", physical)
@@ -169,7 +169,7 @@ def _row(
     notes = [f"{where}: not as planned, left out of the analysis: {words}" for words in wrong]
     # an attempt that was cancelled took its time too, as in the simulated study
     times = {f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in interactions), 3) for name in _TIMES}
-    row.update(times, as_planned=int(not wrong), interaction=interactions[-1].id)
+    row.update(times, as_planned=int(not wrong), interaction=interactions[-1].interaction_id)
     made = recording.result(interactions[-1])
     if made is not None:
         posterior, border = made

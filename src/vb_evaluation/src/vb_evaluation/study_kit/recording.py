@@ -11,10 +11,9 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, TypeVar
 
 import yaml
 
@@ -26,22 +25,22 @@ from vb_map_integration.borders.geojson import borders_from_geojson
 
 LOG, MAPS, INDEX, BAGS, SESSION = "interactions.jsonl", "recordings", "index.jsonl", "bags", "session.yaml"
 RUN, EVENTS = "run.yaml", "events.jsonl"
+Row = TypeVar("Row")
 
 
 @dataclass(frozen=True)
 class LoggedInteraction:
     """One line of the interaction log; times in seconds."""
 
-    id: str
+    interaction_id: str
     outcome: str
     border_id: str
+    method: str
     started: float
     guide_s: float
     border_s: float
     seed_s: float
     total_s: float
-    method: str
-    cameras: Tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -58,10 +57,7 @@ class StoredMap:
 
     def borders(self) -> List[VirtualBorder]:
         """Returns the borders that acted on it."""
-        try:
-            return borders_from_geojson(self.borders_path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise CodedError("bad_recording", f"cannot read {self.borders_path}: {error}") from None
+        return _read(self.borders_path, borders_from_geojson)
 
 
 class Recording:
@@ -75,32 +71,25 @@ class Recording:
         self.folder = Path(folder).expanduser()
         if not self.folder.is_dir():
             raise CodedError("bad_recording", f"there is no folder {self.folder}")
-        self.interactions = [_interaction(values, where) for values, where in _lines(self.folder / LOG)]
-        self.maps = [_stored(values, where, self.folder / MAPS) for values, where in _lines(self.folder / MAPS / INDEX)]
-        self.bags = sorted((self.folder / BAGS).glob("*.bag"))
+        maps = self.folder / MAPS
+        self.interactions = _rows(self.folder / LOG, _interaction)
+        self.maps = _rows(
+            maps / INDEX, lambda row: StoredMap(float(row["stamp_s"]), maps / row["map"], maps / row["borders"])
+        )
 
     @property
     def session(self) -> Mapping[str, Any]:
         """How the system was started; empty if that was not recorded."""
-        return self._yaml(SESSION)
+        return _read(self.folder / SESSION, yaml.safe_load) or {}
 
     @property
     def run(self) -> Mapping[str, Any]:
         """What was planned and noted; empty if the recording was not made by study_kit run."""
-        return self._yaml(RUN)
+        return _read(self.folder / RUN, yaml.safe_load) or {}
 
     def count(self, key: str) -> int:
         """Counts how often the experimenter pressed a key."""
-        return sum(event.get("key") == key for event, _ in _lines(self.folder / EVENTS))
-
-    def _yaml(self, name: str) -> Mapping[str, Any]:
-        try:
-            found = yaml.safe_load((self.folder / name).read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            return {}
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise CodedError("bad_recording", f"cannot read {self.folder / name}: {error}") from None
-        return found if isinstance(found, dict) else {}
+        return _rows(self.folder / EVENTS, lambda row: row.get("key")).count(key)
 
     def physical(self) -> GridMap:
         """Returns the physical map: the first one recorded without any border."""
@@ -131,52 +120,36 @@ class Recording:
                 return stored.grid(), own[0]
         raise CodedError(
             "bad_recording",
-            f"{self.folder / MAPS}: the map of interaction {interaction.id} with border "
+            f"{self.folder / MAPS}: the map of interaction {interaction.interaction_id} with border "
             f"{interaction.border_id} was not recorded",
         )
 
 
-def _lines(path: Path) -> List[Tuple[Dict[str, Any], str]]:
-    """Yields (values, where) of each line of JSON."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return []
-    except (OSError, UnicodeDecodeError) as error:
-        raise CodedError("bad_recording", f"cannot read {path}: {error}") from None
-    found = []
-    for number, line in enumerate(text.splitlines(), 1):
-        if not line.strip():
-            continue
-        try:
-            values = json.loads(line)
-        except ValueError as error:
-            raise CodedError("bad_recording", f"{path}, line {number}: {error}") from None
-        found.append((values, f"{path}, line {number}"))
-    return found
-
-
-def _interaction(values: Mapping[str, Any], where: str) -> LoggedInteraction:
-    times = ("started", "guide_s", "border_s", "seed_s", "total_s")
-    try:
-        names = {
-            "id": str(values["interaction_id"]),
-            **{key: str(values[key]) for key in ("outcome", "border_id", "method")},
+def _interaction(row: Dict[str, Any]) -> LoggedInteraction:
+    return LoggedInteraction(
+        **{
+            name: (str if kind == "str" else float)(row[name])
+            for name, kind in LoggedInteraction.__annotations__.items()
         }
-        found = LoggedInteraction(
-            **names, **{key: float(values[key]) for key in times}, cameras=tuple(values.get("cameras", ()))
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise CodedError("bad_recording", f"{where}: this is no interaction: {error!r}") from None
-    if not all(
-        math.isfinite(value) and value >= 0.0 for value in (found.guide_s, found.border_s, found.seed_s, found.total_s)
-    ):
-        raise CodedError("bad_recording", f"{where}: times must not be negative")
-    return found
+    )
 
 
-def _stored(values: Mapping[str, Any], where: str, folder: Path) -> StoredMap:
+def _read(path: Path, read: Callable[[str], Any]) -> Any:
+    """Reads a text file; None if there is none."""
     try:
-        return StoredMap(float(values["stamp_s"]), folder / str(values["map"]), folder / str(values["borders"]))
-    except (KeyError, TypeError, ValueError) as error:
-        raise CodedError("bad_recording", f"{where}: this is no record of a map: {error!r}") from None
+        return read(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise CodedError("bad_recording", f"cannot read {path}: {error}") from None
+
+
+def _rows(path: Path, make: Callable[[Dict[str, Any]], Row]) -> List[Row]:
+    """Makes something of each line of JSON of a file; nothing if there is none."""
+    found = []
+    for number, line in enumerate((_read(path, str) or "").splitlines(), 1):
+        try:
+            found += [make(json.loads(line))] if line.strip() else []
+        except (KeyError, TypeError, ValueError) as error:
+            raise CodedError("bad_recording", f"{path}, line {number}: {error!r}") from None
+    return found

@@ -19,7 +19,7 @@ from vb_core.errors import CodedError
 from vb_evaluation.study_kit.recording import BAGS, RUN, SESSION
 from vb_evaluation.provenance import revision
 
-# everything that tells what happened; images have a separate option, they are a thousand times as large
+# everything that tells what happened, but images, which are a thousand times as large
 TOPICS = (
     names.PHYSICAL_MAP,
     names.MAP_WITH_BORDERS,
@@ -48,31 +48,20 @@ ROBOT_TOPICS = (
     "camera/rgb/camera_info",
     "camera/depth_registered/camera_info",
 )
-ROBOT_IMAGES = ("camera/rgb/image_raw", "camera/depth_registered/image_raw")
-IMAGES = ("none", "raw", "compressed")
 
 
-def topics(cameras: Sequence[str], robots: Sequence[str], images: str, more: Sequence[str] = ()) -> List[str]:
+def topics(cameras: Sequence[str], robots: Sequence[str]) -> List[str]:
     """Lists the topics to record.
 
     Args:
         cameras: names of the ceiling cameras.
         robots: namespaces; "" is the robot without one.
-        images: "none", "raw" or "compressed". Depth images are always raw: JPEG would spoil them.
-        more: further topics.
     """
-    found = list(TOPICS) + [f"/{camera}/camera_info" for camera in cameras]
+    found = [*TOPICS, *(f"/{camera}/camera_info" for camera in cameras)]
     for robot in robots:
         prefix = f"/{robot.strip('/')}/" if robot.strip("/") else "/"
         found += [prefix + topic for topic in ROBOT_TOPICS]
-        if images != "none":
-            found += [
-                prefix + ROBOT_IMAGES[0] + ("/compressed" if images == "compressed" else ""),
-                prefix + ROBOT_IMAGES[1],
-            ]
-    if images != "none":
-        found += [f"/{camera}/image_raw" + ("/compressed" if images == "compressed" else "") for camera in cameras]
-    return list(dict.fromkeys(found + list(more)))
+    return found
 
 
 def next_bag(folder: Path) -> Path:
@@ -91,9 +80,7 @@ def main(arguments: Optional[List[str]] = None) -> None:
     parser.add_argument(
         "--robots", default="", help="namespaces of the robots, separated by spaces; empty: one without"
     )
-    parser.add_argument("--images", default="none", choices=IMAGES)
     parser.add_argument("--method", default="", help="for the record")
-    parser.add_argument("--topics", default="", help="more topics, separated by spaces")
     given = parser.parse_args(rospy.myargv(sys.argv)[1:] if arguments is None else arguments)
     folder = Path(given.folder).expanduser()
     try:
@@ -105,7 +92,7 @@ def main(arguments: Optional[List[str]] = None) -> None:
     except (OSError, CodedError) as error:
         print(f"record_session: cannot record into {folder}: {error}", file=sys.stderr)
         sys.exit(1)
-    wanted = topics(given.cameras.split(), given.robots.split() or [""], given.images, given.topics.split())
+    wanted = topics(given.cameras.split(), given.robots.split() or [""])
     print(f"recording into {bag}", flush=True)
     # what roslaunch appended (__name:=, __log:=) is for the recorder
     ros = [argument for argument in sys.argv[1:] if ":=" in argument]
@@ -128,7 +115,6 @@ def _describe(folder: Path, given: argparse.Namespace) -> None:
         "method": given.method,
         "cameras": given.cameras.split(),
         "robots": given.robots.split() or [""],
-        "images": given.images,
         "started": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
         "parameters": parameters,
     }

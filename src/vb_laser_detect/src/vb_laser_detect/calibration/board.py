@@ -19,6 +19,7 @@ PAPERS_MM = {
     "A1": (841.0, 594.0),
     "A0": (1189.0, 841.0),
 }
+_DPI = 300
 _EDGE_MM = 8.0  # printers leave a margin
 _MODULE_PX = 2.3  # a marker's modules cannot be told apart when they are smaller in the image
 _MODULES = 6  # of a marker of DICT_4X4, with its black border
@@ -123,51 +124,31 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     return BoardView(pixels.reshape(-1, 2).astype(float), design.getChessboardCorners()[ids][:, :2].astype(float), ids)
 
 
-def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
-    """Writes the board at true size as PDF or PNG, by the path's extension; returns instructions for its use.
+def write_board(paper: str, path: str) -> List[str]:
+    """Writes the largest board at true size as PDF or PNG, by the path's extension; returns instructions for its use.
 
     Raises:
-        CodedError: "unknown_paper", "board_too_large", "bad_file".
+        CodedError: "unknown_paper", "bad_file".
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from PIL import Image
 
-    width, height = paper_size(paper)
-    board_width, board_height = (1e3 * side for side in board.size)
-    left, top = (width - board_width) / 2, (height - board_height) / 2
-    if left < 0 or top < 0:
-        raise CodedError("board_too_large", size=f"{board_width:.0f} x {board_height:.0f} mm", paper=paper)
-    figure = Figure(figsize=(width / 25.4, height / 25.4), dpi=300)
-    FigureCanvasAgg(figure)
-    page = figure.add_axes([0, 0, 1, 1])
-    page.axis("off")
+    board, (width, height) = BoardParams.for_paper(paper), paper_size(paper)
+    square, dots = 1e3 * board.square, _DPI / 25.4
     # a marker's module is a whole number of pixels, so that enlarging them keeps its edges where they belong
-    picture = draw_board(board, 80.0 / board.square)
-    page.imshow(
-        picture,
-        cmap="gray",
-        vmin=0,
-        vmax=255,
-        interpolation="none",
-        extent=(left, left + board_width, top + board_height, top),
-    )
-    page.set_xlim(0, width)
-    page.set_ylim(height, 0)
-    small = dict(fontsize=9, color="black", va="center")
-    below = top + board_height + 3.5
-    page.plot([left, left + 100.0], [below, below], color="black", linewidth=0.8)
-    page.text(
-        left + 103.0,
-        below,
-        "100 mm: print at 100 %, not fitted to the page.   " f"{paper}, squares of {1e3 * board.square:.0f} mm",
-        ha="left",
-        **small,
-    )
+    wide, high = (round(dots * 1e3 * side) for side in board.size)
+    picture = cv2.resize(draw_board(board, 80.0 / board.square), (wide, high), interpolation=cv2.INTER_NEAREST)
+    page = np.full((round(dots * height), round(dots * width)), 255, np.uint8)
+    top, left = (page.shape[0] - high) // 2, (page.shape[1] - wide) // 2
+    page[top : top + high, left : left + wide] = picture
+    below, ruler = top + high + round(3.5 * dots), left + round(100.0 * dots)
+    cv2.line(page, (left, below), (ruler, below), 0, 3)
+    text = f"100 mm: print at 100 %, not fitted to the page.   {paper}, squares of {square:.0f} mm"
+    cv2.putText(page, text, (ruler + round(3.0 * dots), below + 14), cv2.FONT_HERSHEY_SIMPLEX, 1.2, 0, 2)
     try:
-        figure.savefig(path)
+        Image.fromarray(page > 127).save(path, resolution=_DPI, dpi=(_DPI, _DPI))
     except (OSError, ValueError) as error:  # no such folder; an extension that no writer knows
         raise CodedError("bad_file", file=path, why=str(error)) from None
     return [
-        f"wrote {path}: {paper}, {_SQUARES[0]} x {_SQUARES[1]} squares of {1e3 * board.square:.0f} mm",
-        f"Print it at 100 %. Check with a ruler: the pattern is {board_width:.0f} mm wide. Glue it on something flat.",
+        f"wrote {path}: {paper}, {_SQUARES[0]} x {_SQUARES[1]} squares of {square:.0f} mm",
+        f"Print it at 100 %. Check with a ruler: the pattern is {_SQUARES[0] * square:.0f} mm wide. Glue it on something flat.",
     ]

@@ -44,7 +44,8 @@ def _watch(source: str, params: CaptureParams) -> List[str]:
         if isinstance(error, CodedError):
             faults.append(f"{error.code}: {error.values}")
 
-    reader = CameraSource(source, params, take, tell).start()
+    reader = CameraSource(source, params, take, tell)
+    reader.start()
     time.sleep(_SECONDS)
     reader.close()
     lines = [f"told: {fault}" for fault in dict.fromkeys(faults)]

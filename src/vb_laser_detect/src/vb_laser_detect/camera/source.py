@@ -2,8 +2,8 @@
 
 One idea for all of them: a demuxer (PyAV) delivers packets. A packet of motion JPEG is an image by itself and is decoded
 only when it is searched, and only as far: one that comes too late costs nothing. Packets of other codecs build on each other, and are
-decoded as they come; once they are late, none is until the next that stands by itself. Whatever ends the stream, it is
-said in one sentence, and the camera is opened again.
+decoded as they come; once they are late, none is until the next that stands by itself. A file has no hurry: it waits until
+its images are taken. Whatever ends the stream, it is said in one sentence, and the camera is opened again.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import errno
 import re
 import threading
 import time
+import traceback
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,9 @@ _POLL_PERIOD = 0.002  # [s] a device is asked: waiting for it could not be ended
 _NONBLOCK = "4"  # AVFMT_FLAG_NONBLOCK has no name among FFmpeg's options
 _CLOCK_LIMIT = 5.0  # [s] a device whose stamps are farther from now has no clock
 _OFFSET_WINDOW = 500  # [packets] over which the quickest one counts
+_CATCH_UP = (
+    1.0  # [s] a file that is late by less keeps its images' times; a stroke's spots stay as far apart as they were
+)
 _QUEUED = 0.5  # [s] what is read later than that is not caught up with, image by image
 # a sentence's code, to FFmpeg's errors that it tells of; others are told in FFmpeg's own words
 _REASONS = {
@@ -121,6 +125,11 @@ def is_network(address: str) -> bool:
     return "://" in address
 
 
+def is_file(address: str) -> bool:
+    """Returns whether an address is a video file."""
+    return not (is_device(address) or is_network(address))
+
+
 def printable(address: str) -> str:
     """Returns an address without its password."""
     return re.sub(r"://[^/@]*@", "://", address)
@@ -149,7 +158,7 @@ class CameraSource:
     Args:
         address: a device (/dev/video0), an address (rtsp://, http://), or a file, which is played again and again.
         params: how.
-        handle: called with each image.
+        handle: called with each image; a file goes on when it returns.
         report: called with the reason whenever there are no images, and with None once they come again.
 
     Attributes:
@@ -169,10 +178,9 @@ class CameraSource:
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def start(self) -> "CameraSource":
-        """Begins to read."""
+    def start(self) -> None:
+        """Begins to read: `handle` and `report` may be called before this returns."""
         self._thread.start()
-        return self
 
     def close(self) -> None:
         """Ends reading; waits until the camera is free for others."""
@@ -186,6 +194,9 @@ class CameraSource:
                 self._read()
             except CodedError as error:
                 self._report(error.without_traceback())
+            except Exception:  # a fault of the program must not silence the camera for good
+                traceback.print_exc()
+                self._report(CodedError("internal_error"))
             self._closed.wait(_RETRY_PERIOD)
 
     def _read(self) -> None:
@@ -243,7 +254,7 @@ class CameraSource:
                     yield Shot(taken(packet), jpeg=bytes(packet))
                 continue
             at = taken(packet)
-            late = time.time() - delay - at > _QUEUED
+            late = not is_file(self.address) and time.time() - delay - at > _QUEUED
             # one that stands by itself twice a second, however late: a network may have become slower for good
             whole = packet.is_keyframe and (not late or at - newest > _QUEUED) or whole and not late
             if not whole:
@@ -290,13 +301,14 @@ class CameraSource:
                 if packet.dts is not None:
                     first = packet.dts if first is None else first
                     due = began + float((packet.dts - first) * packet.time_base)
+                    behind = max(0.0, time.time() - due - _CATCH_UP)
+                    began, due = began + behind, due + behind
                     self._closed.wait(max(0.0, due - time.time()))
                 if first is not None:
                     yield packet, began - float(first * stream.time_base)
             if first is None:
                 raise CodedError("camera_no_stream", source=self.address)
-            # a computer that was busy goes on from now
-            began = max(due + float(1 / (stream.average_rate or 25)), time.time() - _QUEUED)
+            began = due + float(1 / (stream.average_rate or 25))
             container.seek(0)
 
     def _fault(self, error: Any) -> CodedError:

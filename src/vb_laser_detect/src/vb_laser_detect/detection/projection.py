@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Callable, Dict, Optional, Sequence, Tuple
 
-import cv2
 import numpy as np
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 
@@ -35,6 +34,7 @@ _MAX_INCIDENCE = 85.0  # [deg] between ray and the floor's normal; there an erro
 _MAX_HEIGHT, _HEIGHT_PER_RANGE = 0.08, 0.03
 _DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
 _DEPTH_SHARE = 0.3  # of the neighbourhood needs readings; else the plane is used, and marked
+_SAME_SURFACE = 0.08  # of the depth; readings that differ by more are of a thing beside the spot
 _MIN_DEPTH, _MAX_DEPTH = 0.3, 6.0  # [m] nearer and farther readings are none, for every camera of this kind
 
 
@@ -101,28 +101,18 @@ class FloorProjection:
     Args:
         params: limits.
         floor: the physical map; points outside it are rejected. None: any place is allowed.
-        ignored: polygons (N, 2) [m] in the map frame; points in them are rejected.
-
-    Raises:
-        ParameterError: for a polygon with fewer than three corners.
     """
 
-    def __init__(
-        self,
-        params: Optional[ProjectionParams] = None,
-        floor: Optional[GridMap] = None,
-        ignored: Sequence[Sequence[Sequence[float]]] = (),
-    ) -> None:
+    def __init__(self, params: Optional[ProjectionParams] = None, floor: Optional[GridMap] = None) -> None:
         self.params = params or ProjectionParams()
         self.floor = floor
-        self._ignored = [_polygon(corners) for corners in ignored]
 
     def on_plane(self, camera: CameraModel, T_map_camera: np.ndarray, u: float, v: float) -> FloorPoint:
         """Projects a pixel [px] to the floor plane.
 
         Raises:
             CodedError: "outside_image", "no_floor_intersection", "grazing_view", "too_far",
-                "ignored_region", "spot_outside_map".
+                "spot_outside_map".
         """
         p = self.params
         if not (math.isfinite(u) and math.isfinite(v)) or not camera.contains(np.array([[u, v]]))[0]:
@@ -180,26 +170,11 @@ class FloorProjection:
         return FloorPoint(point, scale, DEPTH, distance)
 
     def _check_map(self, point: np.ndarray) -> None:
-        at = (float(point[0]), float(point[1]))
-        if any(cv2.pointPolygonTest(polygon, at, False) >= 0 for polygon in self._ignored):
-            raise CodedError("ignored_region", f"({at[0]:.2f}, {at[1]:.2f}) lies in a region to be ignored")
         if self.floor is None:
             return
         cells = self.floor.world_to_cell(point[None, :2])
         if not self.floor.contains_cells(cells)[0]:
             raise CodedError("spot_outside_map", f"({point[0]:.2f}, {point[1]:.2f}) lies outside the map")
-
-
-def _polygon(corners: Sequence[Sequence[float]]) -> np.ndarray:
-    try:
-        polygon = np.asarray(corners, dtype=np.float32).reshape(-1, 2)
-    except (TypeError, ValueError):
-        polygon = np.zeros((0, 2), np.float32)
-    if len(polygon) < 3 or not np.isfinite(polygon).all():
-        raise ParameterError(
-            "ignore_regions", f"expected polygons [[x, y], [x, y], [x, y], ...] in metres, got {corners!r}"
-        )
-    return polygon
 
 
 def depth_at(depth: np.ndarray, pixel: np.ndarray) -> Optional[float]:
@@ -225,19 +200,12 @@ def depth_at(depth: np.ndarray, pixel: np.ndarray) -> Optional[float]:
     if good.sum() < max(1, _DEPTH_SHARE * part.size):
         return None
     values = part[good]
-    middle = float(np.median(values))
-    # a plane seen at a slant has a constant gradient of inverse depth: fit it to what is near the median,
-    # so that holes on one side and the pixel's place within its cell do not shift the result
-    near = np.abs(values - middle) < max(0.05, 0.08 * middle)
-    if near.sum() < 6 or rx == 0 or ry == 0:
-        return middle
-    offsets = np.column_stack([columns[good][near] - (pixel[0] - column), rows[good][near] - (pixel[1] - row)])
-    design = np.column_stack([np.ones(len(offsets)), offsets])
-    solution, _, rank, _ = np.linalg.lstsq(design, 1.0 / values[near], rcond=None)
-    if rank < 3 or solution[0] <= 0:
-        return middle
-    fitted = 1.0 / float(solution[0])
-    return fitted if abs(fitted - middle) < max(0.05, 0.08 * middle) else middle
+    # a plane seen at a slant has a constant gradient of inverse depth: fit it to what is near the median, so that holes on one
+    # side and the pixel's place within its cell do not shift the result
+    near = np.abs(values - np.sort(values)[len(values) // 2]) < _SAME_SURFACE * values
+    offsets = columns[good][near] - (pixel[0] - column), rows[good][near] - (pixel[1] - row)
+    design = np.column_stack([np.ones(near.sum()), *offsets])
+    return 1.0 / float(np.linalg.lstsq(design, 1.0 / values[near], rcond=None)[0][0])
 
 
 # ------------------------------------------------------------------ one image

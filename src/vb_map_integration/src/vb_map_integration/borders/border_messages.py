@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Iterable, List, Sequence, Tuple
+from typing import List, Sequence
 
 import numpy as np
 import rospy
 from vb_msgs.msg import BorderIssue
 from vb_msgs.msg import VirtualBorder as BorderMessage
 
+from vb_core.notices import Notice, Severity
 from vb_core.ros import messages
 from vb_core.zones import ZONES
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError
+from vb_map_integration.borders.issues import IntegrationError
 
 # whether the chain is closed, by kind
 KINDS = {
@@ -23,7 +24,7 @@ KINDS = {
 }
 _ZONES = {zone.number: zone for zone in ZONES.values()}
 _NOTHING = np.zeros((0, 2))
-_SEVERITIES = {WARNING: BorderIssue.WARNING, ERROR: BorderIssue.ERROR}
+_SEVERITIES = {Severity.WARNING: BorderIssue.WARNING, Severity.ERROR: BorderIssue.ERROR}
 
 
 def border_from_message(message: BorderMessage) -> VirtualBorder:
@@ -91,8 +92,8 @@ def message_from_border(
     return message
 
 
-def messages_from_issues(issues: Sequence[Issue]) -> List[BorderIssue]:
-    """Issues to messages; inverse of `issues_from_messages`."""
+def messages_from_issues(issues: Sequence[Notice]) -> List[BorderIssue]:
+    """Converts what the check of a border reports."""
     return [
         BorderIssue(
             severity=_SEVERITIES[one.severity],
@@ -102,12 +103,3 @@ def messages_from_issues(issues: Sequence[Issue]) -> List[BorderIssue]:
         )
         for one in issues
     ]
-
-
-def issues_from_messages(found: Iterable[BorderIssue]) -> Tuple[Issue, ...]:
-    """Messages to issues; inverse of `messages_from_issues`."""
-    severities = {value: key for key, value in _SEVERITIES.items()}
-    return tuple(
-        Issue(severities.get(one.severity, ERROR), one.code, one.message, messages.mapping_from_values(one.values))
-        for one in found
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, Dict
 
 from vb_core.errors import CodedError
@@ -10,22 +11,10 @@ from vb_map_integration.border import VirtualBorder
 
 def border_to_mapping(border: VirtualBorder) -> Dict[str, Any]:
     """Writes a border as plain values; inverse of `border_from_mapping`."""
-    return {
-        "id": border.id,
-        "name": border.name,
-        "kind": border.kind,
-        "points": border.points.tolist(),
-        "seed": border.seed.tolist(),
-        "occupancy": border.occupancy,
-        "enabled": border.enabled,
-        "created": border.created,
-        "modified": border.modified,
-        "robots": list(border.robots),
-        "zone": border.zone.name,
-        "max_speed": border.max_speed,
-        "schedule": border.schedule,
-        "map_id": border.map_id,
-    }
+    plain = {one.name: getattr(border, one.name) for one in dataclasses.fields(border)}
+    del plain["closed"], plain["wall"]
+    points, seed = border.points.tolist(), border.seed.tolist()
+    return {**plain, "kind": border.kind, "points": points, "seed": seed, "zone": border.zone.name}
 
 
 def border_from_mapping(values: Any) -> VirtualBorder:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
-from typing import Any, Dict, List, Sequence
+from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
 import shapely
+import shapely.errors
+import shapely.geometry
 
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
@@ -74,44 +75,31 @@ def _wrong(key: str, expected: str, found: Any) -> CodedError:
 def _border(feature: Any) -> VirtualBorder:
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise _wrong("type", "Feature", feature)
-    geometry, properties = feature.get("geometry"), feature.get("properties")
-    kind = geometry.get("type") if isinstance(geometry, dict) else None
-    coordinates = geometry.get("coordinates") if isinstance(geometry, dict) else None
-    if kind not in ("Polygon", "LineString") or not isinstance(coordinates, list):
-        raise _wrong("geometry", "Polygon | LineString", kind)
-    if kind == "Polygon" and len(coordinates) != 1:
-        raise CodedError("bad_border_file", reason="$file_polygon_has_holes", found=len(coordinates))
-    points = _positions(coordinates[0] if kind == "Polygon" else coordinates)
-    given = dict(properties) if isinstance(properties, dict) else {}
-    wall = kind == "LineString" and given.get("kind") == "virtual_wall"
+    try:
+        shape = shapely.geometry.shape(feature.get("geometry"))
+    except (shapely.errors.ShapelyError, ValueError, TypeError, LookupError, AttributeError) as error:
+        raise CodedError(
+            "bad_border_file", reason="$file_format", format="GeoJSON", detail=str(error).strip()
+        ) from None
+    if shape.geom_type not in ("Polygon", "LineString"):
+        raise _wrong("geometry", "Polygon | LineString", shape.geom_type)
+    closed = shape.geom_type == "Polygon"
+    if closed and shape.interiors:
+        raise CodedError("bad_border_file", reason="$file_polygon_has_holes", found=1 + len(shape.interiors))
+    points = shapely.get_coordinates(shape.exterior if closed else shape)  # heights are left out
+    given = feature.get("properties")
+    given = given if isinstance(given, dict) else {}
+    wall = not closed and given.get("kind") == "virtual_wall"
     values = {key: value for key, value in given.items() if key in (*_PROPERTIES, "seed")}
-    plain = "polygon" if kind == "Polygon" else "separating_curve"
-    values.update(points=points, kind="virtual_wall" if wall else plain)
+    values.update(points=points, kind="polygon" if closed else "virtual_wall" if wall else "separating_curve")
     if "seed" not in values and not wall:
-        if kind == "LineString":
+        if not closed:
             raise CodedError("bad_border_file", reason="$file_no_seed")
-        values["seed"] = _point_inside(points)
+        values["seed"] = _point_inside(shape) if np.isfinite(points).all() else (0.0, 0.0)
     return border_from_mapping(values)
 
 
-def _positions(values: Any) -> List[List[float]]:
-    """Returns the x and y of positions, whose height is left out; a ring's repeated first point goes with the rest."""
-    if not isinstance(values, list):
-        raise _wrong("coordinates", "[[x, y], ...]", values)
-    for value in values:
-        numbers = (
-            isinstance(value, list)
-            and len(value) in (2, 3)
-            and all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in value)
-        )
-        if not numbers:
-            raise _wrong("coordinates", "[x, y]", value)
-    return [value[:2] for value in values]
-
-
-def _point_inside(points: List[List[float]]) -> List[float]:
-    """Returns a point within a polygon, as far from its outline as a few centimetres tell."""
-    if len(points) < 4 or not all(math.isfinite(value) for point in points for value in point):
-        return points[0] if points else [0.0, 0.0]  # what is wrong is the points: the border says so
-    inside = shapely.polygons(np.array(points)).buffer(0).representative_point()
-    return points[0] if inside.is_empty else [inside.x, inside.y]
+def _point_inside(polygon: Any) -> Tuple[float, float]:
+    """Returns a point within a polygon; one on its outline if it has no inside."""
+    point = (polygon if polygon.is_valid else polygon.buffer(0)).representative_point()
+    return (polygon.exterior.coords[0][:2]) if point.is_empty else (point.x, point.y)

@@ -2,40 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Mapping, Optional, Tuple
-
-from vb_map_integration.borders.issues import WARNING, Issue, make_issue
+from typing import Any, Mapping
 
 
-def check_soft_value(value: int, costmaps: Mapping[str, Any]) -> Optional[Issue]:
-    """Warns if a costmap takes a soft occupancy for free space; None if all is well or nothing is known.
-
-    Args:
-        value: 0 .. 100; 0 and 100 are not soft.
-        costmaps: the parameters of each costmap by its name, as from `rosparam get`; None: it has none.
-    """
-    if value in (0, 100):
-        return None
-    blind = [name for name, settings in costmaps.items() if isinstance(settings, Mapping) and _is_trinary(settings)]
-    if not blind:
-        return None
-    return make_issue(WARNING, "soft_border_ignored", costmaps=", ".join(blind))
-
-
-def _is_trinary(settings: Mapping[str, Any]) -> bool:
-    return any(_get(settings, layer).get("trinary_costmap", True) for layer in _static_layers(settings))
-
-
-def _static_layers(settings: Mapping[str, Any]) -> Tuple[str, ...]:
-    plugins: List[Any] = settings.get("plugins") or []
-    named = tuple(
+def is_trinary(costmap: Any) -> bool:
+    """Returns whether a costmap takes a soft occupancy for free space, by its parameters as from `rosparam get`."""
+    if not isinstance(costmap, Mapping):
+        return False  # there is none
+    named = [
         str(plugin.get("name", "static_layer"))
-        for plugin in plugins
+        for plugin in costmap.get("plugins") or []
         if isinstance(plugin, Mapping) and str(plugin.get("type", "")).endswith("StaticLayer")
-    )
-    return named or ("static_layer",)
-
-
-def _get(settings: Mapping[str, Any], layer: str) -> Mapping[str, Any]:
-    found = settings.get(layer)
-    return found if isinstance(found, Mapping) else {}
+    ]
+    layers = [costmap.get(name) for name in named or ["static_layer"]]
+    return any(layer.get("trinary_costmap", True) if isinstance(layer, Mapping) else True for layer in layers)

@@ -22,7 +22,6 @@ from typing import Callable, List, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_core import masks
 from vb_map_integration.grid import raster
 
 # share of the samples beside the curve from which the restricted area counts as touching a side
@@ -247,7 +246,7 @@ def _cut(
         slice(max(top - 2, 0), min(top + depth, cells.shape[0] - 2)),
         slice(max(left - 2, 0), min(left + width, cells.shape[1] - 2)),
     )
-    region = masks.threshold_mask(cells[1:-1, 1:-1][window], _FILLED, cv2.CMP_EQ)
+    region = cv2.inRange(cells[1:-1, 1:-1][window], _FILLED, _FILLED)
     vertex_arc = np.cumsum(steps[:-1])
     between = chain[1:-1][(vertex_arc > trace.arc[start]) & (vertex_arc < trace.arc[end])]
     line = np.concatenate([trace.points[start : start + 1], between, trace.points[end : end + 1]])

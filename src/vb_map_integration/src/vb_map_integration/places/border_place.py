@@ -11,7 +11,7 @@ import numpy as np
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.issues import IntegrationError
-from vb_map_integration.grid.layered_map import Region
+from vb_map_integration.grid.region import Region
 from vb_map_integration.integration import restricted_area
 from vb_map_integration.places.local_fit import LocalFit
 from vb_map_integration.places.registration import Transform
@@ -74,7 +74,7 @@ class BorderPlace:
         count = int(np.count_nonzero((mask != 0) & free))
         if not count:
             return None
-        return Region(window, np.packbits(mask), area.value, False, count * grid.resolution**2)
+        return Region(window, mask, area.value, False, count * grid.resolution**2)
 
 
 def choose_place(

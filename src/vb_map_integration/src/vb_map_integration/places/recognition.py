@@ -126,13 +126,13 @@ class PlaceRecognizer:
         places: Dict[int, List[KnownMap]] = {}
         for one in self._database.maps():
             places.setdefault(one.place, []).append(one)
-        names = {place: next((one.name for one in maps if one.id == place), "") for place, maps in places.items()}
+        names = {place: self._database.get_name(place) for place in places}
         if self._name:
             named = {place for place, name in names.items() if name == self._name}
             chosen = named or {place for place, name in names.items() if not name}
         else:
             chosen = set(places)
-        return {place: maps for place, maps in places.items() if place in chosen and self._database.count(place)}
+        return {place: maps for place, maps in places.items() if place in chosen and self._database.borders(place)}
 
     def _wall_map_of(self, one: KnownMap) -> WallMap:
         if one.fingerprint not in self._wall_maps:
@@ -178,8 +178,8 @@ class PlaceRecognizer:
             found = likeliest.registration
             likely = found.is_unique and found.agreement >= max(others, default=0.0) + _DOUBT  # type: ignore[union-attr]
             return replace(likeliest, certain=False, likely=likely)
-        last = self._database.get_value("last_place")
-        place = int(last) if last.isdigit() and int(last) in candidates else max(candidates)
+        last = self._database.last_place
+        place = last if last in candidates else max(candidates)
         return replace(best[place], certain=False) if place in best else PlaceRecognition(place, IDENTITY, False)
 
     @staticmethod

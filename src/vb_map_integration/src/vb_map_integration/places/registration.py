@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -39,7 +39,6 @@ _DRAWN_FLOOR = 400_000  # free places that are drawn when maps are compared
 _REMAPPED = 30_000  # rows that OpenCV remaps at once
 _UNIT, _FARTHEST = 1e-4, 20_000  # [m] of distances, and how many of it are the largest
 _RIM = 4  # unknown cells that are kept round what a map knows
-_STRIP = 512  # rows whose distances are computed at once
 # [m] pairs farther apart are left out of the refinement, round by round
 _REACH = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
 # [m] two hypotheses are the same one below these
@@ -167,10 +166,9 @@ class WallMap:
         # [_UNIT] to the nearest wall, as far as anybody asks: half the memory of real numbers
         self._distance = np.full(self.grid.shape, _FARTHEST, np.uint16)
         if len(self.walls):
-            scale = self.grid.resolution / _UNIT
-            for part in _strips(self.grid.shape[0], int(_FARTHEST / scale) + 2):
-                far = cv2.distanceTransform(1 - surface[part.outer], cv2.DIST_L2, 5)
-                self._distance[part.inner] = np.minimum(far[part.cut], _FARTHEST / scale) * scale + 0.5
+            far = cv2.distanceTransform(1 - surface, cv2.DIST_L2, 5)
+            far *= self.grid.resolution / _UNIT
+            self._distance[:] = np.minimum(far, _FARTHEST, out=far) + 0.5
 
     def look_up(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Distances (N,) [m] to the nearest wall, at most 2, and their gradients (N, 2) in the map frame."""
@@ -271,21 +269,6 @@ def _known_part(grid: GridMap) -> GridMap:
     cells = grid.data[top : rows[-1] + 1 + _RIM, left : columns[-1] + 1 + _RIM]
     x, y = grid.grid_to_world([[left - 0.5, top - 0.5]])[0]
     return GridMap(np.ascontiguousarray(cells), grid.resolution, (float(x), float(y), grid.origin[2]))
-
-
-class _Strip(NamedTuple):
-    """Some rows of a map: those to be computed, those that are needed for it, and the first ones' place in these."""
-
-    inner: slice
-    outer: slice
-    cut: slice
-
-
-def _strips(rows: int, reach: int) -> Iterator[_Strip]:
-    """Parts of a map's rows: what is in between of a calculation then needs the memory of one part only."""
-    for top in range(0, rows, _STRIP):
-        low, end = max(0, top - reach), min(rows, top + _STRIP)
-        yield _Strip(slice(top, end), slice(low, min(rows, end + reach)), slice(top - low, end - low))
 
 
 def register(old: GridMap, new: GridMap) -> Optional[Registration]:

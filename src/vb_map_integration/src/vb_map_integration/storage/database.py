@@ -1,16 +1,18 @@
-"""The borders of all maps, with their history, in one SQLite file; `database_files` protects it against loss."""
+"""The borders of all maps, with their history and their maps; `DurableValues` keeps them on the disk.
+
+By their keys: maps/FINGERPRINT, names/PLACE, borders/ID, changes/NUMBER (history), requests/ID, and `_PLACE`, `_NEXT`.
+"""
 
 from __future__ import annotations
 
-import datetime
+import base64
 import hashlib
 import itertools
-import json
 import zlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -19,13 +21,11 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import MAX_NAME, VirtualBorder
 from vb_map_integration.borders.border_values import border_from_mapping, border_to_mapping
 from vb_map_integration.places.registration import IDENTITY, Transform
-from vb_map_integration.storage import sqlite_files as files
-from vb_map_integration.storage.database_files import DatabaseFiles
-from vb_map_integration.storage.sqlite_files import Statement, put
+from vb_map_integration.storage.durable_values import DurableValues
 
 # what is kept of each: changes that can be undone, requests, maps of a place
-MAX_CHANGES, MAX_REQUESTS, MAX_MAPS = 1000, 1000, 6
-_MAP_COLUMNS = files.CHECKED["maps"]
+MAX_CHANGES, MAX_REQUESTS, MAX_MAPS = 100, 100, 6
+_PLACE, _NEXT = "facts/last_place", "facts/next_number"
 
 
 class BorderChange(NamedTuple):
@@ -47,26 +47,22 @@ class KnownMap:
     Attributes:
         id: its number.
         place: the number of the map on which the place's first border was drawn; the borders are in its frame.
-        name: for people; only of that first map.
         fingerprint: see `fingerprint`.
         transform: from the place's frame to this map's.
     """
 
     id: int
     place: int
-    name: str
     fingerprint: str
     transform: Transform
-    _resolution: float
-    _origin: Tuple[float, float, float]
-    _shape: Tuple[int, int]
-    _cells: bytes
+    _values: Mapping[str, Any]
 
     @cached_property
     def grid(self) -> GridMap:
         """Returns the map."""
-        data = np.frombuffer(zlib.decompress(self._cells), np.int8).reshape(self._shape)
-        return GridMap(data, self._resolution, self._origin)
+        cells = zlib.decompress(base64.b64decode(self._values["cells"]))
+        data = np.frombuffer(cells, np.int8).reshape(self._values["shape"])
+        return GridMap(data, self._values["resolution"], tuple(self._values["origin"]))
 
 
 def fingerprint(grid: GridMap) -> str:
@@ -80,61 +76,88 @@ def fingerprint(grid: GridMap) -> str:
     return digest.hexdigest()
 
 
-class Database(DatabaseFiles):
-    """Borders by place, with their history; every method that changes something is a transaction."""
+class Database:
+    """Borders by place, with their history; every method that changes something changes all of it or nothing.
 
-    def __init__(self, folder: Optional[Path], today: Any = datetime.date.today) -> None:
-        super().__init__(folder, today)
-        self._loaded: Dict[int, Dict[str, VirtualBorder]] = {}
+    Raises:
+        CodedError: as `DurableValues`.
+    """
+
+    def __init__(self, folder: Optional[Path]) -> None:
+        self._kept = DurableValues(folder)
+        self._borders: Dict[str, Tuple[int, VirtualBorder]] = {
+            key: (values["place"], border_from_mapping(values["border"]))
+            for key, values in self._kept.of_kind("borders").items()
+        }
+
+    def close(self) -> None:
+        """Lets other processes have the files."""
+        self._kept.close()
+
+    @property
+    def revision(self) -> int:
+        """Grows with every change, across restarts."""
+        return self._kept.revision
+
+    @property
+    def notices(self) -> List[Any]:
+        """What is wrong with the files, for people."""
+        return self._kept.notices
 
     # ------------------------------------------------------------- maps
     def maps(self) -> List[KnownMap]:
-        """Reads all maps, the oldest first."""
-        return [_map_from_row(row) for row in self._rows(f"SELECT {_MAP_COLUMNS} FROM maps ORDER BY id")]
+        """Lists all maps, the oldest first."""
+        found = [
+            KnownMap(values["id"], values["place"], key, Transform(*values["transform"]), values)
+            for key, values in self._kept.of_kind("maps").items()
+        ]
+        return sorted(found, key=lambda one: one.id)
 
     def find_map(self, map_id: str) -> Optional[KnownMap]:
-        """Reads the map of a fingerprint; None if it is not known."""
-        rows = self._rows(f"SELECT {_MAP_COLUMNS} FROM maps WHERE fingerprint = ?", map_id)
-        return _map_from_row(rows[0]) if rows else None
+        """Finds the map of a fingerprint; None if it is not known."""
+        return next((one for one in self.maps() if one.fingerprint == map_id), None)
 
     def add_map(
         self, grid: GridMap, map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
     ) -> int:
         """Keeps a map, as a new place (place 0) or as another map of one; returns the place's number."""
-        known = self._rows("SELECT id FROM maps WHERE fingerprint = ?", map_id)
-        number = int((known or self._rows("SELECT coalesce(max(id), 0) + 1 FROM maps"))[0][0])
-        place = place or number
-        cells = zlib.compress(np.ascontiguousarray(grid.data), 1)
-        geometry = (grid.resolution, *grid.origin, *grid.shape)
-        statements = [put("maps", number, place, name, map_id, *transform, *geometry, cells)]
-        others = (
-            "SELECT id, fingerprint FROM maps WHERE place = ? AND id NOT IN (?, ?) ORDER BY id DESC LIMIT -1 OFFSET ?"
+        known = self.maps()
+        number = next(
+            (one.id for one in known if one.fingerprint == map_id), 1 + max((one.id for one in known), default=0)
         )
+        place = place or number
         needed = {border.map_id for border in self.borders(place)}  # their borders are compared with these
-        for old, old_id in self._rows(others, place, place, number, MAX_MAPS):
-            if old_id in needed:
-                continue
-            statements.append(("DELETE FROM maps WHERE id = ?", (old,)))
-        self._write(statements)
+        others = [one for one in known if one.place == place and one.id not in (place, number)]
+        changes: Dict[str, Any] = {
+            f"maps/{one.fingerprint}": None for one in others[:-MAX_MAPS] if one.fingerprint not in needed
+        }
+        changes[f"maps/{map_id}"] = {
+            "id": number,
+            "place": place,
+            "transform": transform,
+            "resolution": grid.resolution,
+            "origin": grid.origin,
+            "shape": grid.shape,
+            "cells": base64.b64encode(zlib.compress(np.ascontiguousarray(grid.data), 1)).decode(),
+        }
+        if name:
+            changes[f"names/{place}"] = name
+        self._kept.change(changes)
         return place
 
     def get_name(self, place: int) -> str:
         """Returns a place's name; "" if it has none."""
-        rows = self._rows("SELECT name FROM maps WHERE id = ?", place)
-        return str(rows[0][0]) if rows else ""
+        return str(self._kept.get(f"names/{place}", ""))
 
     def find_place(self, name: str) -> int:
         """Returns the place of a name; 0 if there is none."""
-        rows = self._rows("SELECT id FROM maps WHERE name = ? AND name <> '' AND id = place", name)
-        return int(rows[0][0]) if rows else 0
+        return next((int(place) for place, other in self._kept.of_kind("names").items() if name == other), 0)
 
     def rename_place(self, place: int, name: str) -> None:
         """Names a place; raises CodedError "name_taken" or "bad_name"."""
-        rows = self._rows(f"SELECT {_MAP_COLUMNS} FROM maps WHERE id = ?", place)
-        if not rows or rows[0][2] == name:
-            return
-        self.check_name(name, place)
-        self._write([put("maps", *rows[0][:2], name, *rows[0][3:])])
+        if self.get_name(place) != name:
+            self.check_name(name, place)
+            self._kept.change({f"names/{place}": name or None})
 
     def check_name(self, name: str, place: int = 0) -> None:
         """Refuses a name that a place cannot have; raises CodedError "bad_name", "name_taken"."""
@@ -143,36 +166,21 @@ class Database(DatabaseFiles):
         if self.find_place(name) not in (0, place):
             raise CodedError("name_taken", name=name)
 
+    @property
+    def last_place(self) -> int:
+        """The last place that was in force; 0 before the first."""
+        return int(self._kept.get(_PLACE, 0))
+
     def remember_place(self, place: int) -> None:
         """Records the last place in force."""
-        if self.get_value("last_place") != str(place):
-            self.set_value("last_place", str(place))
-
-    def get_value(self, key: str) -> str:
-        """Returns the text stored under a key; "" if there is none."""
-        rows = self._rows("SELECT value FROM facts WHERE key = ?", key)
-        return str(rows[0][0]) if rows else ""
-
-    def set_value(self, key: str, value: str) -> None:
-        """Stores a text under a key."""
-        self._write([put("facts", key, value)])
+        if self.last_place != place:
+            self._kept.change({_PLACE: place})
 
     # ------------------------------------------------------------- borders
     def borders(self, place: int) -> Tuple[VirtualBorder, ...]:
         """Returns the borders of a place in its frame, the oldest first."""
-        known = self._of_place(place)
-        return tuple(known[key] for key in sorted(known, key=_number_of))
-
-    def _of_place(self, place: int) -> Dict[str, VirtualBorder]:
-        if place not in self._loaded:
-            rows = self._rows("SELECT body FROM borders WHERE place = ?", place)
-            found = [border_from_mapping(json.loads(body)) for (body,) in rows]
-            self._loaded[place] = {border.id: border for border in found}
-        return self._loaded[place]
-
-    def count(self, place: int) -> int:
-        """Counts the borders of a place."""
-        return int(self._rows("SELECT count(*) FROM borders WHERE place = ?", place)[0][0])
+        found = [border for where, border in self._borders.values() if where == place]
+        return tuple(sorted(found, key=lambda border: int(border.id[1:])))
 
     def find(self, border_id: str) -> Tuple[int, VirtualBorder]:
         """Finds (place, border) of an id, whichever map it belongs to.
@@ -180,10 +188,9 @@ class Database(DatabaseFiles):
         Raises:
             CodedError: "unknown_border".
         """
-        rows = self._rows("SELECT place, body FROM borders WHERE id = ?", border_id)
-        if not rows:
+        if border_id not in self._borders:
             raise CodedError("unknown_border", id=border_id)
-        return int(rows[0][0]), border_from_mapping(json.loads(rows[0][1]))
+        return self._borders[border_id]
 
     def new_border(self, border: VirtualBorder, now: float, place: int) -> VirtualBorder:
         """Gives a border of a place an id, which is spent once committed, a name that no other there has, and its times.
@@ -193,11 +200,10 @@ class Database(DatabaseFiles):
         """
         if border.id:
             raise CodedError("id_not_empty", id=border.id)
-        number = self._state.next_number
         taken = {other.name for other in self.borders(place)}
         unnamed = (f"{'wall' if border.wall else 'border'} {i}" for i in itertools.count(1))
         name = border.name or next(one for one in unnamed if one not in taken)
-        return border.replace(id=f"b{number}", name=name, created=now, modified=now)
+        return border.replace(id=f"b{self._kept.get(_NEXT, 1)}", name=name, created=now, modified=now)
 
     def commit(self, place: int, change: Change, kind: str = "new", request_id: str = "") -> None:
         """Makes a change of borders of one place.
@@ -209,72 +215,62 @@ class Database(DatabaseFiles):
         Raises:
             CodedError: "cannot_write"; then nothing was changed.
         """
-        statements: List[Statement] = []
+        changes = self._history(place, change, kind)
         for entry in change:
-            if entry.after is None:
-                statements.append(("DELETE FROM borders WHERE id = ?", (entry.id,)))
-            else:
-                statements.append(put("borders", entry.id, place, _text(border_to_mapping(entry.after))))
-        statements += self._history(place, change, kind)
+            values = entry.after and {"place": place, "border": border_to_mapping(entry.after)}
+            changes[f"borders/{entry.id}"] = values
         if request_id:
-            statements.append(("INSERT INTO requests (id, border) VALUES (?, ?)", (request_id, change[0].id)))
-            last = f"(SELECT max(number) FROM requests) - {MAX_REQUESTS}"
-            statements.append((f"DELETE FROM requests WHERE number <= {last}", ()))
-        numbers = [_number_of(entry.id) + 1 - self._state.next_number for entry in change]
-        self._write(statements, max(0, *numbers))
-        known = self._of_place(place)
+            changes[f"requests/{request_id}"] = change[0].id
+            changes.update({f"requests/{old}": None for old in list(self._kept.of_kind("requests"))[:-MAX_REQUESTS]})
+        following = max(int(entry.id[1:]) + 1 for entry in change)
+        self._kept.change({**changes, _NEXT: max(following, self._kept.get(_NEXT, 1))})
         for entry in change:
-            if entry.after is None:
-                known.pop(entry.id, None)
-            else:
-                known[entry.id] = entry.after
+            self._borders.pop(entry.id, None)
+            if entry.after is not None:
+                self._borders[entry.id] = place, entry.after
 
-    def _history(self, place: int, change: Change, kind: str) -> List[Statement]:
+    def _history(self, place: int, change: Change, kind: str) -> Dict[str, Any]:
+        known = self._kept.of_kind("changes")
         if kind in ("undo", "redo"):
-            number = self._newest(place, kind)[0]
-            return [("UPDATE changes SET undone = ? WHERE number = ?", (int(kind == "undo"), number))]
-        number = int(self._rows("SELECT coalesce(max(number), 0) + 1 FROM changes")[0][0])
-        body = _text([[entry.id, _to_dict(entry.before), _to_dict(entry.after)] for entry in change])
-        return [
-            ("DELETE FROM changes WHERE place = ? AND undone = 1", (place,)),
-            put("changes", number, place, body),
-            ("DELETE FROM changes WHERE number <= ?", (number - MAX_CHANGES,)),
-        ]
+            number = self._newest(place, kind)
+            return {f"changes/{number}": {**known[number], "undone": kind == "undo"}}
+        entries = [[entry.id, _to_dict(entry.before), _to_dict(entry.after)] for entry in change]
+        gone = [number for number, other in known.items() if other["place"] == place and other["undone"]]
+        gone += list(known)[: 1 - MAX_CHANGES]
+        number = str(1 + max(map(int, known), default=0))
+        return {
+            **{f"changes/{old}": None for old in gone},
+            f"changes/{number}": {"place": place, "undone": False, "entries": entries},
+        }
 
     def available_commands(self, place: int) -> List[str]:
         """Lists "undo" and "redo", each if there is something to undo or redo."""
-        found = self._rows("SELECT DISTINCT undone FROM changes WHERE place = ? ORDER BY undone", place)
-        return [("undo", "redo")[undone] for (undone,) in found]
+        undone = {change["undone"] for change in self._kept.of_kind("changes").values() if change["place"] == place}
+        return [("undo", "redo")[one] for one in sorted(undone)]
 
-    def _newest(self, place: int, kind: str) -> Tuple[int, Change]:
-        """Returns the change that undo reverts, or redo repeats: its number, and what it did."""
-        undone, order = (0, "DESC") if kind == "undo" else (1, "ASC")
-        query = f"SELECT number, body FROM changes WHERE place = ? AND undone = ? ORDER BY number {order} LIMIT 1"
-        rows = self._rows(query, place, undone)
-        if not rows:
+    def _newest(self, place: int, kind: str) -> str:
+        """Returns the number of the change that undo reverts, or redo repeats."""
+        changes = self._kept.of_kind("changes")
+        found = [key for key, one in changes.items() if one["place"] == place and one["undone"] == (kind == "redo")]
+        if not found:
             raise CodedError(f"nothing_to_{kind}")
-        entries = json.loads(rows[0][1])
-        return int(rows[0][0]), tuple(
-            BorderChange(key, _from_dict(before), _from_dict(after)) for key, before, after in entries
-        )
+        return (max if kind == "undo" else min)(found, key=int)
 
-    def prepare_undo(self, place: int) -> Change:
-        """Prepares the change that reverts the last one; raises CodedError "nothing_to_undo"."""
-        _, change = self._newest(place, "undo")
+    def prepare(self, kind: str, place: int) -> Change:
+        """Prepares the change that reverts the last one ("undo"), or that repeats what was undone last ("redo").
+
+        Raises:
+            CodedError: "nothing_to_undo", "nothing_to_redo".
+        """
+        entries = self._kept.get(f"changes/{self._newest(place, kind)}")["entries"]
+        change = tuple(BorderChange(key, _from_dict(before), _from_dict(after)) for key, before, after in entries)
+        if kind == "redo":
+            return change
         return tuple(BorderChange(entry.id, entry.after, entry.before) for entry in reversed(change))
-
-    def prepare_redo(self, place: int) -> Change:
-        """Prepares the change that repeats what was undone last; raises CodedError "nothing_to_redo"."""
-        return self._newest(place, "redo")[1]
 
     def find_border_of_request(self, request_id: str) -> str:
         """Returns the id of the border that a request made; "" if it is new."""
-        rows = self._rows("SELECT border FROM requests WHERE id = ?", request_id) if request_id else []
-        return str(rows[0][0]) if rows else ""
-
-
-def _text(values: Any) -> str:
-    return json.dumps(values, ensure_ascii=False, separators=(",", ":"))
+        return str(self._kept.get(f"requests/{request_id}", "")) if request_id else ""
 
 
 def _to_dict(border: Optional[VirtualBorder]) -> Any:
@@ -283,15 +279,3 @@ def _to_dict(border: Optional[VirtualBorder]) -> Any:
 
 def _from_dict(values: Any) -> Optional[VirtualBorder]:
     return None if values is None else border_from_mapping(values)
-
-
-def _map_from_row(row: Sequence[Any]) -> KnownMap:
-    number, place, name, map_id, x, y, yaw, resolution, origin_x, origin_y, origin_yaw, rows, columns, cells = row
-    origin = (origin_x, origin_y, origin_yaw)
-    return KnownMap(number, place, name, map_id, Transform(x, y, yaw), resolution, origin, (rows, columns), cells)
-
-
-def _number_of(border_id: str) -> int:
-    """Returns the number in an id that the database gave; the higher, the younger."""
-    digits = border_id[1:]
-    return int(digits) if border_id[:1] == "b" and digits.isdigit() and len(digits) < 10 else 0

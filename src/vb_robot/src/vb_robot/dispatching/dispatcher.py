@@ -15,7 +15,7 @@ from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import BORDER, SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
 from vb_robot.dispatching.dispatch_policy import DispatchInputs, Fleet, RobotStatus
-from vb_robot.dispatching.drawing import DrawingState, UnseenFloor
+from vb_robot.dispatching.drawing import NO_POINTS, DrawingState
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 from vb_robot.floor_view import FloorView
 from vb_robot.spots import LOST_TIMEOUT, Sightings
@@ -38,9 +38,7 @@ class RobotMap:
         """Stores the map with the borders that are for this robot, or the one without ("physical")."""
         self._maps[which], self._clearance_map = grid, None
 
-    def make_planner(
-        self, drawing: DrawingState, status: RobotStatus, unseen: Optional[UnseenFloor], others: Sequence
-    ) -> Optional[ViewpointPlanner]:
+    def make_planner(self, drawing: DrawingState, status: RobotStatus, others: Sequence) -> Optional[ViewpointPlanner]:
         """Makes the planner that knows what the robot can see of a drawing; None before map, pose and camera are known."""
         if self.view is None or status.pose is None or "borders" not in self._maps:
             return None
@@ -51,8 +49,7 @@ class RobotMap:
                 window,
                 ClearanceMap(grids["borders"], self._radius, grids.get("physical"), edge=False),
             )
-        clearance_map = self._clearance_map[1]
-        return ViewpointPlanner(clearance_map, self.view, drawing.with_target(clearance_map, unseen), others)
+        return ViewpointPlanner(self._clearance_map[1], self.view, drawing, others)
 
 
 class Dispatcher:
@@ -67,14 +64,12 @@ class Dispatcher:
     Attributes:
         maps: of each robot, with what its camera sees.
         sightings: of the interaction: what the spot is known by.
-        unseen: floor that no stationary camera sees; None: not known.
         notice: what to tell people now.
     """
 
     def __init__(self, radii: Mapping[str, float]) -> None:
         self.maps = {name: RobotMap(radius) for name, radius in radii.items()}
         self.sightings = Sightings(mobile_cameras=[name or "robot" for name in radii])
-        self.unseen: Optional[UnseenFloor] = None
         self.notice: Optional[Notice] = None
         self._fleet = Fleet(self.maps)
         self._unserved_since = math.inf  # [s] since when no camera sees the spot and no robot comes
@@ -95,16 +90,8 @@ class Dispatcher:
             points: (N, 2) [m] the spots themselves.
             cameras: names of those that contributed.
         """
-        ordered = len(chain) >= 2
-        self._drawn = (
-            interaction,
-            DrawingState(
-                points[-1] if len(points) else None,
-                chain if ordered else points,
-                closed=ordered and closed,
-                ordered=ordered,
-            ),
-        )
+        chain = chain if len(chain) >= 2 else NO_POINTS
+        self._drawn = interaction, DrawingState(points[-1] if len(points) else None, chain, closed=closed)
         # also before any robot is wanted: that cameras contributed may be why one is
         self.sightings.add_contributors(interaction, cameras)
 
@@ -118,23 +105,13 @@ class Dispatcher:
             time_since_seen = 2.0 * LOST_TIMEOUT  # started again in the middle of a drawing
         seeing = {}
         for name, status in robots.items():
-            others = [place for other, its in robots.items() if other != name for place in its.places()]
-            planner = (
-                self.maps[name].make_planner(drawing, status, self.unseen, others) if drawing is not None else None
-            )
+            others = [its.pose[:2] for other, its in robots.items() if other != name and its.pose is not None]
+            planner = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
             seeing[name] = (status, planner)
         goals = self._fleet.step(DispatchInputs(now, wanted, known.key, time_since_seen), seeing)
-        self.notice, before, self._unserved_since = None, self._unserved_since, math.inf
-        if drawing is not None and known.state == BORDER:
-            able = any(status.server and planner is not None for status, planner in seeing.values())
-            newest = known.newest()
-            lost = newest is None or now - newest.stamp > LOST_TIMEOUT
-            if lost and not (able and self._comes()):
-                self._unserved_since = min(before, now)
-                lasts = now - self._unserved_since >= UNSERVED_TIME
-                self.notice = Notice("spot_not_seen_no_robot", Severity.WARNING) if lasts else None
-            else:
-                self.notice = self._notice(lost, drawing)
+        newest = known.newest()
+        lost = drawing is not None and known.state == BORDER and (newest is None or now - newest.stamp > LOST_TIMEOUT)
+        self._tell(now, lost)
         return goals
 
     def _drawing(self, now: float) -> Optional[DrawingState]:
@@ -151,22 +128,16 @@ class Dispatcher:
             velocity=known.velocity(),
             seeding=known.state == SEED,
             seen_by_stationary=known.seen_by_stationary(now),
-            searched_length=self._fleet.searched_length,
         )
 
-    def _comes(self) -> bool:
-        """Returns whether a robot has a place to look from."""
-        return self._fleet.serving is not None and self._fleet.records[self._fleet.serving].goal is not None
-
-    def _notice(self, lost: bool, drawing: DrawingState) -> Optional[Notice]:
-        """Chooses the notice for people: that no camera sees the spot, or will soon lose it, and that a robot comes."""
-        serving = self._fleet.serving
-        ahead = drawing.seen_by_stationary and self.unseen is not None and self.unseen.nearest(drawing.spot) is not None
-        if not (self._comes() and (lost or ahead)):
-            return None
-        return Notice(
-            "spot_not_seen_robot_looks" if lost else "floor_ahead_not_seen",
-            Severity.INFO,
-            robot=serving or "",
-            values={"who": sentences.robot_value(serving or "")},
-        )
+    def _tell(self, now: float, lost: bool) -> None:
+        """Chooses what people are told while no camera sees the spot: whether a robot comes."""
+        comes = self._fleet.goal is not None
+        self._unserved_since = min(self._unserved_since, now) if lost and not comes else math.inf
+        self.notice = None
+        if lost and comes:
+            who = self._fleet.serving or ""
+            values = {"who": sentences.robot_value(who)}
+            self.notice = Notice("spot_not_seen_robot_looks", Severity.INFO, robot=who, values=values)
+        elif now - self._unserved_since >= UNSERVED_TIME:
+            self.notice = Notice("spot_not_seen_no_robot", Severity.WARNING)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import functools
-from collections import deque
-from typing import Callable, Deque, List, Optional, Tuple
+from typing import Callable, List, Optional
 
 import actionlib
 import rospy
 from actionlib import CommState
-from actionlib_msgs.msg import GoalID, GoalStatus
-from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseGoal
+from actionlib_msgs.msg import GoalStatus
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.names import MAP_FRAME
 from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
-from vb_core.ros.messages import message_from_pose2d, pose2d_from_message
+from vb_core.ros.messages import message_from_pose2d
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatching.dispatch_policy import RobotStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import Viewpoint
@@ -47,17 +45,12 @@ class RobotClient:
     """
 
     def __init__(
-        self,
-        name: str,
-        profile: RobotProfile,
-        transforms: TransformLookup,
-        take_view: Callable[[FloorView], None],
-        sent: Callable[[Pose], None],
+        self, name: str, profile: RobotProfile, transforms: TransformLookup, take_view: Callable[[FloorView], None]
     ) -> None:
         prefix = f"{name}/" if name else ""
         self.name = name
         self._who = f"robot {name}" if name else "the robot"
-        self._base_frame, self._transforms, self._sent = prefix + profile.frames.base, transforms, sent
+        self._base_frame, self._transforms = prefix + profile.frames.base, transforms
         self._camera = FloorViewListener(
             prefix + profile.camera.info, self._base_frame, profile.camera.max_range, transforms, take_view
         )
@@ -66,14 +59,6 @@ class RobotClient:
         self._handle: Optional[actionlib.ClientGoalHandle] = None
         self._status_seen: Optional[object] = None
         self._heard = rospy.Time(0)
-        self._known: Deque[str] = deque(maxlen=100)  # ids of goals that are this node's own
-        self._newest_goal: Optional[MoveBaseActionGoal] = None
-        self._goals = rospy.Subscriber(
-            f"{prefix}move_base/goal",
-            MoveBaseActionGoal,
-            functools.partial(setattr, self, "_newest_goal"),
-            queue_size=5,
-        )
 
     def set_goal(self, goal: Optional[Viewpoint]) -> None:
         """Sends it to a new goal, which replaces the one before; without one the last is cancelled if it still runs."""
@@ -85,8 +70,6 @@ class RobotClient:
             message.target_pose.header.frame_id, message.target_pose.header.stamp = MAP_FRAME, rospy.Time.now()
             message.target_pose.pose = message_from_pose2d(*goal.pose)
             self._handle = self._client.send_goal(message)
-            self._known.append(self._handle.comm_state_machine.action_goal.goal_id.id)
-            self._sent(goal.pose)
             rospy.loginfo("%s: %s is sent to x %.2f m, y %.2f m, yaw %.2f rad", rospy.get_name(), self._who, *goal.pose)
         elif self._handle is not None and self._goal_status() in (SentGoalState.SENT, SentGoalState.ACTIVE):
             self._handle.cancel()
@@ -96,13 +79,9 @@ class RobotClient:
     # ------------------------------------------------------------- how it is
     def status(self, wanted: bool) -> RobotStatus:
         """Returns how the robot is now; its pose only if a robot is wanted. To be called regularly."""
-        running, server = self._running(), self._alive()
-        if server:
-            self._cancel_leftovers(running)
-        busy = any(goal not in self._known for goal in running)
-        return RobotStatus(
-            self._pose() if wanted else None, server, self._goal_status(), busy, self._goal_place(running)
-        )
+        own = f"{rospy.get_name()}-"  # as actionlib begins the ids of a node's goals
+        busy = any(not goal.startswith(own) for goal in self._running())
+        return RobotStatus(self._pose() if wanted else None, self._alive(), self._goal_status(), busy)
 
     def _pose(self) -> Optional[Pose]:
         """Looks up the robot's pose; None if it is not localised."""
@@ -128,24 +107,6 @@ class RobotClient:
         return [
             entry.goal_id.id for entry in (status.status_list if status is not None else []) if entry.status in RUNNING
         ]
-
-    def _cancel_leftovers(self, running: List[str]) -> None:
-        """Cancels goals that an earlier process of this node sent before it died, until they have ended."""
-        for goal in running:
-            if goal not in self._known and goal.startswith(f"{rospy.get_name()}-"):
-                # said again each time: while publishers are being connected a message may be lost
-                self._client.pub_cancel.publish(GoalID(id=goal))
-                rospy.logwarn_throttle(
-                    5.0, f"{rospy.get_name()}: cancels a goal that {self._who} has from before a restart"
-                )
-
-    def _goal_place(self, running: List[str]) -> Optional[Tuple[float, float]]:
-        """Returns where it drives to, (x, y) [m], map frame, no matter who gave the goal; None if nowhere that is known."""
-        goal = self._newest_goal
-        if goal is None or goal.goal_id.id not in running:
-            return None
-        target = goal.goal.target_pose
-        return pose2d_from_message(target.pose)[:2] if target.header.frame_id.lstrip("/") == MAP_FRAME else None
 
     def _goal_status(self) -> SentGoalState:
         """Returns the state of the goal that was sent last."""

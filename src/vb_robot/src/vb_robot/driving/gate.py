@@ -33,6 +33,7 @@ import threading
 from collections import deque
 from typing import Deque, Dict, Optional, Tuple
 
+from vb_core.grid_map import GridMap
 from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.safety import (
@@ -40,7 +41,7 @@ from vb_robot.driving.safety import (
     Clearance,
     Fix,
     Scan,
-    SpeedLimits,
+    limit_around,
     pose_jump,
     safe_speed,
     stop_distance,
@@ -73,7 +74,7 @@ class Gate:
 
     Attributes:
         workspace: the maps; None before there are any.
-        speed_limits: where there are slow zones.
+        speed_limits: the map of them, where there are slow zones.
         contacts: by topic and sensor what its contact forbids, "forward" or "all".
         pose_uncertain: whether the localisation itself says that it may be anywhere.
         registered: other nodes that could command this robot's base now.
@@ -84,7 +85,7 @@ class Gate:
     def __init__(self, profile: RobotProfile) -> None:
         self.profile = profile
         self.workspace: Optional[Workspace] = None
-        self.speed_limits: Optional[SpeedLimits] = None
+        self.speed_limits: Optional[GridMap] = None
         self.contacts: Dict[Tuple[str, int], str] = {}
         self.pose_uncertain = False
         self.registered: Tuple[str, ...] = ()
@@ -251,7 +252,7 @@ class Gate:
                 found.append((0.0, "inside_border"))
             found.append((safe_speed(workspace.free_distance(pose, v, w, clearance.cells), limits), "border"))
         if pose is not None and self.speed_limits is not None:
-            found.append((self.speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))
+            found.append((limit_around(self.speed_limits, pose[:2], stop_distance(v, limits)), "speed_zone"))
         return min(found, key=lambda entry: entry[0])
 
     def _age(self, now: float, what: str) -> float:

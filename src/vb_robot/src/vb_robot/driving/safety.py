@@ -13,7 +13,6 @@ from typing import Optional
 import numpy as np
 
 from vb_core import geometry
-from vb_core.grid_layers import sample
 from vb_core.grid_map import GridMap
 from vb_core.poses import Pose, to_base, to_map
 from vb_core.robot_profile import Limits
@@ -127,18 +126,19 @@ class Scan:
         return self.covers(bearing, math.atan2(radius, radius + HORIZON))
 
 
-class SpeedLimits:
-    """The highest speed by place, from the map that map_integrator publishes [cm/s]; 0 is no limit."""
+def limit_around(limits: GridMap, place, reach: float) -> float:
+    """Returns the lowest speed limit [m/s] within `reach` [m] of a place (2,) [m]; inf if there is none.
 
-    def __init__(self, grid: GridMap) -> None:
-        self._grid = grid
-
-    def at(self, pose: Pose, v: float, w: float, ahead: float) -> float:
-        """Returns the lowest limit [m/s] where the robot is and on the next `ahead` [m] of its arc; inf without one."""
-        lengths = math.copysign(1.0, v) * np.linspace(0.0, ahead, 8)
-        values = sample(self._grid, self._grid.data, arc(pose, lengths, w / v))
-        values = values[values > 0]
-        return float(values.min()) / 100.0 if len(values) else math.inf
+    Args:
+        limits: the map that map_integrator publishes [cm/s]; 0 is no limit.
+    """
+    row, column = limits.world_to_cell(place)[0]
+    half = int(math.ceil(reach / limits.resolution))
+    top, left = max(row - half, 0), max(column - half, 0)
+    part = limits.data[top : max(row + half + 1, 0), left : max(column + half + 1, 0)]
+    rows, columns = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
+    near = part[((rows - row) ** 2 + (columns - column) ** 2 <= half**2) & (part > 0)]
+    return float(near.min()) / 100.0 if near.size else math.inf
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,15 @@ the goal has no room, or no free floor joins it to the robot; and the map withou
 
 from __future__ import annotations
 
-from typing import List, Optional, Sequence, Tuple
+from typing import Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from vb_core.grid_layers import clearance_grid, nearest_cell
 from vb_core.grid_map import GridMap
 from vb_robot.clearance_map import START_TOLERANCE
+from vb_robot.grid_ways import GridWays
 from vb_robot.driving.workspace import LETHAL_THRESHOLD, BorderContact, KnownBorder, Workspace
 
 SEARCH_CELLS = 200  # along the map's longer side: the way is only searched for the border's name
@@ -87,8 +86,10 @@ class GoalReview:
         step = int(np.ceil(max(self.workspace.borders.shape) / SEARCH_CELLS))
         allowed, passable = (_any_of(self._rooms[which] > 0, step) for which in ("borders", "physical"))
         passable |= allowed
-        ends = [tuple(cell) for cell in self.workspace.borders.world_to_cell(np.array([start, goal])) // step]
-        for row, column in cheapest_way(np.where(allowed, 1.0, 1e3), passable, *ends):
+        ends = self.workspace.borders.world_to_cell(np.array([start, goal])) // step
+        passable[tuple(ends.T)] = True  # between two blocks that have room
+        cost = np.where(passable, np.where(allowed, 1.0, 1e3), np.inf)
+        for row, column in GridWays(cost, ends[:1], np.zeros(1)).way_to(ends[1]):
             if not allowed[row, column]:
                 middle = (np.array([row, column]) + 0.5) * step - 0.5
                 return self.workspace.name_at(self.workspace.borders.cell_to_world(middle[None])[0])
@@ -101,27 +102,3 @@ def _any_of(cells: np.ndarray, step: int) -> np.ndarray:
     padded = np.zeros((rows * step, columns * step), bool)
     padded[: cells.shape[0], : cells.shape[1]] = cells
     return padded.reshape(rows, step, columns, step).any(axis=(1, 3))
-
-
-def cheapest_way(cost: np.ndarray, passable: np.ndarray, start, goal) -> List[Tuple[int, int]]:
-    """Finds the cheapest way through cells (H, W) from start to goal (row, column), by what entering each cell costs.
-
-    Returns its cells in driving order; [] if there is none.
-    """
-    index = np.arange(cost.size).reshape(cost.shape)
-    passable = passable.copy()
-    passable[start] = passable[goal] = True  # between two blocks that have room
-    edges = []
-    for here, there in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
-        both = passable[here] & passable[there]
-        a, b = index[here][both], index[there][both]
-        edges += [(a, b, cost.ravel()[b]), (b, a, cost.ravel()[a])]
-    begin, end, length = (np.concatenate(column) for column in zip(*edges))
-    graph = csr_matrix((length, (begin, end)), shape=(cost.size, cost.size))
-    before = dijkstra(graph, indices=index[start], return_predecessors=True)[1]
-    node, way = int(index[goal]), []
-    while node >= 0:
-        way.append(node)
-        node = int(before[node])
-    found = [(int(row), int(column)) for row, column in np.column_stack(np.unravel_index(way[::-1], cost.shape))]
-    return found if found[0] == tuple(start) else []

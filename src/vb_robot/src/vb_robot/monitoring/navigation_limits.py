@@ -10,33 +10,14 @@ from __future__ import annotations
 import math
 from typing import Dict, Mapping, Optional
 
-import numpy as np
 import rospy
 from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import Reconfigure, ReconfigureRequest
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import GridMap
 from vb_core.ros import node, services
 
 TIMEOUT = 2.0  # [s] a planner that has not answered by then does not obey
-
-
-def limit_around(limits: Optional[GridMap], place, reach: float) -> float:
-    """Returns the lowest speed limit [m/s] within `reach` [m] of a place (2,) [m]; inf without one.
-
-    Args:
-        limits: the map that map_integrator publishes [cm/s]; 0 is no limit.
-    """
-    if limits is None:
-        return math.inf
-    row, column = limits.world_to_cell(place)[0]
-    half = int(math.ceil(reach / limits.resolution))
-    top, left = max(row - half, 0), max(column - half, 0)
-    part = limits.data[top : max(row + half + 1, 0), left : max(column + half + 1, 0)]
-    rows, columns = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
-    near = part[((rows - row) ** 2 + (columns - column) ** 2 <= half**2) & (part > 0)]
-    return float(near.min()) / 100.0 if near.size else math.inf
 
 
 def limited(usual: Mapping[str, float], limit: float) -> Dict[str, float]:

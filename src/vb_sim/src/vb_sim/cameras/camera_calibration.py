@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_sim.room.camera_models import Optics, make_generator
+from vb_sim.models import Optics, make_generator
 from vb_sim.room.world import CeilingCamera
 
 _RIM = 0.85  # share of the distance from the centre of the view to its rim: where a person marks places
@@ -22,7 +22,7 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
 
     Position and angles come out wrong by centimetres and tenths of a degree that belong together: the camera puts the
     floor where the person said it is, so that its points are right to less than what one place is measured to.
-    bench/detection/calibration.py compares with what calibrate_camera finds.
+    docs/results/detection/calibration.md compares with what calibrate_camera finds.
     """
     rng = make_generator(seed, f"calibration of {camera.name}")
     true = camera.pose()

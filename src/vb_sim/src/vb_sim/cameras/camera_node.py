@@ -1,38 +1,100 @@
-"""The shared part of the simulated cameras' nodes: they receive the lab's state, and render images when due."""
+"""The simulated cameras' nodes: they receive the lab's state, and render images when due."""
 
 from __future__ import annotations
 
 import threading
 import time
-from typing import Sequence
+from dataclasses import dataclass
+from typing import Any, Callable, List, Sequence
 
+import cv2
+import numpy as np
 import rospy
+import tf2_ros
+from geometry_msgs.msg import TransformStamped
+from sensor_msgs.msg import CameraInfo, Image
 
 from vb_core import names
-from vb_core.ros import node
+from vb_core.camera_model import CameraModel
+from vb_core.ros import node, parameters
+from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.images import message_from_image
 from vb_msgs.msg import LabState
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
-from vb_sim.lab_history import History
+from vb_sim.cameras.view import View
+from vb_sim.lab_history import History, Snapshot
 from vb_sim.lab_messages import snapshot_from_message
 
 _REPORT_PERIOD = 60.0  # [s]
 
 
-class CameraNode:
-    """Calls `_publish` for each image that is due; `_start` begins.
+class ImageStream:
+    """One kind of images of a camera, rendered only while somebody listens.
 
     Args:
-        rates: [1/s] of its cameras.
+        topic: below which image_raw and camera_info are.
+        frame: of the images.
+        every: only so many of the camera's images are of this kind.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        frame: str,
+        camera: CameraModel,
+        encoding: str,
+        render: Callable[[Snapshot], np.ndarray],
+        every: int = 1,
+    ) -> None:
+        self._frame, self._encoding, self._render, self._every = frame, encoding, render, every
+        self._image = rospy.Publisher(f"{topic}/image_raw", Image, queue_size=2)
+        self._info = rospy.Publisher(f"{topic}/camera_info", CameraInfo, queue_size=2)
+        self._message = info_from_camera(camera, rospy.Time(), frame)
+
+    def publish_info(self, number: int, stamp: rospy.Time) -> None:
+        """Publishes the lens of a camera's image, counted from 0."""
+        if number % self._every == 0 and self._info.get_num_connections() > 0:
+            self._message.header.stamp = stamp
+            self._info.publish(self._message)
+
+    def publish_image(self, number: int, stamp: rospy.Time, snapshot: Snapshot) -> None:
+        """Publishes a camera's image, counted from 0."""
+        if number % self._every == 0 and self._image.get_num_connections() > 0:
+            self._image.publish(message_from_image(self._render(snapshot), self._encoding, stamp, self._frame))
+
+
+@dataclass
+class SimulatedCamera:
+    """A camera that takes images.
+
+    Attributes:
+        rate: [1/s]
+        taken: images so far.
+    """
+
+    name: str
+    rate: float
+    view: View
+    streams: List[ImageStream]
+    mount: TransformStamped
+    taken: int = 0
+
+
+class CameraNode:
+    """Takes the images of cameras when they are due. Its topics are in the modules of the nodes.
+
+    Args:
         latency_ms: [ms] from an image's stamp to its delivery.
     """
 
-    def __init__(self, rates: Sequence[float], latency_ms: float) -> None:
+    def __init__(self, cameras: Sequence[SimulatedCamera], latency_ms: float) -> None:
+        self._cameras = cameras
         self._history = History()
         self._running = True
-        self._schedule = FrameSchedule(rates, latency_ms * 1e-3)
+        self._schedule = FrameSchedule([camera.rate for camera in cameras], latency_ms * 1e-3)
         self._clock = SmoothClock(rospy.get_time, time.monotonic)
-
-    def _start(self) -> None:
+        self._broadcaster = tf2_ros.StaticTransformBroadcaster()
+        self._broadcaster.sendTransform([camera.mount for camera in cameras])
         rospy.Subscriber(names.LAB_STATE, LabState, self._on_state, queue_size=10, tcp_nodelay=True)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -41,12 +103,21 @@ class CameraNode:
         """Ends the thread."""
         self._running = False
 
-    def _publish(self, index: int, stamp_s: float) -> None:
-        """Renders and publishes one image: index of the camera, stamp [s]."""
-        raise NotImplementedError
-
     def _on_state(self, message: LabState) -> None:
         self._history.add(snapshot_from_message(message))
+
+    def _publish(self, camera: SimulatedCamera, stamp_s: float) -> None:
+        stamp, snapshot, number = rospy.Time.from_sec(stamp_s), self._history.at(stamp_s), camera.taken
+        camera.taken += 1
+        for stream in camera.streams:
+            stream.publish_info(number, stamp)
+        if self._is_wanted(camera, snapshot):
+            for stream in camera.streams:
+                stream.publish_image(number, stamp, snapshot)
+
+    def _is_wanted(self, _camera: SimulatedCamera, _snapshot: Snapshot) -> bool:
+        """Returns whether an image of this moment is sent."""
+        return True
 
     def _run(self) -> None:
         node.wait_for_clock()
@@ -55,7 +126,7 @@ class CameraNode:
             now = self._clock.now()
             try:
                 for index, stamp in self._schedule.due(now):
-                    self._publish(index, stamp)
+                    self._publish(self._cameras[index], stamp)
                 if self._schedule.skipped > skipped:
                     skipped = self._schedule.skipped
                     text = f"{rospy.get_name()}: {skipped} images left out so far: this computer is too slow"
@@ -65,3 +136,11 @@ class CameraNode:
                 return
             # simulated time may run slower than the wall's: look again at least every few milliseconds
             time.sleep(min(max(self._schedule.wait(self._clock.now()), 0.001), 0.02))
+
+
+def read_parameters(kind: Any) -> Any:
+    """Prepares a camera node's process, and reads its parameters, of which ~world must be set."""
+    cv2.setNumThreads(1)
+    node.disable_heap_trimming()
+    parameters.read_required("~world")
+    return parameters.read(kind)

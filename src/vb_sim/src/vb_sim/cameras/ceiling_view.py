@@ -8,19 +8,19 @@ a frame costs little, whatever its size.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import cv2
 import numpy as np
 
-from vb_core import masks
 from vb_sim.cameras import pixels
-from vb_sim.room import bodies, disturbances
-from vb_sim.room.floor_texture import FloorTexture
+from vb_sim.cameras.view import Body, View
 from vb_sim.lab_history import Snapshot
+from vb_sim.models import Models
+from vb_sim.room import bodies
+from vb_sim.room.floor_texture import FloorTexture
 from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
-from vb_sim.room.camera_models import CameraModels, make_generator
-from vb_sim.room.spot import SpotImage, add_spot, render_spot
+from vb_sim.room.spot import SpotImage
 from vb_sim.room.world import CeilingCamera
 
 # moving things are drawn with half the resolution; a Bayer pattern has no more colour anyway
@@ -61,7 +61,7 @@ def _draw_shadow(outline: np.ndarray, blur_px: float, shape: Tuple[int, int]) ->
     return lit
 
 
-class CeilingView:
+class CeilingView(View):
     """Renders one ceiling camera.
 
     Args:
@@ -70,36 +70,28 @@ class CeilingView:
         floor, mesh: the world as it is drawn.
         models: figures of optics and noise.
         seed: of the noise.
-        noise: False renders without noise.
     """
 
     def __init__(
-        self,
-        camera: CeilingCamera,
-        radii: Dict[str, float],
-        floor: FloorTexture,
-        mesh: Mesh,
-        models: CameraModels,
-        seed: int,
-        noise: bool = True,
+        self, camera: CeilingCamera, radii: Dict[str, float], floor: FloorTexture, mesh: Mesh, models: Models, seed: int
     ) -> None:
-        self.name = camera.name
-        self.encoding = camera.encoding
-        self.model = camera.model()
+        self._noise = models.camera_noise
+        well = self._noise.full_well_e
+        super().__init__(f"ceiling camera {camera.name}", camera.model(), camera.encoding, radii, models, seed, well)
         self.pose = camera.pose()
-        self._radii = radii
-        self._optics, self._noise = models.optics, models.noise
-        self._body, self._hand_height = models.body, models.hand_height
-        self._noisy = noise
-        self._rng = make_generator(seed, f"ceiling camera {camera.name}")
         background = self._draw_background(floor, mesh)
         self._images = self._noisy_images(background)
         size = (self.model.width // _HALF, self.model.height // _HALF)
-        self._albedo = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
+        self._background = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
         self._noise_tile = self._make_noise_tile()
-        self._chosen = 0
-        self._undo: List[Tuple[slice, slice, np.ndarray]] = []
+        self._chosen: Optional[int] = 0
+        self._undo: List[Tuple[np.ndarray, np.ndarray]] = []  # a part of an image, and what it was
         self._sprites: Dict[str, Tuple[Tuple, Optional[_Sprite]]] = {}
+        self._shown: List[_Sprite] = []
+
+    def camera_pose(self, _snapshot: Snapshot) -> np.ndarray:
+        """Returns T_map_optical, 4x4."""
+        return self.pose
 
     # ------------------------------------------------------------- static parts
     def _floor_coordinates(self, grid: RayGrid) -> Tuple[np.ndarray, np.ndarray]:
@@ -134,8 +126,6 @@ class CeilingView:
 
     def _noisy_images(self, background: np.ndarray) -> List[np.ndarray]:
         clean = np.ascontiguousarray(pixels.encode(background, self.encoding))
-        if not self._noisy:
-            return [clean.copy()]
         values = clean.astype(np.float32)
         values *= 1.0 + self._noise.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
         sigma = self._noise.sigma(values).astype(np.float32)
@@ -154,80 +144,45 @@ class CeilingView:
         return np.clip(noise + _NOISE_OFFSET + 0.5, 0, 255).astype(np.uint8)
 
     # ------------------------------------------------------------- moving parts
-    def restart(self, models: CameraModels) -> None:
+    def restart(self, models: Models) -> None:
         """Forgets what moved, for another person in the same room: only the body may differ from before."""
+        super().restart(models)
         self._clean()
         self._sprites.clear()
         self._chosen = 0
-        self._body, self._hand_height = models.body, models.hand_height
+
+    def draw_from(self, source: np.random.Generator) -> None:
+        """Sets another source of noise, for frames that do not depend on those before."""
+        super().draw_from(source)
+        self._chosen = None
 
     def _clean(self) -> None:
-        image = self._images[self._chosen]
-        for rows, columns, saved in reversed(self._undo):
-            image[rows, columns] = saved
+        for part, saved in reversed(self._undo):
+            part[...] = saved
         self._undo.clear()
 
-    def frame(self, snapshot: Snapshot, draw: Optional[np.random.Generator] = None) -> np.ndarray:
-        """Renders the image of a scene: (H, W) or (H, W, 3) uint8 in the camera's encoding.
-
-        It belongs to this object and is changed by the next call.
-
-        Args:
-            draw: the source of this frame's noise, for frames that do not depend on those before; None: the view's own.
-        """
+    def frame(self, snapshot: Snapshot) -> np.ndarray:
+        """Renders the image of a scene: (H, W) or (H, W, 3) uint8 in the camera's encoding; the next call changes it."""
         self._clean()
-        if draw is not None:
-            self._rng = draw
-            self._chosen = int(draw.integers(len(self._images)))
-        elif len(self._images) > 1:
+        count = len(self._images)
+        if self._chosen is None:
+            self._chosen = int(self._rng.integers(count))
+        else:
             # any but the last one, so that no frame repeats the one before
-            self._chosen = (self._chosen + int(self._rng.integers(1, len(self._images)))) % len(self._images)
+            self._chosen = (self._chosen + int(self._rng.integers(1, count))) % count
         image = self._images[self._chosen]
-        sprites = self._moving(snapshot)
-        for sprite in sprites:
+        sprites = [self._sprite(body) for body in self._bodies(snapshot)]
+        self._shown = [sprite for sprite in sprites if sprite is not None]
+        for sprite in self._shown:
             self._blend(image, sprite)
-        if snapshot.around.lit:
-            self._undo.append((slice(None), slice(None), image.copy()))
-            disturbances.relight(image, snapshot.around, self.model, self.pose)
-        if snapshot.laser is not None:
-            self._add_spot(image, snapshot, sprites)
-        for glint in snapshot.around.glints:
-            area = disturbances.glint_area(glint, self.model, self.pose)
-            if area is not None:
-                self._undo.append((*area[0], image[area[0]].copy()))
-                disturbances.add_glint(image, glint, area, self.encoding, snapshot.around.exposure)
+        self._add_light(image, snapshot)
         return image
 
-    def _moving(self, snapshot: Snapshot) -> List[_Sprite]:
-        sprites = []
-        for name, pose in snapshot.robots.items():
-            radius = self._radii.get(name, 0.18)
-            key = bodies.robot_key(pose)
-            sprites.append(
-                self._sprite(f"robot {name}", key, lambda: (bodies.robot_pieces(pose, radius), pose, radius))
-            )
-        person, laser = snapshot.person, snapshot.laser
-        if person is not None:
-            sprites.append(
-                self._sprite(
-                    "person",
-                    bodies.person_key(person, laser),
-                    lambda: (
-                        bodies.person_pieces(person, laser, self._hand_height, self._body),
-                        person,
-                        0.26 * self._body.breadth,
-                    ),
-                )
-            )
-        for index, other in enumerate(snapshot.around.bystanders):
-            sprites.append(self._sprite(f"bystander {index}", other.key(), lambda: (other.pieces(), other.pose, 0.26)))
-        return [sprite for sprite in sprites if sprite is not None]
-
-    def _sprite(self, name: str, key: Tuple, build) -> Optional[_Sprite]:
-        known = self._sprites.get(name)
-        if known is None or known[0] != key:
-            known = (key, self._draw_sprite(*build()))
-            self._sprites[name] = known
+    def _sprite(self, body: Body) -> Optional[_Sprite]:
+        known = self._sprites.get(body.name)
+        if known is None or known[0] != body.key:
+            known = (body.key, self._draw_sprite(body.build(), body.pose, body.radius))
+            self._sprites[body.name] = known
         return known[1]
 
     def _draw_sprite(self, pieces: bodies.BodyParts, pose, radius: float) -> Optional[_Sprite]:
@@ -253,11 +208,10 @@ class CeilingView:
         keep = cv2.multiply(lit, cv2.bitwise_not(opacity), scale=1.0 / 255.0)
         keep = cv2.resize(keep, (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_LINEAR)
         # a shadow alone keeps more
-        solid = masks.threshold_mask(keep, 127, cv2.CMP_LT)
+        solid = cv2.inRange(keep, 0, 126)
         pattern = pixels.encode_doubled(color, self.encoding)
-        if self._noisy:
-            darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))
-            cv2.copyTo(darker, solid, pattern)
+        darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))
+        cv2.copyTo(darker, solid, pattern)
         if pattern.ndim == 3:
             keep = cv2.merge([keep] * 3)
         return _Sprite(slice(2 * low[1], 2 * high[1]), slice(2 * low[0], 2 * high[0]), keep, pattern, solid, opacity)
@@ -283,7 +237,7 @@ class CeilingView:
             cv2.fillConvexPoly(color, outer[index][hull], dark[index], cv2.LINE_8, _SHIFT)
             cv2.fillConvexPoly(color, inner[index][hull], light[index], cv2.LINE_8, _SHIFT)
             cv2.fillConvexPoly(inverse, outer[index][hull], 1.0 / depth, cv2.LINE_8, _SHIFT)
-        opacity = masks.threshold_mask(inverse, 0.0, cv2.CMP_GT)
+        opacity = np.where(inverse > 0.0, np.uint8(255), np.uint8(0))
         # soft edges; both alike, since the colour is what is added to what shines through
         color, opacity = cv2.blur(color, (3, 3)), cv2.blur(opacity, (3, 3))
         hidden = cv2.compare(before, np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
@@ -306,52 +260,31 @@ class CeilingView:
         return outline if np.abs(outline).max() < limit else np.zeros((0, 2))
 
     def _blend(self, image: np.ndarray, sprite: _Sprite) -> None:
+        self._before_change(image, (sprite.rows, sprite.columns))
         part = image[sprite.rows, sprite.columns]
-        self._undo.append((sprite.rows, sprite.columns, part.copy()))
         mixed = cv2.multiply(part, sprite.keep, scale=1.0 / 255.0)
         cv2.add(mixed, sprite.color, dst=mixed)
-        if self._noisy:
-            top, left = (int(value) for value in self._rng.integers(0, 64, 2))
-            tile = self._noise_tile[top : top + part.shape[0], left : left + part.shape[1]]
-            cv2.add(mixed, tile, dst=mixed, mask=sprite.solid)
+        top, left = (int(value) for value in self._rng.integers(0, 64, 2))
+        tile = self._noise_tile[top : top + part.shape[0], left : left + part.shape[1]]
+        cv2.add(mixed, tile, dst=mixed, mask=sprite.solid)
         part[...] = mixed
 
-    # ------------------------------------------------------------- the laser
-    def spot(self, snapshot: Snapshot) -> Optional[SpotImage]:
-        """Renders the light of the laser's spot, as if nothing hid it; None if the camera does not look there."""
-        person = snapshot.person
-        source = bodies.hand_position(person, snapshot.laser, self._hand_height) if person is not None else None
-        return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.model, self.pose, self._optics)
+    def _before_change(self, image: np.ndarray, area: Tuple[slice, slice]) -> None:
+        self._undo.append((image[area], image[area].copy()))
 
-    def spot_visible(self, center: Tuple[float, float], sprites: Sequence[_Sprite]) -> float:
-        """Returns the share of the light that reaches the camera from a floor point seen at (u, v) [px]."""
-        column, row = int(round(center[0])), int(round(center[1]))
-        height, width = self._floor_free.shape
-        if not (0 <= column < width and 0 <= row < height):
-            return 0.0
-        around = self._floor_free[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
-        visible = float(around.mean()) if self._floor_free[row, column] else 0.0
-        for sprite in sprites:
+    # ------------------------------------------------------------- the laser
+    def _floor_is_free(self) -> np.ndarray:
+        return self._floor_free
+
+    def _visible(self, spot: SpotImage) -> float:
+        visible, (column, row) = super()._visible(spot), spot.pixel
+        for sprite in self._shown:
             if sprite.rows.start <= row < sprite.rows.stop and sprite.columns.start <= column < sprite.columns.stop:
                 cell = sprite.opacity[(row - sprite.rows.start) // _HALF, (column - sprite.columns.start) // _HALF]
                 visible *= 1.0 - float(cell) / 255.0
         return visible
 
-    def spot_share(self, snapshot: Snapshot) -> float:
-        """Returns the share of the laser's light on the floor that reaches the camera; 0 without a spot in the image."""
-        spot = self.spot(snapshot) if snapshot.laser is not None else None
-        return 0.0 if spot is None else self.spot_visible(spot.center, self._moving(snapshot))
-
-    def _add_spot(self, image: np.ndarray, snapshot: Snapshot, sprites: Sequence[_Sprite]) -> None:
-        spot = self.spot(snapshot)
-        if spot is None:
-            return
-        visible = self.spot_visible(spot.center, sprites)
-        if visible < 0.01:
-            return
-        column = min(max(int(spot.center[0]) // _HALF, 0), self._albedo.shape[1] - 1)
-        row = min(max(int(spot.center[1]) // _HALF, 0), self._albedo.shape[0] - 1)
-        albedo = self._albedo[row, column] / (255.0 * self._optics.exposure_gain)
-        weights = visible * snapshot.around.exposure * albedo * self._optics.response(snapshot.laser_color)
-        self._undo.append((*spot.area, image[spot.area].copy()))
-        add_spot(image, spot, weights, self.encoding, (self._noise.full_well_e, self._rng) if self._noisy else None)
+    def _albedo(self, spot: SpotImage) -> np.ndarray:
+        column = min(max(int(spot.center[0]) // _HALF, 0), self._background.shape[1] - 1)
+        row = min(max(int(spot.center[1]) // _HALF, 0), self._background.shape[0] - 1)
+        return self._background[row, column] / (255.0 * self._optics.exposure_gain)

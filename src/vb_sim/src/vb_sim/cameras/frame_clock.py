@@ -27,8 +27,6 @@ class SmoothClock:
         """Returns the time [s]; it stops when the simulated time does."""
         simulated, steady = self._simulated(), self._steady()
         if simulated != self._last:
-            if self._last is not None and simulated < self._last:
-                self._offsets.clear()
             self._last = simulated
             # a step is noticed late but never early: the largest difference is the best
             self._offsets.append(simulated - steady)
@@ -59,8 +57,7 @@ class FrameSchedule:
         for index, (period, phase) in enumerate(zip(self._periods, self._phases)):
             newest = int((now - self._latency_s - phase) / period + 1e-6)
             following = self._next[index]
-            if following is None or newest < following - 1 - BEHIND:
-                # the start, or time was set back
+            if following is None:
                 following = newest
             elif newest - following >= BEHIND:
                 self.skipped += newest - following

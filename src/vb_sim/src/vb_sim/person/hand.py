@@ -12,15 +12,14 @@ import json
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Callable, List, Optional, Tuple
 
 import numpy as np
 
-from vb_sim.person.participant_model import ParticipantModel
+from vb_sim.models import MODELS, ParticipantModel
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
-RESOURCE = Path(__file__).resolve().parents[3] / "config" / "strokes.json"
+RESOURCE = MODELS.with_name("strokes.json")
 SINES = 24  # that a tremor is made of
 BIN = 0.02  # [m] of arc over which the pace is given: a pause is within one
 MAX_SIDE_DEVIATION = 0.45  # [side] an overshoot or a gap leaves a separate side

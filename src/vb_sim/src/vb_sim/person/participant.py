@@ -19,7 +19,7 @@ from vb_core.grid_map import FREE, GridMap
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.person.hand import Stroke, Tremor, load_styles
 from vb_sim.person.walking import Walker
-from vb_sim.person.participant_model import ParticipantModel
+from vb_sim.models import ParticipantModel
 from vb_sim.room.world import Scenario, World
 
 Step = Generator[None, None, None]
@@ -455,13 +455,6 @@ class ParticipantScript:
                 # the display shows what would be restricted: looks at it, and means it
                 yield from self.person.react()
                 continue
-            if self.person.last_answer.code not in ("busy", "no_service", "no_response", "save_unanswered"):
+            if self.person.last_answer.code != "busy":
                 return
-            # the node that should answer is being restarted; perhaps the border was saved all the same
             yield from self.person.wait(1.5)
-            if (
-                self.person.last_answer.code in ("no_response", "save_unanswered")
-                and self.person.percept.state == DEFAULT
-            ):
-                self.person.last_answer = CommandReply(True, "ok", "the display says that nothing is under way")
-                return

@@ -6,11 +6,12 @@ import math
 from typing import Optional, Tuple
 
 import numpy as np
+from shapely.geometry import LineString, Point
 
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_sim.person.participant_model import ParticipantModel
+from vb_sim.models import ParticipantModel
 from vb_sim.robot.costmap import Costmap, CostmapParams
 from vb_sim.robot.planner import Planner
 
@@ -20,12 +21,7 @@ NEAREST_STAND = 0.8  # [m] from the spot: nearer, the person's body blocks the v
 
 def distance_to_chain(point: np.ndarray, chain: np.ndarray) -> float:
     """Measures the distance [m] from a point (2,) [m] to a chain (N, 2) [m]."""
-    if len(chain) == 1:
-        return float(np.linalg.norm(chain[0] - point))
-    a, b = chain[:-1], chain[1:]
-    along = b - a
-    share = np.clip(((point - a) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
-    return float(np.linalg.norm(a + share[:, None] * along - point, axis=1).min())
+    return Point(point).distance(LineString(chain) if len(chain) > 1 else Point(chain[0]))
 
 
 class Walker:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Optional
 
 import numpy as np
 
 from vb_core import geometry
-
-Pose = Tuple[float, float, float]
-
+from vb_core.poses import Pose, look_ahead
 
 ACCELERATION, DECELERATION = 0.6, 0.5  # [m/s^2] the latter towards the goal and obstacles
 MAX_TURN_RATE = 1.2  # [rad/s]
@@ -32,6 +30,7 @@ class Motion:
         arrived: the goal is reached.
         blocked: something blocks the path.
         off_path: [m] distance from the path.
+        path: (N, 2) [m] a new path, if there is one since the last step.
     """
 
     speed: float = 0.0
@@ -39,6 +38,7 @@ class Motion:
     arrived: bool = False
     blocked: bool = False
     off_path: float = 0.0
+    path: Optional[np.ndarray] = None
 
 
 class Follower:
@@ -53,7 +53,6 @@ class Follower:
         self._radius, self._max_speed = radius, max_speed
         self._max_turn_rate = min(max_turn_rate, MAX_TURN_RATE)
         self._path = np.zeros((0, 2))
-        self._arc = np.zeros(0)
         self._goal: Optional[Pose] = None
         self._turning = False
         self._at_goal = False
@@ -68,11 +67,6 @@ class Follower:
     def set_path(self, path: np.ndarray) -> None:
         """Sets the path (N, 2) [m], N >= 1, from about where the robot is to the goal."""
         self._path = np.asarray(path, dtype=float)
-        self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self._path, axis=0), axis=1))])
-
-    def remaining(self, pose: Pose) -> np.ndarray:
-        """Returns the rest (M, 2) [m] of the path."""
-        return self._path[self._nearest(pose) :] if len(self._path) else self._path
 
     def halt(self) -> None:
         """Records that another node stopped the robot."""
@@ -95,16 +89,12 @@ class Follower:
         self._at_goal = to_end < (3.0 if self._at_goal else 1.0) * GOAL_DISTANCE
         if self._at_goal:
             return self._turn_at_goal(pose)
-        nearest = self._nearest(pose)
-        off_path = float(np.linalg.norm(self._path[nearest] - pose[:2]))
-        ahead = int(np.searchsorted(self._arc, self._arc[nearest] + _LOOKAHEAD))
-        target = self._path[min(ahead, len(self._path) - 1)]
+        target, off_path, remaining = look_ahead(self._path, pose[:2], _LOOKAHEAD)
         error = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
         self._turning = abs(error) > (_DRIVE_AGAIN_BELOW if self._turning else _TURN_ON_SPOT_ABOVE)
         if self._turning:
             self._speed = 0.0
             return Motion(0.0, self._turn(error), off_path=off_path)
-        remaining = float(self._arc[-1] - self._arc[nearest])
         distance = max(math.hypot(target[0] - pose[0], target[1] - pose[1]), 1e-3)
         curvature = 2.0 * math.sin(error) / distance
         speed = min(
@@ -114,8 +104,7 @@ class Follower:
             speed = min(speed, self._max_turn_rate / abs(curvature))
         gap = self._gap(obstacles, curvature)
         safe = math.sqrt(2.0 * DECELERATION * gap) if gap > 0.0 else 0.0
-        blocked = safe < 0.02
-        if blocked:
+        if safe < 0.02:
             self._speed = 0.0
             # turning on the spot is safe for a round robot, and may free the path
             return Motion(0.0, self._turn(error) if abs(error) > 0.1 else 0.0, blocked=True, off_path=off_path)
@@ -134,9 +123,6 @@ class Follower:
         rate = max(min(_TURN_GAIN * error, self._max_turn_rate), -self._max_turn_rate)
         # below this a real base does not turn at all
         return math.copysign(max(abs(rate), 0.15), error)
-
-    def _nearest(self, pose: Pose) -> int:
-        return int(np.argmin(np.linalg.norm(self._path - np.array(pose[:2]), axis=1)))
 
     def _gap(self, obstacles: np.ndarray, curvature: float) -> float:
         """Returns the free distance [m] along the arc before the robot's body reaches the margin; inf if free."""

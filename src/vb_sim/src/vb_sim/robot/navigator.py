@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import threading
-from dataclasses import dataclass
-from typing import Optional, Tuple
+from dataclasses import replace
+from typing import Optional
 
 import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.poses import Pose, to_map
 from vb_core.robot_profile import RobotProfile
 from vb_sim.robot.costmap import Costmap, CostmapParams
-from vb_sim.robot.follower import Follower
+from vb_sim.robot.follower import Follower, Motion
 from vb_sim.robot.planner import Planner
-
-Pose = Tuple[float, float, float]
-
 
 # names and figures are move_base's where it has them
 _PLANNER_PERIOD = 1.0  # [s] after which the plan is renewed while driving; a new map renews it at once
@@ -27,22 +24,6 @@ _OBSTACLE_RANGE = 2.5  # [m] up to which the scan marks obstacles
 _MAP_TOLERANCE = 0.10  # [m] a scan point this near to a mapped obstacle is that obstacle: localisation is a few cm off
 
 
-@dataclass(frozen=True)
-class Drive:
-    """What to do now.
-
-    Attributes:
-        speed, turn_rate: [m/s, rad/s]
-        arrived: the goal is reached.
-        path: (N, 2) [m] a new path, if there is one since the last step.
-    """
-
-    speed: float = 0.0
-    turn_rate: float = 0.0
-    arrived: bool = False
-    path: Optional[np.ndarray] = None
-
-
 class Navigator:
     """Plans on the map with the virtual borders and follows the plan. Maps may come from another thread."""
 
@@ -50,9 +31,7 @@ class Navigator:
         radius, limits = profile.radius, profile.limits
         self._costmap_params = CostmapParams(radius, radius + 0.17)
         self._follower = Follower(radius, limits.max_speed, limits.max_turn_rate)
-        self._lock = threading.Lock()
         self._planner: Optional[Planner] = None  # on the static map
-        self._revision = 0
         self._goal: Pose = (0.0, 0.0, 0.0)
         self._forget()
 
@@ -60,32 +39,24 @@ class Navigator:
         self._planned_at: Optional[float] = None
         self._reached_at: Optional[float] = None  # when there was a plan last
         self._moved_at: Optional[float] = None
-        self._planned_revision = -1
+        self._planned_on: Optional[Planner] = None
         self._failed = False
 
     # ------------------------------------------------------------ maps
     def set_map(self, grid: GridMap) -> Costmap:
         """Sets the static map, and returns its costs."""
         costmap = Costmap(grid, self._costmap_params)
-        planner = Planner(costmap)
-        with self._lock:
-            self._planner = planner
-            self._revision += 1
+        self._planner = Planner(costmap)
         return costmap
 
-    def static(self) -> Tuple[Planner, int]:
-        """Returns the planner on the map alone, and a number that grows with every map; raises CodedError "no_map"."""
-        with self._lock:
-            if self._planner is None:
-                raise CodedError("no_map")
-            return self._planner, self._revision
+    def static(self) -> Planner:
+        """Returns the planner on the map alone; raises CodedError "no_map"."""
+        if self._planner is None:
+            raise CodedError("no_map")
+        return self._planner
 
-    def with_obstacles(self, static: Planner, pose: Pose, seen: np.ndarray) -> Planner:
-        """Makes the planner on map and scan; returns that on the map alone where the scan shows nothing new.
-
-        Args:
-            seen: (N, 2) [m] what the scanner sees, robot's frame.
-        """
+    def _with_obstacles(self, static: Planner, pose: Pose, seen: np.ndarray) -> Planner:
+        """Makes the planner on map and scan; returns that on the map alone where the scan shows nothing new."""
         fresh = self._unmapped(static, pose, seen)
         if not len(fresh):
             return static
@@ -100,8 +71,7 @@ class Navigator:
         if not len(seen):
             return seen
         seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < _OBSTACLE_RANGE]
-        c, s = np.cos(pose[2]), np.sin(pose[2])
-        points = seen @ np.array([[c, s], [-s, c]]) + pose[:2]
+        points = to_map(seen, pose)
         grid = static.costmap.grid
         cells = grid.world_to_cell(points)
         inside = grid.contains_cells(cells)
@@ -120,7 +90,7 @@ class Navigator:
         """Records that another node stopped the robot."""
         self._follower.halt()
 
-    def step(self, now: float, pose: Pose, obstacles: np.ndarray, dt: float) -> Drive:
+    def step(self, now: float, pose: Pose, obstacles: np.ndarray, dt: float) -> Motion:
         """Decides how to drive now.
 
         Args:
@@ -132,32 +102,31 @@ class Navigator:
         Raises:
             CodedError: why the goal cannot be reached.
         """
-        static, newest = self.static()
-        path = None
+        static, path = self.static(), None
         due = self._planned_at is None or not 0.0 <= now - self._planned_at < _PLANNER_PERIOD
-        if due or newest != self._planned_revision:
-            self._planned_at, self._planned_revision = now, newest
+        if due or static is not self._planned_on:
+            self._planned_at, self._planned_on = now, static
             path = self._replan(static, pose, obstacles, now)
         if self._failed:
             # do not drive on along a path that the map no longer allows
             self._follower.halt()
-            return Drive()
+            return Motion()
         motion = self._follower.step(pose, obstacles, dt)
         if motion.arrived:
-            return Drive(arrived=True, path=path)
+            return replace(motion, path=path)
         self._moved_at = now if self._moved_at is None or not motion.blocked else self._moved_at
         if now - self._moved_at >= _CONTROLLER_PATIENCE:
             raise CodedError("blocked", "something has been standing in the way for too long")
         if motion.off_path > _REPLAN_DISTANCE:
             self._planned_at = None
-        return Drive(motion.speed, motion.turn_rate, path=path)
+        return replace(motion, path=path)
 
     def _replan(self, static: Planner, pose: Pose, obstacles: np.ndarray, now: float) -> Optional[np.ndarray]:
         """Sets the follower's new path; raises CodedError if there has been none for too long."""
         start, end = np.array(pose[:2]), np.array(self._goal[:2])
         try:
             try:
-                path = self.with_obstacles(static, pose, obstacles).plan(start, end)
+                path = self._with_obstacles(static, pose, obstacles).plan(start, end)
             except CodedError:
                 # a person at the goal or at the robot's side: plan by the map alone, the follower stops before them
                 path = static.plan(start, end)

@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from vb_core import geometry
 from vb_core.errors import CodedError
+from vb_core.grid_layers import nearest_cell
 from vb_sim.robot.costmap import LETHAL, Costmap
 
 NEUTRAL_COST = 50.0  # of a free cell, and how much a cell's cost adds to it: navfn's figures
@@ -83,9 +84,9 @@ class Planner:
         # move_base frees the robot's own cell only. A robot that touches the inscribed zone by an error of its
         # localisation gets out of it here; one whose middle is in an obstacle or border does not.
         if self.costmap.costs[cell] != LETHAL and len(self._cells):
-            near = self._nearest(start, _ESCAPE)
-            if near is not None and self._clear_of_obstacles(start, near[1]):
-                return near
+            near, place = nearest_cell(self.costmap.grid, self._ids >= 0, start, _ESCAPE)
+            if near is not None and self._clear_of_obstacles(start, place):
+                return int(self._ids[near]), place
         raise CodedError(
             "start_blocked", f"the start ({start[0]:.2f}, {start[1]:.2f}) is inside an obstacle or a border"
         )
@@ -95,27 +96,16 @@ class Planner:
         node = int(self._ids[cell])
         if node >= 0 and np.isfinite(costs[node]):
             return node, goal
-        near = self._nearest(goal, tolerance, np.isfinite(costs)) if tolerance > 0 else None
+        reachable = np.zeros(self._ids.shape, bool)
+        reachable[tuple(self._cells[np.isfinite(costs)].T)] = True
+        near, place = nearest_cell(self.costmap.grid, reachable, goal, tolerance)
         if near is not None:
-            return near
+            return int(self._ids[near]), place
         if node < 0:
             raise CodedError(
                 "goal_blocked", f"the goal ({goal[0]:.2f}, {goal[1]:.2f}) is in or too near an obstacle or a border"
             )
         raise CodedError("no_path", f"no way leads to ({goal[0]:.2f}, {goal[1]:.2f})")
-
-    def _nearest(
-        self, point: np.ndarray, limit: float, among: Optional[np.ndarray] = None
-    ) -> Optional[Tuple[int, np.ndarray]]:
-        """Returns the nearest traversable node within `limit` [m] and its place."""
-        center = self.costmap.grid.world_to_grid(point)[0][::-1]
-        distances = np.linalg.norm(self._cells - center, axis=1) * self.costmap.grid.resolution
-        if among is not None:
-            distances = np.where(among, distances, np.inf)
-        if not len(distances) or distances.min() > limit:
-            return None
-        node = int(np.argmin(distances))
-        return node, self.costmap.grid.cell_to_world(self._cells[node])[0]
 
     def _clear_of_obstacles(self, a: np.ndarray, b: np.ndarray) -> bool:
         points = np.linspace(a, b, 16)

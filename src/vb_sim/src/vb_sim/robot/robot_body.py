@@ -8,7 +8,7 @@ from typing import Callable, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_sim.robot.motion_models import LocalizationModel, RobotModel
+from vb_sim.models import Models
 
 Pose = Tuple[float, float, float]
 
@@ -42,15 +42,13 @@ class RobotBody:
         self,
         start: Pose,
         radius: float,
-        robot: RobotModel,
-        localization: LocalizationModel,
+        models: Models,
         clearance: Callable[[float, float], float],
         rng: np.random.Generator,
     ) -> None:
         self._start = start
         self._radius = radius
-        self._model = robot
-        self._localization = localization
+        self._model, self._localization = models.robot, models.localization
         self._clearance = clearance
         self._rng = rng
         self.pose: Pose = start
@@ -61,15 +59,13 @@ class RobotBody:
         self._command: Tuple[float, float] = (0.0, 0.0)
         self._command_time = -math.inf
         # encoders and wheel diameters are slightly off, always by the same amount
-        self._scale = 1.0 + robot.odometry_scale_sigma * rng.standard_normal(2)
+        self._scale = 1.0 + self._model.odometry_scale_sigma * rng.standard_normal(2)
         self._error = self._fresh_error()
 
     # ------------------------------------------------------------ commands
     def command(self, speed: float, turn_rate: float, now: float) -> None:
         """Sets a velocity command [m/s, rad/s] that holds until `command_timeout` after `now` [s]."""
-        if math.isfinite(speed) and math.isfinite(turn_rate):
-            self._command = (speed, turn_rate)
-            self._command_time = now
+        self._command, self._command_time = (speed, turn_rate), now
 
     def reset(self) -> None:
         """Puts the robot back to its start and localises it again, as an operator would."""
@@ -78,12 +74,6 @@ class RobotBody:
         self._command_time = -math.inf
         self._touching = False
         self._error = self._fresh_error()
-
-    def relocalize(self, pose: Pose) -> None:
-        """Makes the estimate the given pose; the robot itself stays where it is."""
-        self._error = np.array(
-            [pose[0] - self.pose[0], pose[1] - self.pose[1], geometry.wrap_angle(pose[2] - self.pose[2])]
-        )
 
     # ------------------------------------------------------------ motion
     def step(self, dt: float, now: float) -> None:

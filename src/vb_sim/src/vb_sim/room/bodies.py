@@ -10,21 +10,13 @@ import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
-from vb_core.parameters import Parameters, param
+from vb_sim.models import BodyProportions
 
 _NEAR = 0.15  # [m] along the optical axis, from which on pieces are drawn
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 SHIRT, TROUSERS, SKIN, HAIR, SHOES = (78, 118, 112), (48, 54, 78), (206, 162, 134), (72, 54, 42), (38, 36, 38)
-
-
-@dataclass(frozen=True)
-class BodyProportions(Parameters):
-    """How tall and how broad a person is."""
-
-    height: float = param(1.75, "m", low=1.0, high=2.3)
-    breadth: float = param(1.0, "", low=0.5, high=2.0)
 
 
 AVERAGE = BodyProportions()

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from vb_sim.room.floor_plan import wall_outline
-from vb_sim.room.camera_models import make_generator
+from vb_sim.models import make_generator
 from vb_sim.room.world import Floor, FloorPatch, World
 
 

@@ -6,8 +6,7 @@ Colours are rgb. A depth buffer holds inverse depths along the optical axis [1/m
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -17,6 +16,7 @@ from vb_core.geometry import invert
 from vb_sim.room.floor_plan import wall_outline
 from vb_sim.room.world import Furniture, World
 
+Face = Tuple[Any, Sequence[float]]  # corners and colour
 _NEAR = 0.03
 # light from above and a little from the side, so that a box's sides differ
 _LIGHT = np.array([0.30, -0.45, 0.84])
@@ -26,77 +26,51 @@ _STRIP = 48  # [px] rows that are worked out at a time
 _SMALL = 20000  # [px] of a rectangle that is worked out at once
 
 
-class MeshBuilder:
-    """Collects faces."""
-
-    def __init__(self) -> None:
-        self._faces: List[np.ndarray] = []
-        self._colors: List[np.ndarray] = []
-        self._normals: List[np.ndarray] = []
-
-    def add_face(self, corners: np.ndarray, color: Sequence[float]) -> None:
-        """Adds a flat convex face, corners (K, 3) [m] counter-clockwise as seen from outside."""
-        corners = np.asarray(corners, dtype=float)
-        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-        length = float(np.linalg.norm(normal))
-        if length < 1e-12:
-            return
-        normal = normal / length
-        light = _AMBIENT + _DIRECT * max(0.0, float(normal @ _LIGHT))
-        self._faces.append(corners)
-        self._normals.append(normal)
-        self._colors.append(np.clip(np.array(color, dtype=float) * light, 0, 255))
-
-    def prism(
-        self,
-        outline: np.ndarray,
-        low: float,
-        high: float,
-        color: Sequence[float],
-        bands: Sequence[Tuple[float, float]] = (),
-    ) -> None:
-        """Adds an upright solid over a convex outline (N, 2), counter-clockwise, from height low to high [m].
-
-        Args:
-            bands: (upper height [m], brightness) of strips of its sides, from the bottom; the rest is plain.
-        """
-        outline = np.asarray(outline, dtype=float)
-        color = np.array(color, dtype=float)
-        strips = [(top, brightness) for top, brightness in bands if low < top < high] + [(high, 1.0)]
-        for a, b in zip(outline, np.roll(outline, -1, axis=0)):
-            bottom = low
-            for top, brightness in strips:
-                self.add_face([(*a, bottom), (*b, bottom), (*b, top), (*a, top)], color * brightness)
-                bottom = top
-        self.add_face(np.column_stack([outline, np.full(len(outline), high)]), color)
-        if low > 0:
-            self.add_face(np.column_stack([outline, np.full(len(outline), low)])[::-1], color * 0.7)
-
-    def build(self) -> "Mesh":
-        """Builds the mesh of all faces."""
-        return Mesh(self._faces, np.array(self._normals).reshape(-1, 3), np.array(self._colors).reshape(-1, 3))
-
-
-@dataclass(frozen=True)
 class Mesh:
-    """Flat convex faces in the map frame: corners (K, 3) [m] each, normals (N, 3), colours (N, 3)."""
+    """Flat convex faces in the map frame: normals (N, 3), colours (N, 3), and the corners (M, 3) [m] of all of them.
 
-    faces: List[np.ndarray]
-    normals: np.ndarray
-    colors: np.ndarray
+    Args:
+        faces: corners (K, 3) [m] counter-clockwise as seen from outside, and colour, of each.
+    """
 
-    def __post_init__(self) -> None:
-        counts = [len(face) for face in self.faces]
-        object.__setattr__(self, "_starts", np.concatenate([[0], np.cumsum(counts)]).astype(int))
-        object.__setattr__(self, "_corners", np.concatenate(self.faces) if self.faces else np.zeros((0, 3)))
+    def __init__(self, faces: Sequence[Face]) -> None:
+        corners = [np.asarray(face, dtype=float) for face, _ in faces]
+        normals = [np.cross(face[1] - face[0], face[2] - face[0]) for face in corners]
+        normals = [normal / float(np.linalg.norm(normal)) for normal in normals]
+        lit = [_AMBIENT + _DIRECT * max(0.0, float(normal @ _LIGHT)) for normal in normals]
+        colors = [np.clip(np.array(color, dtype=float) * light, 0, 255) for (_, color), light in zip(faces, lit)]
+        self.normals, self.colors = np.array(normals).reshape(-1, 3), np.array(colors).reshape(-1, 3)
+        self.corners = np.concatenate(corners) if corners else np.zeros((0, 3))
+        self.starts = np.concatenate([[0], np.cumsum([len(face) for face in corners])]).astype(int)
+
+
+def prism(
+    outline: np.ndarray, low: float, high: float, color: Sequence[float], bands: Sequence[Tuple[float, float]] = ()
+) -> List[Face]:
+    """Makes the faces of an upright solid over a convex outline (N, 2), counter-clockwise, from height low to high [m].
+
+    Args:
+        bands: (upper height [m], brightness) of strips of its sides, from the bottom; the rest is plain.
+    """
+    outline, color = np.asarray(outline, dtype=float), np.array(color, dtype=float)
+    strips = [(top, brightness) for top, brightness in bands if low < top < high] + [(high, 1.0)]
+    faces: List[Face] = []
+    for a, b in zip(outline, np.roll(outline, -1, axis=0)):
+        bottom = low
+        for top, brightness in strips:
+            faces.append(([(*a, bottom), (*b, bottom), (*b, top), (*a, top)], color * brightness))
+            bottom = top
+    faces.append((np.column_stack([outline, np.full(len(outline), high)]), color))
+    if low > 0:
+        faces.append((np.column_stack([outline, np.full(len(outline), low)])[::-1], color * 0.7))
+    return faces
 
 
 def world_mesh(world: World) -> Mesh:
     """Walls and furniture of a world."""
-    builder = MeshBuilder()
     width, height = world.room.size
     t, top = world.room.wall_thickness, world.room.wall_height
-    wall_color = (214, 209, 200)
+    faces: List[Face] = []
     for outline in (
         [(-t, -t), (width + t, -t), (width + t, 0), (-t, 0)],
         [(-t, height), (width + t, height), (width + t, height + t), (-t, height + t)],
@@ -104,24 +78,22 @@ def world_mesh(world: World) -> Mesh:
         [(width, 0), (width + t, 0), (width + t, height), (width, height)],
     ):
         # a skirting board
-        builder.prism(np.array(outline, dtype=float), 0.0, top, wall_color, [(0.07, 0.72), (0.08, 0.5)])
+        faces += prism(np.array(outline, dtype=float), 0.0, top, (214, 209, 200), [(0.07, 0.72), (0.08, 0.5)])
     for wall in world.walls:
-        builder.prism(wall_outline(wall), 0.0, wall.height, wall.color, [(0.04, 0.8)])
+        faces += prism(wall_outline(wall), 0.0, wall.height, wall.color, [(0.04, 0.8)])
     for thing in world.furniture:
-        _furniture(builder, thing)
-    return builder.build()
+        faces += _furniture(thing)
+    return Mesh(faces)
 
 
-def _furniture(builder: MeshBuilder, thing: Furniture) -> None:
+def _furniture(thing: Furniture) -> List[Face]:
     if thing.kind == "table":
         board = min(0.04, thing.height / 4)
-        for leg in thing.contact_outlines():
-            builder.prism(leg, 0.0, thing.height - board, np.array(thing.color) * 0.8)
-        builder.prism(thing.footprint(), thing.height - board, thing.height, thing.color)
-        return
+        legs = [prism(leg, 0.0, thing.height - board, np.array(thing.color) * 0.8) for leg in thing.contact_outlines()]
+        return sum(legs, []) + prism(thing.footprint(), thing.height - board, thing.height, thing.color)
     # darker towards the floor
     bands = [(share * thing.height, brightness) for share, brightness in ((0.06, 0.55), (0.3, 0.86), (0.65, 0.94))]
-    builder.prism(thing.footprint(), 0.0, thing.height, thing.color, [] if thing.kind == "cylinder" else bands)
+    return prism(thing.footprint(), 0.0, thing.height, thing.color, [] if thing.kind == "cylinder" else bands)
 
 
 class RayGrid:
@@ -200,12 +172,12 @@ class DepthBuffer:
 
     def draw_mesh(self, mesh: Mesh, T_map_optical: np.ndarray, gain: float = 1.0) -> None:
         """Draws the faces of a mesh that this camera sees, their colours times a gain."""
-        if not mesh.faces:
+        if not len(mesh.corners):
             return
         T = invert(T_map_optical)
-        corners = mesh._corners @ T[:3, :3].T + T[:3, 3]
+        corners = mesh.corners @ T[:3, :3].T + T[:3, 3]
         normals = mesh.normals @ T[:3, :3].T
-        starts = mesh._starts[:-1]
+        starts = mesh.starts[:-1]
         offsets = np.einsum("ij,ij->i", normals, corners[starts])
         x0, x1, y0, y1 = self.grid.limits
         x, y, z = corners.T
@@ -217,7 +189,7 @@ class DepthBuffer:
             nearest = np.minimum.reduceat(z, starts)
             chosen = chosen[np.argsort(nearest[chosen])][: 255 - self._count]
         for index in chosen:
-            face = corners[mesh._starts[index] : mesh._starts[index + 1]]
+            face = corners[mesh.starts[index] : mesh.starts[index + 1]]
             # without distortion what is beside the image is harmless: drawing clips it
             for side in np.nonzero(~inside[index])[0] if self.grid.distorted else [] if inside[index, 0] else [0]:
                 face = self._clip(face, int(side))

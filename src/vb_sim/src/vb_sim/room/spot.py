@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Optional, Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
 from vb_sim.cameras import pixels
-from vb_sim.room.camera_models import Optics
+from vb_sim.models import Optics
 
 _MAX_PX = 56
 
@@ -36,6 +36,11 @@ class SpotImage:
     row: int
     center: Tuple[float, float]
     light: np.ndarray
+
+    @property
+    def pixel(self) -> Tuple[int, int]:
+        """Column and row of the pixel at its middle."""
+        return int(round(self.center[0])), int(round(self.center[1]))
 
     @property
     def area(self) -> Tuple[slice, slice]:
@@ -89,19 +94,17 @@ def render_spot(
 
 
 def add_spot(
-    image: np.ndarray, spot: SpotImage, weights: np.ndarray, encoding: str, noise: Optional[Tuple[float, Any]]
+    image: np.ndarray, spot: SpotImage, weights: np.ndarray, encoding: str, full_well_e: float, rng: np.random.Generator
 ) -> None:
     """Adds a spot's light to an image in place.
 
     Args:
         weights: (3,) share of the light that arrives behind the red, green and blue filter.
-        noise: (full well [electrons], random generator) of the light's photon noise; None: without.
+        full_well_e: [electrons] at 255; with rng it makes the light's photon noise.
     """
     light = pixels.apply_color_filters(spot.light, weights, encoding, spot.column, spot.row)
-    if noise is not None:
-        full_well_e, rng = noise
-        sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / full_well_e))
-        light += sigma * rng.standard_normal(light.shape, dtype=np.float32)
+    sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / full_well_e))
+    light += sigma * rng.standard_normal(light.shape, dtype=np.float32)
     part = image[spot.area]
     part[...] = np.clip(part + light + 0.5, 0, 255)
 

@@ -19,7 +19,7 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
-from vb_sim.room.models import read_document
+from vb_sim.models import read_document
 
 P = TypeVar("P", bound=Parameters)
 Color = Tuple[int, int, int]
@@ -148,7 +148,7 @@ class CeilingCamera(Parameters):
     horizontal_fov: float = param(82.0, "deg", low=5.0, high=150.0)
     distortion: Tuple[float, ...] = param((-0.06, 0.01, 0.0, 0.0, 0.0), "")
     rate: float = param(25.0, "1/s", above=0.0, high=120.0)
-    encoding: str = param("bayer_rggb8", choices=("bayer_rggb8", "bgr8", "rgb8", "mono8"))
+    encoding: str = param("bayer_rggb8", choices=("bayer_rggb8", "bgr8", "mono8"))
 
     def model(self) -> CameraModel:
         """Returns the camera's intrinsic parameters."""
@@ -205,6 +205,20 @@ class DetourCheck(Parameters):
 
     start: Tuple[float, float, float] = param((0.0, 0.0, 0.0), "m, m, deg")
     goal: Tuple[float, float, float] = param((1.0, 0.0, 0.0), "m, m, deg")
+
+
+@dataclass(frozen=True)
+class _ScenarioEntry(Parameters):
+    """A scenario as the file has it."""
+
+    title: str = param("")
+    closed: bool = param(False)
+    border: list = param([])
+    seed: list = param([])
+    region: list = param([])
+    stand: list = param([])
+    guide: list = param([])
+    proof: dict = param({})
 
 
 @dataclass(frozen=True)
@@ -283,28 +297,19 @@ def _rectangle(x: float, y: float, size: Tuple[float, float], yaw_deg: float) ->
 
 
 def load_world(path: str) -> World:
-    """Reads a world file.
+    """Reads a world file; with the key `like`, it extends another one beside it.
 
     Raises:
         CodedError: "no_world" if there is no such file, "bad_world" if it is not YAML.
         ParameterError: names the key that is wrong.
     """
-    return world_from_mapping(_document(Path(path)), Path(path).stem)
-
-
-def _document(file: Path, depth: int = 0) -> Any:
-    """Reads a world file's contents; with the key `like`, they extend another file beside it."""
+    file = Path(path)
     document = read_document(file, "world")
-    if not isinstance(document, Mapping) or "like" not in document:
-        return document
-    if depth > 8 or not isinstance(document["like"], str):
-        raise ParameterError(
-            "like", f"'{file}': expected the name of another world file that does not refer back to this one"
-        )
-    base = _document(file.parent / document["like"], depth + 1)
-    if not isinstance(base, Mapping):
-        return base
-    return {**base, **{key: value for key, value in document.items() if key != "like"}}
+    if isinstance(document, Mapping) and "like" in document:
+        own = dict(document)
+        base = read_document(file.parent / str(own.pop("like")), "world")
+        document = {**base, **own} if isinstance(base, Mapping) else base
+    return world_from_mapping(document, file.stem)
 
 
 def world_from_mapping(document: Any, default_name: str = "world") -> World:
@@ -335,15 +340,14 @@ def world_from_mapping(document: Any, default_name: str = "world") -> World:
         for name in names:
             if names.count(name) > 1:
                 raise ParameterError(key, f"the name '{name}' is used twice")
-    room = Room.from_mapping(document.get("room"), "room")
     scenarios = document.get("scenarios") or {}
     if not isinstance(scenarios, Mapping):
         raise ParameterError("scenarios", "expected names of scenarios and their keys")
     return World(
         name=str(document.get("name", default_name)),
-        room=room,
+        room=Room.from_mapping(document.get("room"), "room"),
         floor=Floor.from_mapping(document.get("floor"), "floor"),
-        scenarios={str(key): _scenario(str(key), value, room) for key, value in scenarios.items()},
+        scenarios={str(key): _scenario(str(key), value) for key, value in scenarios.items()},
         **parts,
     )
 
@@ -362,46 +366,31 @@ def _items(cls: Type[P], entries: Any, where: str) -> Tuple[P, ...]:
     return tuple(items)
 
 
-def _points(value: Any, where: str, room: Room, least: int = 1) -> np.ndarray:
+def _points(value: Any, where: str, least: int = 1) -> np.ndarray:
     try:
-        points = np.array(value, dtype=float)
+        points = np.array(value, dtype=float).reshape(-1, 2)
     except (TypeError, ValueError):
-        raise ParameterError(where, f"expected points [x, y], got {value!r}") from None
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < least or not np.isfinite(points).all():
+        points = np.zeros((0, 2))
+    if len(points) < least or not np.isfinite(points).all():
         raise ParameterError(where, f"expected at least {least} point(s) [x, y], got {value!r}")
-    low, high = -room.margin, np.array(room.size) + room.margin
-    if (points < low).any() or (points > high).any():
-        raise ParameterError(where, f"a point lies outside the room of {room.size[0]} m x {room.size[1]} m")
     return points
 
 
-def _scenario(key: str, entry: Any, room: Room) -> Scenario:
+def _scenario(key: str, entry: Any) -> Scenario:
     where = f"scenarios/{key}"
-    if not isinstance(entry, Mapping):
-        raise ParameterError(where, f"expected keys and values, got {entry!r}")
-    known = ("title", "closed", "border", "seed", "region", "stand", "guide", "proof")
-    for name in entry:
-        if name not in known:
-            raise ParameterError(f"{where}/{name}", f"unknown key of a scenario; known are {', '.join(known)}")
-    for name in ("closed", "border", "seed", "region", "stand", "proof"):
-        if name not in entry:
-            raise ParameterError(f"{where}/{name}", "this key must be set")
-    if not isinstance(entry["closed"], bool):
-        raise ParameterError(f"{where}/closed", f"expected true or false, got {entry['closed']!r}")
-    region = _points(entry["region"], f"{where}/region", room, 3)
+    given = _ScenarioEntry.from_mapping(entry, where)
+    border = _points(given.border, f"{where}/border", 2)
+    region = _points(given.region, f"{where}/region", 3)
     if not Polygon(region).is_valid:
         raise ParameterError(f"{where}/region", "the outline crosses itself")
-    proof = DetourCheck.from_mapping(entry["proof"], f"{where}/proof")
-    for name in ("start", "goal"):
-        _points([getattr(proof, name)[:2]], f"{where}/proof/{name}", room)
     return Scenario(
-        key=key,
-        title=str(entry.get("title", key)),
-        border=_points(entry["border"], f"{where}/border", room, 2),
-        closed=entry["closed"],
-        seed=_points([entry["seed"]], f"{where}/seed", room)[0],
-        region=region,
-        stand=_points([entry["stand"]], f"{where}/stand", room)[0],
-        guide=_points(entry["guide"], f"{where}/guide", room) if entry.get("guide") else np.zeros((0, 2)),
-        proof=proof,
+        key,
+        given.title or key,
+        border,
+        given.closed,
+        _points(given.seed, f"{where}/seed")[0],
+        region,
+        _points(given.stand, f"{where}/stand")[0],
+        _points(given.guide, f"{where}/guide", 0),
+        DetourCheck.from_mapping(given.proof, f"{where}/proof"),
     )

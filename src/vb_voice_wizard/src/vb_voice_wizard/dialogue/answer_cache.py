@@ -6,7 +6,7 @@ import collections
 import threading
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
-from typing import Any, Callable, Dict, List, Sequence
+from typing import Callable
 
 from vb_voice_wizard.session import Answer
 
@@ -18,15 +18,12 @@ class AnswerCache:
 
     Args:
         timeout: [s] how long a repeated command waits for the answer to the first one.
-        remembered: from `to_list`, of a node that was restarted.
     """
 
-    def __init__(self, timeout: float, remembered: Sequence[Sequence[Any]] = ()) -> None:
+    def __init__(self, timeout: float) -> None:
         self._timeout = timeout
         self._lock = threading.Lock()
         self._answers: "collections.OrderedDict[str, Future]" = collections.OrderedDict()
-        for identity, success, code, values, sentence in remembered:
-            self._slot(str(identity)).set_result(Answer(bool(success), str(code), dict(values), str(sentence)))
 
     def carry_out(self, identity: str, do: Callable[[], Answer]) -> Answer:
         """Carries out a command with this id unless it was before, and returns its answer; "" means no id."""
@@ -36,7 +33,9 @@ class AnswerCache:
             slot = self._answers.get(identity)
             first = slot is None
             if slot is None:
-                slot = self._slot(identity)
+                slot = self._answers[identity] = Future()
+                while len(self._answers) > _KEPT:
+                    self._answers.popitem(last=False)
         if not first:
             try:
                 return slot.result(timeout=self._timeout)
@@ -50,17 +49,3 @@ class AnswerCache:
                 self._answers.pop(identity, None)
             raise
         return slot.result()
-
-    def to_list(self) -> List[List[Any]]:
-        """Returns the answers given so far, as plain values."""
-        with self._lock:
-            known: Dict[str, Future] = dict(self._answers)
-        given = [(identity, slot.result()) for identity, slot in known.items() if slot.done() and not slot.exception()]
-        return [[identity, one.success, one.code, dict(one.values), one.said] for identity, one in given]
-
-    def _slot(self, identity: str) -> "Future[Answer]":
-        slot: "Future[Answer]" = Future()
-        self._answers[identity] = slot
-        while len(self._answers) > _KEPT:
-            self._answers.popitem(last=False)
-        return slot

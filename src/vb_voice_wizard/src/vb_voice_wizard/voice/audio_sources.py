@@ -1,4 +1,4 @@
-"""A microphone through ALSA's arecord, and sound of other rates as 16 kHz mono, int16."""
+"""A microphone through ALSA's arecord: 16 kHz mono, int16."""
 
 from __future__ import annotations
 
@@ -8,26 +8,8 @@ import threading
 from typing import Callable, Deque, Optional
 
 import numpy as np
-import soxr
 
 SAMPLE_RATE = 16000  # [1/s] of all sound that is listened to
-
-
-class Resampler:
-    """Resamples a stream of pieces to 16 kHz as a whole: each piece alone would click at its ends."""
-
-    def __init__(self) -> None:
-        self._rate = 0
-        self._stream: Optional[soxr.ResampleStream] = None
-
-    def push(self, pcm: np.ndarray, rate: int) -> np.ndarray:
-        """Resamples the next samples, (N,) int16 at a rate [1/s], to (M,) int16 at 16 kHz; a new rate is a new stream."""
-        if rate == SAMPLE_RATE:
-            self._stream = None
-            return np.asarray(pcm, dtype=np.int16)
-        if self._stream is None or rate != self._rate:
-            self._rate, self._stream = rate, soxr.ResampleStream(rate, SAMPLE_RATE, 1, dtype="int16")
-        return self._stream.resample_chunk(np.asarray(pcm, dtype=np.int16)).reshape(-1)
 
 
 def level_db(pcm: np.ndarray) -> float:

@@ -14,32 +14,13 @@ from typing import Deque, List, Tuple
 
 import numpy as np
 
-from vb_core.errors import ParameterError
-from vb_core.parameters import Parameters, param
 from vb_core.sounds import SOUNDS, TICK
 from vb_core.vocabulary import STOP
 
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult
 from vb_voice_wizard.voice.endpointing import Endpointer, Utterance
 
-_SECONDS = {
-    name: sound.seconds for name, sound in SOUNDS.items() if name != TICK
-}  # a tick is too short for an utterance
-
 _MUTE_MARGIN = 0.3  # [s] how much later a sound may end: its way through the sound card, and echoes
-
-
-@dataclass(frozen=True)
-class ListenerParams(Parameters):
-    """Parameters of listening beside our own sounds; config/voice_commands.yaml says why."""
-
-    sounds: dict = param({})
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name, seconds in self.sounds.items():
-            if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0.0 <= seconds <= 10.0:
-                raise ParameterError(f"sounds/{name}", f"expected 0 to 10 seconds, got {seconds!r}")
 
 
 @dataclass(frozen=True)
@@ -60,21 +41,18 @@ class CommandListener:
 
     Args:
         recognizer: how commands are recognised.
-        params: see ListenerParams.
     """
 
-    def __init__(self, recognizer: CommandRecognizer, params: ListenerParams = ListenerParams()) -> None:
+    def __init__(self, recognizer: CommandRecognizer) -> None:
         self._recognizer = recognizer
-        self._params = params
         self._endpointer = Endpointer()
         # more than play within the sound that may wait to be processed
         self._played: Deque[Tuple[float, float]] = deque(maxlen=100)
 
     def play(self, sound: str, when: float) -> None:
         """Stores that a sound of ours begins at a time [s]; one that is not known is not waited for."""
-        seconds = {**_SECONDS, **self._params.sounds}.get(sound, 0.0)
-        if seconds > 0.0:
-            self._played.append((when, when + seconds + _MUTE_MARGIN))
+        if sound in SOUNDS and sound != TICK:  # too short for an utterance
+            self._played.append((when, when + SOUNDS[sound].seconds + _MUTE_MARGIN))
 
     def push(self, pcm: np.ndarray, when: float) -> List[Heard]:
         """Adds the stream's next samples, (N,) int16 at 16 kHz; returns what became of utterances that ended in them.

@@ -1,10 +1,13 @@
-"""Disturbances in a room besides robots, participant and laser: light, sun, reflections, other people."""
+"""Rooms in which more changes than robots, participant and laser: light, sun, reflections, other people.
+
+`disturbed` makes a simulated camera's view one that shows a `DisturbedSnapshot` with all that changes in it.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Optional, Tuple
+from typing import Any, List, Tuple, Type
 
 import cv2
 import numpy as np
@@ -12,9 +15,10 @@ import numpy as np
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_sim.cameras import pixels
+from vb_sim.cameras.view import Body
+from vb_sim.lab_history import Snapshot
 from vb_sim.room.bodies import SHIRT, SHOES, BodyParts, person_key, person_pieces
 
-Rectangle = Tuple[slice, slice]
 _SHIFT = 4
 
 
@@ -79,10 +83,34 @@ class SceneConditions:
     glints: Tuple[Glint, ...] = ()
     bystanders: Tuple[Bystander, ...] = ()
 
-    @property
-    def lit(self) -> bool:
-        """Returns whether the light differs from the drawn world's."""
-        return self.light * self.exposure != 1.0 or bool(self.sun)
+
+@dataclass(frozen=True)
+class DisturbedSnapshot(Snapshot):
+    """A snapshot with what else changes in the room."""
+
+    around: SceneConditions = SceneConditions()
+
+
+def disturbed(kind: Type[Any]) -> Type[Any]:
+    """Makes the class of a view that shows disturbances of the class of one that does not."""
+
+    class Disturbed(kind):
+        def _bodies(self, snapshot: DisturbedSnapshot) -> List[Body]:
+            return super()._bodies(snapshot) + [
+                Body(f"bystander {index}", other.key(), other.pieces, other.pose, 0.26)
+                for index, other in enumerate(snapshot.around.bystanders)
+            ]
+
+        def _add_light(self, image: np.ndarray, snapshot: DisturbedSnapshot, _exposure: float = 1.0) -> None:
+            around, pose = snapshot.around, self.camera_pose(snapshot)
+            if around != SceneConditions():
+                self._before_change(image, (slice(None), slice(None)))
+                relight(image, around, self.model, pose)
+            super()._add_light(image, snapshot, around.exposure)
+            for glint in around.glints:
+                add_glint(image, glint, self.model, pose, self.encoding, around.exposure)
+
+    return Disturbed
 
 
 def relight(image: np.ndarray, around: SceneConditions, camera: CameraModel, T_map_optical: np.ndarray) -> None:
@@ -114,35 +142,24 @@ def _brighten(image: np.ndarray, outline: np.ndarray, gain: float) -> None:
     part[...] = np.minimum(part * (mask if part.ndim == 2 else mask[..., None]) + 0.5, 255.0)
 
 
-def glint_area(
-    glint: Glint, camera: CameraModel, T_map_optical: np.ndarray
-) -> Optional[Tuple[Rectangle, np.ndarray, float]]:
-    """Finds where a camera sees a glint: rows and columns, its middle (2,) [px], its sigma [px]; None if it does not."""
+def add_glint(
+    image: np.ndarray, glint: Glint, camera: CameraModel, T_map_optical: np.ndarray, encoding: str, exposure: float
+) -> None:
+    """Adds a glint to an image (H, W) or (H, W, 3) uint8, in place, if the camera sees it."""
     T = geometry.invert(T_map_optical)
     in_camera = T[:3, :3] @ np.array(glint.position) + T[:3, 3]
     if in_camera[2] < 0.1:
-        return None
+        return
     middle = camera.project(in_camera[None])[0]
     sigma = math.hypot(0.25 * glint.diameter * camera.focal_px / in_camera[2], 0.75)
     low = np.maximum(np.floor(middle - 4.0 * sigma).astype(int), 0)
     high = np.minimum(np.ceil(middle + 4.0 * sigma).astype(int) + 1, (camera.width, camera.height))
     if (high <= low).any():
-        return None
-    return (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))), middle, sigma
-
-
-def add_glint(
-    image: np.ndarray, glint: Glint, area: Tuple[Rectangle, np.ndarray, float], encoding: str, exposure: float
-) -> None:
-    """Adds a glint to an image (H, W) or (H, W, 3) uint8, in place."""
-    (rows, columns), middle, sigma = area
-    u = np.arange(columns.start, columns.stop) - middle[0]
-    v = np.arange(rows.start, rows.stop) - middle[1]
+        return
+    u, v = (np.arange(low[axis], high[axis]) - middle[axis] for axis in (0, 1))
     light = glint.brightness * exposure * np.exp(-0.5 * (u[None, :] ** 2 + v[:, None] ** 2) / sigma**2)
-    part = image[rows, columns]
-    part[...] = np.minimum(
-        part + pixels.apply_color_filters(light, np.ones(3), encoding, columns.start, rows.start) + 0.5, 255.0
-    )
+    part = image[low[1] : high[1], low[0] : high[0]]
+    part[...] = np.minimum(part + pixels.apply_color_filters(light, np.ones(3), encoding, low[0], low[1]) + 0.5, 255.0)
 
 
 def _project(points: np.ndarray, camera: CameraModel, T_map_optical: np.ndarray) -> np.ndarray:

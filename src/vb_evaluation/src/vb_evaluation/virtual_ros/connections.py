@@ -1,0 +1,245 @@
+"""What nodes are connected by, with the interfaces that rospy's have: topics, services and timers of a `Graph`."""
+
+from __future__ import annotations
+
+import io
+from collections import deque
+from typing import TYPE_CHECKING, Any, Callable, Deque, Dict, List, Optional
+
+import greenlet
+import rospy
+import rospy.impl.tcpros_service
+import rospy.msg
+
+from vb_evaluation.virtual_ros.stand_ins import WaitQueue
+
+if TYPE_CHECKING:
+    from vb_evaluation.virtual_ros.graph import Graph
+
+
+class Delivery:
+    """A message on its way: packed once, and unpacked once for each type that is wanted."""
+
+    def __init__(self, data: bytes, header: Dict[str, str]) -> None:
+        self._data, self._header = data, header
+        self._messages: Dict[type, Any] = {}
+
+    def message(self, kind: type) -> Any:
+        """Returns the message as one of this type."""
+        found = self._messages.get(kind)
+        if found is None:
+            found = self._messages[kind] = kind()
+            found.deserialize(self._data)
+            found._connection_header = self._header
+        return found
+
+
+class Topic:
+    """Who publishes and who subscribes."""
+
+    def __init__(self) -> None:
+        self.subscribers: List[Subscriber] = []
+        self.publishers: List[Publisher] = []
+
+
+class Publisher:
+    """rospy.Publisher."""
+
+    def __init__(self, graph: Graph, name: str, data_class: type, *_: Any, latch: bool = False, **__: Any) -> None:
+        self._graph, self.node = graph, graph.node
+        self.resolved_name = self.name = graph.node.resolve(name)
+        self.data_class, self.type = data_class, data_class._type
+        self._header = {"callerid": graph.node.name, "topic": self.resolved_name, "type": self.type}
+        self._latch = latch
+        self.latched: Optional[Delivery] = None
+        self._sequence = 0
+        self._topic = graph.topic(self.resolved_name)
+        self._topic.publishers.append(self)
+        self._delay = graph.delay_of(self.resolved_name)
+
+    def publish(self, *given: Any, **named: Any) -> None:
+        """Packs the message and sends it to everybody."""
+        message = rospy.msg.args_kwds_to_message(self.data_class, given, named)
+        if message._has_header:
+            self._sequence += 1
+            message.header.seq = self._sequence
+        if self.resolved_name == "/clock":
+            self._graph.set_clock(message.clock)
+            return
+        if not self._topic.subscribers and not self._latch:
+            return
+        buffer = io.BytesIO()
+        message.serialize(buffer)
+        delivery = Delivery(buffer.getvalue(), self._header)
+        if self._latch:
+            self.latched = delivery
+        for subscriber in self._topic.subscribers:
+            self.send(subscriber, delivery)
+
+    def send(self, subscriber: "Subscriber", delivery: Delivery) -> None:
+        """Sends a message to one subscriber."""
+        if self._delay:
+            self._graph.scheduler.later(self._delay, lambda: subscriber.put(delivery))
+        else:
+            subscriber.put(delivery)
+
+    def get_num_connections(self) -> int:
+        """Returns how many listen."""
+        return len(self._topic.subscribers)
+
+    def unregister(self) -> None:
+        """Ends it."""
+        if self in self._topic.publishers:
+            self._topic.publishers.remove(self)
+
+
+class Subscriber:
+    """rospy.Subscriber: its own task calls the callback for one message after the other."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        name: str,
+        data_class: type,
+        callback: Optional[Callable] = None,
+        callback_args: Any = None,
+        queue_size: Optional[int] = None,
+        **_: Any,
+    ) -> None:
+        self.node = graph.node
+        self.resolved_name = self.name = self.node.resolve(name)
+        self.kind, self._callback, self._extra = data_class, callback, callback_args
+        size = queue_size if queue_size is not None and queue_size > 0 else None
+        self._queue: Deque[Delivery] = deque(maxlen=size)
+        self._over = False
+        self._line = WaitQueue(graph.scheduler)
+        self._topic = graph.topic(self.resolved_name)
+        self._topic.subscribers.append(self)
+        graph.scheduler.spawn(self._work)
+        for publisher in self._topic.publishers:
+            if publisher.latched is not None:
+                publisher.send(self, publisher.latched)
+
+    def put(self, delivery: Delivery) -> None:
+        """Queues a message; if there are too many, the oldest ones are lost, as in rospy."""
+        if not self._over:
+            self._queue.append(delivery)
+            self._line.wake()
+
+    def _work(self) -> None:
+        while not self._over:
+            if not self._queue:
+                self._line.wait()
+                continue
+            message = self._queue.popleft().message(self.kind)
+            if self._callback is not None:
+                self._callback(message, *([] if self._extra is None else [self._extra]))
+
+    def unregister(self) -> None:
+        """Ends it."""
+        self._over = True
+        if self in self._topic.subscribers:
+            self._topic.subscribers.remove(self)
+        self._line.wake()
+
+    def get_num_connections(self) -> int:
+        """Returns how many publish."""
+        return len(self._topic.publishers)
+
+
+class Service:
+    """rospy.Service."""
+
+    def __init__(self, graph: Graph, name: str, service_class: Any, handler: Callable[[Any], Any], **_: Any) -> None:
+        self._graph, self.node = graph, graph.node
+        self.resolved_name = graph.node.resolve(name)
+        self.kind, self.handler = service_class, handler
+        graph.services[self.resolved_name] = self
+
+    def shutdown(self, reason: str = "") -> None:
+        """Ends it."""
+        self._graph.services.pop(self.resolved_name, None)
+
+
+class ServiceProxy:
+    """rospy.ServiceProxy."""
+
+    def __init__(self, graph: Graph, name: str, service_class: Any, **_: Any) -> None:
+        self._graph = graph
+        self.resolved_name, self._kind = graph.node.resolve(name), service_class
+
+    def __call__(self, *given: Any, **named: Any) -> Any:
+        """As `call`."""
+        return self.call(*given, **named)
+
+    def call(self, *given: Any, **named: Any) -> Any:
+        """Calls the service, and waits for the answer.
+
+        Raises:
+            rospy.ServiceException: if no node offers it, or the service raised it.
+        """
+        request = rospy.msg.args_kwds_to_message(self._kind._request_class, given, named)
+        service, scheduler = self._graph.services.get(self.resolved_name), self._graph.scheduler
+        if service is None:
+            raise rospy.ServiceException(f"service [{self.resolved_name}] unavailable")
+        asked = _repacked(request, service.kind._request_class)
+        caller, answers = greenlet.getcurrent(), []
+
+        def serve() -> None:
+            try:
+                answers.append(
+                    rospy.impl.tcpros_service.convert_return_to_response(
+                        service.handler(asked), service.kind._response_class
+                    )
+                )
+            except rospy.ServiceException as error:
+                answers.append(error)
+            delay = self._graph.delay_of(self.resolved_name)
+            if delay:
+                scheduler.wait(delay)
+            scheduler.wake(caller)
+
+        scheduler.spawn(serve, service.node)
+        scheduler.wait()
+        if isinstance(answers[0], rospy.ServiceException):
+            raise answers[0]
+        return _repacked(answers[0], self._kind._response_class)
+
+    def close(self) -> None:
+        """Ends it."""
+
+
+def _repacked(message: Any, kind: type) -> Any:
+    buffer = io.BytesIO()
+    message.serialize(buffer)
+    result = kind()
+    result.deserialize(buffer.getvalue())
+    return result
+
+
+class Timer:
+    """rospy.Timer."""
+
+    def __init__(
+        self, graph: Graph, period: Any, callback: Callable[[Any], Any], oneshot: bool = False, **_: Any
+    ) -> None:
+        self._graph, self._period, self._callback, self._once = graph, period, callback, oneshot
+        self._over = False
+        graph.scheduler.spawn(self._run)
+
+    def _run(self) -> None:
+        expected = rospy.get_rostime() + self._period
+        while not self._over:
+            self._graph.sleep(expected - rospy.get_rostime())
+            if self._over:
+                return
+            now = rospy.get_rostime()
+            self._callback(rospy.timer.TimerEvent(expected, expected, now, now, None))
+            if self._once:
+                return
+            # as rospy: from the last time that it was due, unless it cannot keep up
+            expected = max(expected + self._period, rospy.get_rostime() - self._period)
+
+    def shutdown(self) -> None:
+        """Ends it."""
+        self._over = True

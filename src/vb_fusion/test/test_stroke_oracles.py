@@ -1,0 +1,183 @@
+"""Stages of the extraction against oracles: the same rule written down a second time, place by place."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from vb_core.geometry import chain_length
+from vb_fusion.line.closure import classify_closure
+from vb_fusion.stroke import track
+from vb_fusion.stroke.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, make_observations
+
+
+# ----------------------------------------------------------------- closing
+def turned(points, gap, lever):
+    """Degrees by which a line turns from its end over the gap to its start, directions over a lever [m] of the line."""
+    path = np.concatenate([[0.0], np.cumsum([math.dist(a, b) for a, b in zip(points[:-1], points[1:])])])
+    at = [complex(*(np.interp(where, path, axis) for axis in points.T)) for where in (lever, path[-1] - lever)]
+    first, last = complex(*points[0]), complex(*points[-1])
+    ways = last - at[1], first - last, at[0] - first
+    return sum(abs(math.degrees(np.angle(b / a))) for a, b in zip(ways[:-1], ways[1:])) if gap else 0.0
+
+
+def decided(points):
+    """(closed, code, gap, first, last): of all pairs in the outer thirds the one that costs least, then three rules."""
+    arc = [chain_length(points[: number + 1]) for number in range(len(points))]
+    whole, costs = arc[-1], {}
+    for i in (number for number in range(len(points)) if arc[number] <= whole / 3.0):
+        for j in (number for number in range(len(points)) if arc[number] >= whole / 1.5):
+            costs[i, j] = math.dist(points[i], points[j]) + 0.5 * (arc[i] + whole - arc[j])
+    (first, last), second = sorted(costs, key=lambda pair: costs[pair])[:2]
+    assume(costs[second] - costs[first, last] > 1e-9)
+    cut = points[first : last + 1]
+    gap, kept, (x, y) = math.dist(cut[0], cut[-1]), chain_length(cut), cut.T
+    width = abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / (kept + gap)
+    if costs[first, last] > 0.5 * max(math.dist(a, b) for a in cut for b in cut):
+        code = "open_apart"
+    elif gap * turned(cut, gap, 0.1 * kept) > 180.0 * width:
+        code = "open_wide"
+    elif width < TREMOR:
+        code = "open_flat"
+    else:
+        closed = "closed_gap" if len(cut) == len(points) else "closed_trimmed"
+        return True, closed, gap, first, last, {"gap": gap, "length": kept}
+    apart = math.dist(points[0], points[-1])
+    return False, code, apart, 0, len(points) - 1, {"gap": apart, "length": whole}
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.floats(0.03, 1.0),
+    st.floats(1.0, 8.0),
+    st.floats(0.5, 1.1),
+    st.floats(0.0, 6.3),
+    st.floats(-0.2, 0.2),
+    st.integers(8, 40),
+)
+def test_a_line_is_closed_as_the_rule_says(size, flatness, share, begin, spiral, count):
+    """Parts of ellipses and spirals, from flat to round, from half of a turn to more than one."""
+    angle = begin + 2.0 * math.pi * share * np.linspace(0.0, 1.0, count)
+    radius = size * (1.0 + spiral * np.linspace(0.0, 1.0, count))
+    points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle) / flatness])
+    closed, code, gap, first, last, values = decided(points)
+    # a figure that crosses itself has another area than a sum of triangles
+    assume(share <= 1.0 or first > 0 or last < count - 1)
+    assume(np.ptp(angle[first : last + 1]) < 2.0 * math.pi)
+    found = classify_closure(points)
+    assert (found.closed, found.code, found.first, found.last) == (closed, code, first, last)
+    assert found.gap == pytest.approx(gap)
+    assert found.values == {
+        "gap": f"{values['gap']:.2f}",
+        "percent": f"{100.0 * values['gap'] / values['length']:.0f}",
+        "length": f"{values['length']:.2f}",
+    }
+
+
+@pytest.mark.parametrize("points", [[[1.0, 2.0], [4.0, 6.0]], [[1.0, 2.0]] * 5])
+def test_two_points_or_a_spot_are_open(points):
+    found, apart = classify_closure(np.array(points)), math.dist(points[0], points[-1])
+    assert (found.closed, found.code, found.gap) == (False, "open_two_points", apart)
+    assert (found.first, found.last, found.values["percent"]) == (0, len(points) - 1, "100" if apart else "0")
+
+
+# ----------------------------------------------------------------- the pointer's track
+SPOTS = st.lists(
+    st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.5), st.integers(0, 2)), min_size=1, max_size=25
+)
+
+
+def chained(group, values):
+    """Divides a group of indices where sorted values are more than a place's width apart."""
+    ordered, parts = sorted(group, key=lambda index: values[index]), []
+    for index in ordered:
+        if not parts or values[index] - values[parts[-1][-1]] > track.PLACE_WIDTH:
+            parts.append([])
+        parts[-1].append(index)
+    return parts
+
+
+@settings(max_examples=80, deadline=None)
+@given(SPOTS)
+def test_what_is_near_each_other_in_a_moment_is_one_place(spots):
+    points, times, cameras = np.array(spots)[:, :2], np.array(spots)[:, 2], np.array(spots)[:, 3].astype(int)
+    seen = make_observations(points, times, cameras, None, cameras == 2)
+    found = track.find_places(seen)
+    groups = {}
+    for index, moment in enumerate(track.time_bins(seen.stamps).tolist()):
+        groups.setdefault(moment, []).append(index)
+    places = list(groups.values())
+    for axis in (0, 1, 0):
+        places = [part for group in places for part in chained(group, seen.points[:, axis])]
+    assert len(found.points) == len(places)
+    wanted = sorted(
+        (
+            *np.average(seen.points[place], axis=0, weights=seen.weights[place]),
+            np.average(seen.stamps[place], weights=seen.weights[place]),
+            len(set(seen.cameras[place].tolist())),
+            all(seen.mobile[place].tolist()),
+        )
+        for place in places
+    )
+    columns = (*found.points.T, found.stamps, found.cameras, found.mobile)
+    assert np.allclose(sorted(zip(*(column.tolist() for column in columns))), wanted)
+    assert (np.diff(found.bins) >= 0).all()
+
+
+def test_of_one_moment_the_ten_strongest_places_are_kept():
+    points = np.column_stack([np.arange(14.0), np.zeros(14)])
+    strong = np.arange(14) % 7 + 1.0
+    found = track.find_places(make_observations(points, np.zeros(14), None, strong / 10.0))
+    kept = sorted(np.lexsort((points[:, 0], -strong))[:10])
+    assert np.allclose(np.sort(found.points[:, 0]), kept)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.floats(0.0, 0.6), st.floats(0.0, 0.6), st.floats(0.02, 0.2)), min_size=1, max_size=14))
+def test_the_floor_between_three_places_is_theirs_if_they_are_passed_at_one_speed(steps):
+    points, times = np.cumsum(np.array(steps)[:, :2], axis=0), np.cumsum(np.array(steps)[:, 2])
+    wanted, dropout = np.zeros(len(points)), 0.35
+    for at in range(len(points)):
+        for first, last in ((at - back, at + ahead) for back in (1, 2) for ahead in (1, 2)):
+            if first < 0 or last >= len(points):
+                continue
+            whole, far = times[last] - times[first], math.dist(points[first], points[last])
+            if whole > dropout or far > 6.0 * whole:
+                continue
+            share = (times[at] - times[first]) / whole
+            off = math.dist(points[first] + share * (points[last] - points[first]), points[at])
+            row = max(0.5 * far - TREMOR, 0.0) * 4.0 * share * (1.0 - share)
+            row *= math.exp(-((off / max(0.15 * far, TREMOR)) ** 2))
+            for place, much in ((first, 0.5), (at, 1.0), (last, 0.5)):
+                wanted[place] = max(wanted[place], much * row)
+    assert track._swept(points, times, dropout) == pytest.approx(wanted)
+
+
+def test_light_that_moves_at_a_node_moved_as_far_as_its_places_lie_apart():
+    """An even movement of 0.2 m in 2 s, seen at one node; at another one the light stays."""
+    stamps = np.tile(np.linspace(5.0, 7.0, 200), 2)
+    points = np.vstack([np.linspace([1.0, 1.0], [1.12, 1.16], 200), np.tile([3.0, 3.0], (200, 1))])
+    node = np.tile(np.repeat([0, 1], 200), 4)
+    moved = track._moved(points, stamps, np.full(1600, 0.25), node)
+    assert moved == pytest.approx([0.2, 0.0], rel=0.02, abs=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(SPOTS, st.booleans())
+def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobile):
+    """A line along x from 0 to 1 m in 0.2 to 1.2 s; a robot may be lost by LOCALIZATION_ERROR more."""
+    line = np.column_stack([np.linspace(0.0, 1.0, 11), np.full(11, 0.5)])
+    times = np.linspace(0.2, 1.2, 11)
+    mobile = np.full(11, line_is_mobile)
+    places = track.Places(line, times, np.arange(11), np.ones(11, int), mobile)
+    order = np.argsort([spot[2] for spot in spots], kind="stable")
+    seen = make_observations(*(np.array(spots)[order][:, columns] for columns in (slice(0, 2), 2)), None, None, None)
+    found = set(track._beside(seen, places, np.arange(11)).tolist())
+    for index, ((x, y), time) in enumerate(zip(seen.points, seen.stamps)):
+        at = min(max(time - 0.2, 0.0), 1.0)
+        reach = 2.0 * TREMOR + LOCALIZATION_ERROR * line_is_mobile
+        off = math.hypot(x - at, y - 0.5)
+        assume(abs(off - reach) > 1e-6 and min(abs(time - 0.2 + TIME_BIN), abs(time - 1.2 - TIME_BIN)) > 1e-6)
+        assert (index in found) == (0.2 - TIME_BIN <= time < 1.2 + TIME_BIN and off <= reach)

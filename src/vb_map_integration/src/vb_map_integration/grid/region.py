@@ -1,0 +1,86 @@
+"""The cells of the map that one border restricts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.grid_map import GridMap
+from vb_map_integration.grid import raster
+
+
+@dataclass(frozen=True)
+class Region:
+    """Cells of the map that one border restricts.
+
+    Attributes:
+        window: the part of the map that it is in.
+        mask: (h, w) uint8 of that window, 0 or 255; obstacles are not among the cells.
+        value: 0 .. 100, what the cells are raised to.
+        over_unknown: whether unknown cells are raised too.
+        area_m2: [m^2].
+    """
+
+    window: raster.Window
+    mask: np.ndarray = field(repr=False)
+    value: int
+    over_unknown: bool
+    area_m2: float
+
+    def spread(self, shape: Tuple[int, int]) -> np.ndarray:
+        """Returns (H, W) bool of the map, True in the region."""
+        region = raster.filled(shape, 0).view(bool)
+        np.not_equal(self.mask, 0, out=region[self.window])
+        return region
+
+    def outline(self, grid: GridMap) -> np.ndarray:
+        """Returns the outline (N, 2) [m] of its largest part, to about a cell, on the map that it is of."""
+        contours, _ = cv2.findContours(self.mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        largest = cv2.approxPolyDP(max(contours, key=cv2.contourArea), 1.0, True)
+        rows, columns = self.window
+        return grid.grid_to_world(largest.reshape(-1, 2) + np.array([columns.start, rows.start], float))
+
+    def apply(self, cells: np.ndarray, window: Optional[raster.Window] = None) -> None:
+        """Raises the cells (H, W) int8 of the map in place, all of the region's or those in a window."""
+        common, mask = (self.window, self.mask) if window is None else self.within(window)
+        if mask.size:  # few of a thousand regions: this is what removing a border costs
+            raster.paint(cells[common], mask, self.value, self.over_unknown)
+
+    def within(self, window: raster.Window) -> Tuple[raster.Window, np.ndarray]:
+        """Returns the part of the map that the region's window and another one share, and the mask there."""
+        (top, bottom), (left, right) = (
+            (max(own.start, other.start), max(own.start, other.start, min(own.stop, other.stop)))
+            for own, other in zip(self.window, window)
+        )
+        rows, columns = self.window
+        mask = self.mask[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start]
+        return (slice(top, bottom), slice(left, right)), mask
+
+    def shared(self, other: Optional["Region"]) -> float:
+        """Returns the share of the cells of two regions that is in both, 0 .. 1."""
+        if other is None:
+            return 0.0
+        window, mask = self.within(other.window)
+        both = int(((mask != 0) & (other.within(window)[1] != 0)).sum())
+        return both / max(1, cv2.countNonZero(self.mask) + cv2.countNonZero(other.mask) - both)
+
+
+def join_regions(regions: Sequence[Region]) -> Optional[Region]:
+    """Returns the region of all cells of some regions, with the value of the first one; None if there is none."""
+    if len(regions) < 2:
+        return regions[0] if regions else None
+    window = tuple(
+        slice(min(one.window[axis].start for one in regions), max(one.window[axis].stop for one in regions))
+        for axis in (0, 1)
+    )
+    mask = raster.filled((window[0].stop - window[0].start, window[1].stop - window[1].start), 0)
+    for one in regions:
+        part = tuple(slice(own.start - all_.start, own.stop - all_.start) for own, all_ in zip(one.window, window))
+        np.maximum(mask[part], one.mask, out=mask[part])
+    first = regions[0]
+    cell = max(one.area_m2 / max(1, cv2.countNonZero(one.mask)) for one in regions)
+    area = cell * cv2.countNonZero(mask)
+    return Region(window, mask, first.value, first.over_unknown, area)  # type: ignore[arg-type]

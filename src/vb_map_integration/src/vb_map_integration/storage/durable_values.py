@@ -1,0 +1,204 @@
+"""Values on the disk, kept so that neither a crash nor a damaged file costs what was acknowledged.
+
+The idea: there is so little to keep that each change writes all of it again, beside what is there, and then puts it in its
+place. So a file is either whole or not there. Its first line is the checksum of the rest, and there is a second file with
+the same: at a start the sound one with the highest revision is read, and what is wrong with the other is put right.
+
+    borders.jsonl        its checksum; its format and revision; then a key with its value in each line
+    borders.twin.jsonl   the same
+    borders*.damaged     what was not sound at a start
+    copies/borders-YYYY-MM-DD.jsonl   of each of the last days with changes, as it was before the first of these
+
+What is in memory is the truth while the program runs: files that were deleted or damaged meanwhile come again with the next
+change. One process has the folder: it holds a lock for as long as it runs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import fcntl
+import hashlib
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional
+
+from vb_core import files
+from vb_core.errors import CodedError
+from vb_core.notices import Notice, Severity
+
+FORMAT = 1
+FILES = ("borders.jsonl", "borders.twin.jsonl")
+MAX_COPIES = 14  # days
+LOCK_TIMEOUT = 5.0  # [s] how long a new process waits for the one before to end
+
+
+class _Content(NamedTuple):
+    """What a sound file holds; the lines are those of the values, by their keys."""
+
+    revision: int
+    lines: Dict[str, str]
+
+
+class DurableValues:
+    """Values that JSON can hold, by keys "kind/name", in the order in which the keys came.
+
+    Args:
+        folder: where the files are; None keeps everything in memory.
+        today: returns the date, for the copies.
+
+    Attributes:
+        revision: grows with every change, across restarts.
+        notices: what was wrong with the files, for people.
+
+    Raises:
+        CodedError: "database_in_use", "database_newer".
+    """
+
+    def __init__(self, folder: Optional[Path], today: Any = datetime.date.today) -> None:
+        self.revision = 0
+        self.notices: List[Notice] = []
+        self._folder, self._today = folder, today
+        self._lines: Dict[str, str] = {}
+        self._values: Dict[str, Any] = {}
+        self._lock: Optional[int] = None
+        if folder is None:
+            return
+        try:
+            self._take_folder(folder, LOCK_TIMEOUT)
+        except OSError as error:
+            self._report_read_only(str(error))
+        try:
+            self._load(folder)
+        except CodedError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Lets other processes have the folder."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """Returns a value; it must not be changed in place."""
+        return self._values.get(key, default)
+
+    def of_kind(self, kind: str) -> Dict[str, Any]:
+        """Returns the values of one kind by their names."""
+        return {key[len(kind) + 1 :]: value for key, value in self._values.items() if key.startswith(f"{kind}/")}
+
+    def change(self, changes: Mapping[str, Any]) -> None:
+        """Sets values, all of them or none; those that are None are removed.
+
+        Raises:
+            CodedError: "cannot_write", "database_in_use"; then nothing was changed.
+        """
+        lines, values = dict(self._lines), dict(self._values)
+        for key, value in changes.items():
+            if value is None:
+                lines.pop(key, None)
+                values.pop(key, None)
+            else:
+                lines[key] = json.dumps([key, value], separators=(",", ":"))
+                values[key] = json.loads(lines[key])[1]  # as after a restart
+        content = _Content(self.revision + 1, lines)
+        if self._folder is not None:
+            try:
+                self._take_folder(self._folder, 0.0)
+            except OSError as error:
+                raise CodedError("cannot_write", what=FILES[0], reason=error.strerror or error) from None
+            self._write(self._folder, content)
+        self.revision, self._lines, self._values = content.revision, lines, values
+
+    def _load(self, folder: Path) -> None:
+        found = {folder / name: _read(folder / name) for name in FILES}
+        damaged = [path for path, content in found.items() if content is None and path.exists()]
+        best = max(filter(None, found.values()), key=lambda content: content.revision, default=None)
+        if best is not None and damaged:
+            self._report("database_repaired", Severity.WARNING, what=str(folder))
+        elif best is None:
+            # dates are only for people: clocks go wrong
+            copies = {
+                path: content for path in (folder / "copies").glob("*.jsonl") for content in [_read(path)] if content
+            }
+            if copies:
+                path, best = max(copies.items(), key=lambda item: item[1].revision)
+                self._report("borders_lost_since", Severity.ERROR, date=path.stem[-10:])
+            elif damaged:
+                self._report("borders_lost", Severity.ERROR, what=str(folder))
+        if best is not None:
+            self.revision, self._lines = best
+            self._values = dict(json.loads(line) for line in best.lines.values())
+        try:
+            for path in damaged:
+                os.replace(str(path), f"{path}.damaged")
+            for path in folder.glob(".borders*"):  # of a write that was cut off
+                path.unlink()
+            if best is not None and any(content != best for content in found.values()):
+                self._write(folder, best)
+        except (OSError, CodedError) as error:
+            self._report_read_only(str(error))
+
+    def _write(self, folder: Path, content: _Content) -> None:
+        main, twin = (folder / name for name in FILES)
+        rest = "\n".join([json.dumps([FORMAT, content.revision]), *content.lines.values(), ""]).encode()
+        whole = _checksum(rest) + b"\n" + rest
+        copy = folder / "copies" / f"borders-{self._today().isoformat()}.jsonl"
+        with contextlib.suppress(OSError, CodedError):  # without it everything is still kept twice
+            if main.exists() and not copy.exists():
+                files.write_atomically(copy, main.read_bytes())
+                for old in sorted(copy.parent.glob("*.jsonl"))[:-MAX_COPIES]:
+                    old.unlink()
+        files.write_together({main: whole, twin: whole})
+        self.notices = [notice for notice in self.notices if notice.code != "database_read_only"]
+
+    def _take_folder(self, folder: Path, timeout: float) -> None:
+        """Locks the folder, within a time [s]; again if the lock was deleted meanwhile, and another process may have it."""
+        path = folder / "borders.lock"
+        if self._lock is not None and path.exists() and os.path.samestat(os.fstat(self._lock), path.stat()):
+            return
+        self.close()
+        folder.mkdir(parents=True, exist_ok=True)
+        self._lock = os.open(str(path), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        end = time.monotonic() + timeout
+        while True:
+            try:
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return
+            except BlockingIOError:
+                if time.monotonic() >= end:
+                    self.close()
+                    raise CodedError("database_in_use", what=str(folder)) from None
+                time.sleep(0.05)
+
+    def _report(self, code: str, severity: Severity, **values: Any) -> None:
+        self.notices.append(Notice.from_error(CodedError(code, **values), severity))
+
+    def _report_read_only(self, reason: str) -> None:
+        self._report("database_read_only", Severity.ERROR, what=str(self._folder), reason=reason)
+
+
+def _read(path: Path) -> Optional[_Content]:
+    """Reads a file; None if it is not there, or not as it was written.
+
+    Raises:
+        CodedError: "database_newer".
+    """
+    try:
+        checksum, _, rest = path.read_bytes().partition(b"\n")
+    except OSError:
+        return None
+    if checksum != _checksum(rest):
+        return None
+    head, *lines = rest.decode().rstrip("\n").split("\n")
+    version, revision = json.loads(head)[:2]
+    if version != FORMAT:
+        raise CodedError("database_newer", what=str(path))
+    return _Content(revision, {json.loads(line)[0]: line for line in lines})
+
+
+def _checksum(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=16).hexdigest().encode()

@@ -1,0 +1,127 @@
+"""Cells of borders against oracles that look at every cell."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from vb_core.grid_map import GridMap
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.borders.issues import IntegrationError
+from vb_map_integration.grid import raster
+from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, integrate
+
+PLACE = st.tuples(st.floats(-6.0, 18.0), st.floats(-6.0, 14.0))
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.lists(PLACE, min_size=3, max_size=7))
+def test_a_polygons_cells_are_those_whose_centre_it_winds_round(vertices):
+    shape, corners = (9, 12), np.array(vertices)
+    window, mask = raster.polygon_mask(corners, shape)
+    found = np.zeros(shape, bool)
+    found[window] = mask == 255
+    assert set(np.unique(mask)) <= {0, 255}
+    for row, column in np.ndindex(shape):
+        ends = (corners - (column, row)) @ [1, 1j]
+        if np.abs(ends).min() < 1e-6:
+            continue
+        turns = np.angle(np.roll(ends, -1) / ends)
+        edges = np.abs(np.abs(turns) - math.pi).min()
+        if edges > 1e-6:  # a centre on the outline may be on either side
+            assert found[row, column] == (abs(np.sum(turns)) > 1.0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(PLACE, min_size=2, max_size=6))
+def test_a_chains_cells_are_where_its_points_are_and_leave_no_gap(vertices):
+    shape, chain = (9, 12), np.array(vertices)
+    steps = np.hypot(*np.diff(chain, axis=0).T)
+    assume(steps.min() > 1e-3)
+    trace, arc = raster.trace_chain(chain, shape), np.concatenate([[0.0], np.cumsum(steps)])
+    assert trace.points.shape == (len(trace.rows), 2) and (np.diff(trace.arc) >= -1e-9).all()
+    # each point is on its segment, as far along the chain as it says
+    share = (trace.arc - arc[trace.segment]) / steps[trace.segment]
+    assert np.allclose(trace.points, chain[trace.segment] + share[:, None] * np.diff(chain, axis=0)[trace.segment])
+    assert (share > -1e-9).all() and (share < 1.0 + 1e-9).all()
+    # and in its cell, or beside the corner that the chain crosses into the next one
+    off = np.abs(trace.points - np.column_stack([trace.columns, trace.rows])).max(axis=1, initial=0.0)
+    assert (off <= 1.5).all() and (np.abs(np.diff(off <= 0.5 + 1e-9).astype(int)) <= 1).all()
+    assert (off <= 0.5 + 1e-9).mean() >= 0.5 if len(off) else True
+    # every cell of the map that a closely sampled chain is in is there, and no cell beyond the rim
+    dense = np.vstack([a + np.linspace(0.0, 1.0, 800)[:, None] * (b - a) for a, b in zip(chain[:-1], chain[1:])])
+    low = np.abs(dense - np.round(dense)).max(axis=1) < 0.2  # there are two samples in a cell: it may miss a corner
+    met = {(row, column) for column, row in np.floor(dense[low] + 0.5).astype(int).tolist()}
+    found = set(zip(trace.rows.tolist(), trace.columns.tolist()))
+    assert {cell for cell in met if 0 <= cell[0] < 9 and 0 <= cell[1] < 12} <= found
+    assert all(-1 <= row <= 9 and -1 <= column <= 12 for row, column in found)
+    # neighbours share an edge, but where the chain was outside of the map
+    hops = np.abs(np.diff(trace.rows)) + np.abs(np.diff(trace.columns))
+    inside = [(0 <= row < 9 and 0 <= column < 12) for row, column in zip(trace.rows, trace.columns)]
+    assert all(hop <= 1 for hop, before, after in zip(hops, inside[:-1], inside[1:]) if before and after and hop < 3)
+
+
+def test_a_chain_beside_the_map_has_no_cells():
+    trace = raster.trace_chain(np.array([[20.0, 1.0], [30.0, 2.0]]), (9, 12))
+    assert [len(part) for part in (trace.rows, trace.columns, trace.points, trace.segment, trace.arc)] == [0] * 5
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.integers(-1, 100), min_size=12, max_size=12),
+    st.lists(st.booleans(), min_size=12, max_size=12),
+    st.integers(0, 100),
+    st.booleans(),
+)
+def test_painting_raises_what_is_under_the_mask_and_lowers_nothing(cells, mask, value, over_unknown):
+    found = np.array(cells, np.int8).reshape(3, 4)
+    raster.paint(found, 255 * np.array(mask, np.uint8).reshape(3, 4), value, over_unknown)
+    wanted = [max(cell, value) if under and (cell >= 0 or over_unknown) else cell for cell, under in zip(cells, mask)]
+    assert found.ravel().tolist() == wanted
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 19), st.integers(0, 29), st.floats(0.02, 0.6))
+def test_a_seed_on_an_obstacle_is_moved_to_the_nearest_free_cell_of_its_area_within_the_radius(
+    noise, row, column, share
+):
+    """The whole map is asked for, so that the seed may lie at its rim."""
+    resolution = 0.05
+    cells = np.where(np.random.default_rng(noise).random((20, 30)) < share, 0, 100).astype(np.int8)
+    cells[row, column] = 100
+    grid = GridMap(cells, resolution)
+    outline = np.array([[0.0, 0.0], [1.5, 0.0], [1.5, 1.0], [0.0, 1.0]]) + 1e-4
+    border = VirtualBorder(outline, (column * resolution + 0.03, row * resolution + 0.021), closed=True)
+    rows, columns = np.nonzero(cells == 0)
+    centers = (np.column_stack([columns, rows]) + 0.5) * resolution
+    away = np.hypot(*(centers - border.seed).T)
+    assume(len(away) and abs(away.min() - MAX_SEED_SHIFT) > 1e-6)
+    if away.min() > MAX_SEED_SHIFT:
+        with pytest.raises(IntegrationError) as caught:
+            integrate(grid, border)
+        assert caught.value.code == "seed_on_obstacle"
+        return
+    found = integrate(grid, border)
+    (moved,) = [issue for issue in found.issues if issue.code == "seed_moved"]
+    assert moved.values["distance"] == f"{away.min():.2f}"
+    assert (found.region == (cells == 0)).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.floats(-0.3, 1.8), st.floats(-0.3, 1.3)), min_size=2, max_size=5), st.integers(0, 99))
+def test_a_wall_is_what_lies_within_half_its_width_of_its_chains_cells(points, noise):
+    resolution = 0.05
+    cells = np.where(np.random.default_rng(noise).random((20, 30)) < 0.1, 100, 0).astype(np.int8)
+    grid = GridMap(cells, resolution)
+    chain = np.array(points)
+    assume(np.hypot(*np.diff(chain, axis=0).T).min() > 0.01)
+    trace = raster.trace_chain(grid.world_to_grid(chain), cells.shape)
+    core = [cell for cell in zip(trace.rows, trace.columns) if 0 <= cell[0] < 20 and 0 <= cell[1] < 30]
+    reach = int(WALL_WIDTH / 2.0 / resolution + 1e-6)
+    wanted = np.zeros(cells.shape, bool)
+    for row, column in core:
+        wanted[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1] = True
+    assume(core and (wanted & (cells == 0)).any())
+    assert (integrate(grid, VirtualBorder(chain, None, wall=True)).region == wanted & (cells == 0)).all()

@@ -1,0 +1,339 @@
+"""What drives a robot, against oracles that are worked out by hand or written down a second time, more simply."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from test_arbiter import PROFILE, VIEW, Rig, empty, with_border
+
+from vb_core import geometry
+from vb_core.navigation_parameters import PATH_MARGIN
+from vb_core.robot_profile import RobotProfile, Scanner
+from vb_robot.driving.arbiter import Arbiter
+from vb_robot.driving.escape import Escape
+from vb_robot.driving.gate import FOLLOW, NAVIGATION, TELEOP, Gate
+from vb_robot.driving.safety import Clearance, Scan
+from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
+from vb_robot.driving.workspace import Workspace
+
+RADIUS = PROFILE.radius
+
+
+# ------------------------------------------------------------ following
+class Law:
+    """The law of following, as a table: nearer from 1.3 to 1 m, back from 0.75 to 0.9 m, turning from .45 to .12 of the image."""
+
+    def __init__(self):
+        self.drives, self.turns = 0, False
+
+    def request(self, distance, bearing, off):
+        self.turns = off > 0.45 or (self.turns and off >= 0.12)
+        ended = (self.drives == 1 and distance <= 1.0) or (self.drives == -1 and distance >= 0.9)
+        self.drives = 1 if distance > 1.3 else -1 if distance < 0.75 else 0 if ended else self.drives
+        wanted = 0.8 * (distance - 0.95)
+        v = {0: 0.0, -1: wanted, 1: wanted * max(0.0, 1.0 - abs(math.degrees(bearing)) / 25.0)}[self.drives]
+        w = float(np.clip(1.8 * bearing, -0.8, 0.8)) if self.drives == 1 or self.turns else 0.0
+        return VelocityRequest(float(np.clip(v, -0.2, 0.2)), w, "driving" if v != 0.0 or w != 0.0 else "spot_in_view")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.floats(0.4, 1.7), st.floats(-0.8, 0.8)), min_size=5, max_size=30))
+def test_the_follower_keeps_its_law(spots):
+    follower, law = SpotFollower(), Law()
+    follower.view = VIEW
+    for distance, bearing in spots:
+        place = np.array([[distance * math.cos(bearing), distance * math.sin(bearing)]])
+        column = VIEW.pixels(place)[0, 0]
+        off = abs(2.0 * (column + 0.5) / VIEW.camera.width - 1.0) if math.isfinite(column) else math.inf
+        follower.spot = tuple(place[0])
+        found, wanted = follower.compute_request((0.0, 0.0, 0.0)), law.request(distance, bearing, off)
+        assert (found.v, found.w, found.code) == (pytest.approx(wanted.v), pytest.approx(wanted.w), wanted.code)
+
+
+# ------------------------------------------------------------ escaping
+class Pinched:
+    """A workspace in which the robot's rim is so far [m] from something, and the nearest place with room is there."""
+
+    def __init__(self, gap, place=(0.3, 0.0)):
+        self.gap, self.place, self.asked = gap, place, []
+
+    def distance_to_blocked(self, _pose):
+        return RADIUS + self.gap
+
+    def nearest_room(self, _pose, clearance, reach):
+        self.asked.append((clearance, reach))
+        return None if self.place is None else np.array(self.place)
+
+
+def ask(escape, workspace, *times, goal=True, moves=False):
+    """Whether it is helped at each of these times [s]."""
+    return [escape.compute_request(now, (0.0, 0.0, 0.0), workspace, goal, moves) is not None for now in times]
+
+
+@pytest.mark.parametrize("gap, helped", [(0.019, 1), (0.021, 0), (-PATH_MARGIN - RADIUS + 0.001, 1)])
+def test_help_begins_two_centimetres_beyond_a_planners_margin_and_ends_two_later(gap, helped):
+    workspace, escape = Pinched(PATH_MARGIN + gap), Escape(RADIUS)
+    assert ask(escape, workspace, 100.0, 101.4, 101.5, 102.0) == [False, False, helped, helped]
+    workspace.gap = PATH_MARGIN + 0.039
+    assert ask(escape, workspace, 102.1) == [helped]
+    workspace.gap = PATH_MARGIN + 0.041
+    assert ask(escape, workspace, 102.2) == [False]
+    assert workspace.asked == [(pytest.approx(RADIUS + PATH_MARGIN + 0.09), 0.5)] * helped
+
+
+def test_whose_centre_is_within_something_is_not_helped():
+    assert not any(ask(Escape(RADIUS), Pinched(-RADIUS - 0.001), 100.0, 102.0, 104.0))
+
+
+@pytest.mark.parametrize("place", [(0.3, 0.0), None])
+def test_ten_seconds_of_help_then_twenty_of_rest(place):
+    escape, workspace = Escape(RADIUS), Pinched(0.0, place)
+    helped = place is not None
+    assert ask(escape, workspace, 100.0, 101.5, 111.4, 111.6) == [False, helped, helped, False]
+    assert ask(escape, workspace, 115.0, 131.4, 131.6, 141.5, 141.7) == [False, False, helped, helped, False]
+    assert len(workspace.asked) == 2
+
+
+def test_after_time_was_set_back_it_waits_as_at_the_start_and_does_not_rest():
+    escape, workspace = Escape(RADIUS), Pinched(0.0)
+    assert ask(escape, workspace, 100.0, 101.5) == [False, True]
+    workspace.gap = 1.0
+    assert ask(escape, workspace, 102.0) == [False]
+    workspace.gap = 0.0
+    assert ask(escape, workspace, 99.7, 101.1, 101.3) == [False, False, True]
+
+
+def test_who_is_moved_or_has_no_goal_begins_to_wait_again():
+    for given_ in ({"moves": True}, {"goal": False}):
+        escape, workspace = Escape(RADIUS), Pinched(0.0)
+        ask(escape, workspace, 100.0)
+        ask(escape, workspace, 101.0, **given_)
+        assert ask(escape, workspace, 102.4, 102.6) == [False, True]
+    escape.interrupt(103.0)
+    assert ask(escape, workspace, 104.4, 104.6) == [False, True], "and the rest is forgotten with the place"
+
+
+@pytest.mark.parametrize("distance, v", [(0.01, 0.038), (0.1, 0.11), (0.5, 0.2)])
+@pytest.mark.parametrize("bearing, share, w", [(0.0, 1.0, 0.0), (12.5, 0.5, 0.3927), (-30.0, 0.0, -0.8)])
+def test_it_drives_to_the_place_and_slows_down_before_it(distance, v, bearing, share, w):
+    angle, yaw = math.radians(bearing), 3.0
+    place = (1.0 + distance * math.cos(yaw + angle), 2.0 + distance * math.sin(yaw + angle))
+    escape, workspace = Escape(RADIUS), Pinched(0.0, place)
+    for now in (100.0, 101.5):
+        request = escape.compute_request(now, (1.0, 2.0, yaw), workspace, True, False)
+    assert (request.v, request.w) == (pytest.approx(share * v), pytest.approx(w, abs=1e-3))
+
+
+# ------------------------------------------------------------ who drives
+def test_zeros_go_to_a_new_listener_for_three_seconds_unless_somebody_drives():
+    arbiter = Arbiter(PROFILE)
+
+    def published(*times, listeners=1):
+        return [arbiter.step(now, listeners).publish for now in times]
+
+    assert published(10.0, 12.9, 13.1) == [True, True, False]
+    assert published(14.0, listeners=2) == [True] and published(14.5, 17.1) == [True, False], "one of them left"
+    assert published(20.0, listeners=2) == [True]
+    arbiter.request(TELEOP, 0.0, 0.0, 20.5)
+    assert published(20.5, 21.2, 21.3, listeners=2) == [True, True, False], "its end, and no zeros after it"
+
+
+@pytest.mark.parametrize("age, drives", [(-0.11, False), (-0.09, True), (0.49, True), (0.51, False)])
+@pytest.mark.parametrize("source", [TELEOP, NAVIGATION])
+def test_a_command_is_one_for_half_a_second(source, age, drives):
+    arbiter = Arbiter(PROFILE)
+    arbiter.request(source, 0.1, 0.0, 50.0)
+    assert (arbiter.step(50.0 + age).source == source) is drives
+
+
+@pytest.mark.parametrize("age, cancels", [(-0.1, False), (0.0, True), (0.9, True), (1.1, False)])
+def test_a_goal_that_navigation_named_within_a_second_is_cancelled_while_it_follows(age, cancels):
+    rig = Rig().follows()
+    rig.arbiter.set_goal(True, rig.now)
+    assert rig.arbiter.step(rig.now + age).cancel is cancels
+    rig.arbiter.set_goal(False, rig.now)
+    assert not rig.arbiter.step(rig.now + age + 2.0).cancel
+
+
+def test_halting_stops_what_drives_with_the_faults_code():
+    rig = Rig()
+    rig.navigation = (0.3, 0.0)
+    rig.step(0.2)
+    halted = rig.arbiter.halt("fault")
+    assert (halted.v, halted.w, halted.source, halted.code, halted.publish) == (0.0, 0.0, "navigation", "fault", True)
+
+
+@settings(deadline=None)
+@given(*(st.floats(-0.3, 0.3),) * 2, *(st.floats(-1.0, 1.0),) * 2, st.floats(0.0, 0.2))
+def test_following_speeds_up_gently_and_brakes_hard(last_v, v, last_w, w, dt):
+    arbiter = Arbiter(PROFILE)
+    arbiter._last = VelocityRequest(last_v, last_w)
+    found = arbiter._ramped(dt, VelocityRequest(v, w, "x"))
+    gains = v * last_v >= 0.0 and abs(v) > abs(last_v)
+    step = dt * (0.4 if gains else PROFILE.limits.deceleration)
+    turn = dt * (2.0 if abs(w) > abs(last_w) else 8.0)
+    assert found.v - last_v == pytest.approx(np.clip(v - last_v, -step, step), abs=1e-12)
+    assert found.w - last_w == pytest.approx(np.clip(w - last_w, -turn, turn), abs=1e-12) and found.code == "x"
+
+
+def test_a_stop_ends_an_escape_and_the_wait_begins_again():
+    rig = Rig(grid=with_border(empty(), 4.0, 0.0, 8.0, 5.0), pose=(4.0 - RADIUS - 0.02, 2.5, math.pi))
+    rig.goal = True
+    assert rig.step(1.8).source == "escape"
+    rig.latch.stop("a", "test")
+    assert rig.step(0.3).source == "stop"
+    rig.latch.resume(rig.latch.number)
+    assert rig.step(1.3).source == "none" and rig.step(0.5).source == "escape"
+
+
+# ------------------------------------------------------------ the scan
+def scan_of(ranges, first, step, mount=np.eye(4), radius=0.18, **given_):
+    return Scan(np.asarray(ranges, float), first, step, 0.12, 8.0, mount, radius, **given_)
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(-0.6, 0.6)), min_size=1, max_size=6), st.sampled_from([1, -1])
+)
+def test_the_free_distance_is_where_a_round_robot_that_drives_straight_meets_the_first_point(points, direction):
+    points = [point for point in points if math.hypot(*point) > 0.2] or [(1.0, 0.0)]
+    ranges, angles = np.hypot(*np.transpose(points)), np.arctan2(*np.transpose(points)[::-1])
+    scan = scan_of([0.0], 0.0, 0.01)
+    scan.points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
+    width, places = 0.18 + 0.04, direction * np.linspace(0.0, 2.5, 5001)
+    ahead = scan.points[direction * scan.points[:, 0] > 0.0]
+    hits = np.hypot(ahead[:, :1] - places, ahead[:, 1:]) < width if len(ahead) else np.zeros((1, 1), bool)
+    met = hits.any(axis=0)
+    wanted = abs(places[np.argmax(met)]) - 0.12 + 0.04 if met.any() else math.inf
+    assert scan.free_distance(0.2 * direction, 0.0, 0.18, Clearance(0.12, 0.04, 0.05)) == pytest.approx(
+        wanted, abs=1e-3
+    )
+
+
+@pytest.mark.parametrize("v", [0.2, -0.2])
+@pytest.mark.parametrize(
+    "w, needed, edge", [(0.0, 0.0, 6.4), (0.4, 0.0, 23.6), (-0.4, 0.0, 23.6), (0.4, 0.3, 33.9), (10.0, 0.0, 96.4)]
+)
+def test_beams_must_reach_along_the_arc_but_for_a_gap(v, w, needed, edge):
+    """The robot's half width at 0.98 m is 10.4 deg, a hole may have 4 deg; an arc bends by half of its turn within 0.3 m."""
+    mount = geometry.transform(np.diag([math.copysign(1.0, v)] * 2 + [1.0]), (0.0, 0.0, 0.0))
+    for half, seen in ((edge - 0.7, False), (edge + 0.7, True)):
+        number = 2 * int(half * 10) + 1
+        scan = scan_of(np.full(number, math.inf), -math.radians(half), math.radians(0.1), mount)
+        assert scan.sees_path(v, w, 0.18, needed) is seen
+
+
+@pytest.mark.parametrize("nans, step, covered", [(3, 1.0, True), (4, 1.0, False), (2, 3.0, True), (3, 3.0, False)])
+def test_a_hole_of_four_degrees_or_three_beams_hides_nothing(nans, step, covered):
+    beams = int(360 / step)
+    ranges = np.full(beams, math.inf)
+    ranges[beams // 2 : beams // 2 + nans] = math.nan
+    assert scan_of(ranges, -math.pi, math.radians(step)).covers(0.0, 0.3) is covered
+    assert scan_of(ranges, -math.pi, math.radians(step)).covers(math.pi, 0.3)
+
+
+@pytest.mark.parametrize(
+    "distance, radius, counts",
+    [
+        (0.16, 0.18, True),
+        (0.14, 0.18, False),
+        (7.9, 0.18, True),
+        (8.1, 0.18, False),
+        (0.13, 0.25, True),
+        (0.12, 0.25, False),
+    ],
+)
+def test_an_echo_counts_within_the_scanners_range_and_outside_of_the_robots_own_parts(distance, radius, counts):
+    # the scanner looks along +y from 0.02 m behind the middle
+    mount = geometry.transform(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), (0.0, -0.02, 0.2))
+    own = radius - 0.03 if radius < 0.2 else 0.22
+    found = scan_of([distance + 0.02], 0.0, 0.01, mount, radius).points
+    assert (len(found) == 1) is (counts if radius < 0.2 else distance > own)
+    assert not len(found) or found[0] == pytest.approx([0.0, distance])
+
+
+@pytest.mark.parametrize("at, point", [(0.0, 0.18), (0.3, 0.35)])
+def test_something_too_near_to_be_measured_touches_the_robot_or_is_before_the_scanner(at, point):
+    mount = geometry.transform(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), (0.0, at, 0.2))
+    assert scan_of([0.05], 0.0, 0.01, mount).points[0] == pytest.approx([0.0, point])
+    assert scan_of([-math.inf], 0.0, 0.01, mount).points[0] == pytest.approx([0.0, max(at, 0.18)])
+
+
+# ------------------------------------------------------------ the gate
+def known(profile=PROFILE, ranges=math.inf):
+    """A gate that knows everything at 10 s."""
+    gate = Gate(profile)
+    gate.workspace = Workspace(empty(), empty(), profile.radius)
+    gate.set_scan(scan_of(np.full(360, ranges), -math.pi, math.radians(1.0)), 10.0)
+    gate.record_input("state", 10.0)
+    gate.set_pose((4.0, 2.5, 0.0), 10.0)
+    return gate
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 0.48), st.floats(0.05, 0.3), st.floats(-3.0, 3.0), st.sampled_from(["scan", "state", "pose"]))
+def test_a_command_is_what_the_brakes_can_end_before_its_oldest_input_is_too_old(age, v, w, what):
+    gate, limits = known(), PROFILE.limits
+    for other in {"scan", "state", "pose"} - {what}:
+        gate.stamps[other] = 10.0 + age
+    left = 0.5 - 1.0 / 20.0 - 0.02 - age
+    turn = min(max(w, -limits.max_turn_rate), limits.max_turn_rate)
+    share = min(1.0, left / max(v / limits.deceleration, abs(turn) / limits.turn_acceleration))
+    found = gate.limit(10.0 + age, NAVIGATION, VelocityRequest(v, w, "driving"))
+    if left <= 0.0:
+        assert found == (0.0, 0.0, f"{what}_lost")
+    elif share > 0.0 and v <= 0.25:
+        assert found == (pytest.approx(share * v), pytest.approx(share * turn), "driving")
+
+
+def test_what_is_missing_is_named_and_a_person_with_a_joystick_needs_only_the_scan():
+    wish = VelocityRequest(0.1, 0.0, "driving")
+    for lose, code in (
+        (lambda gate: setattr(gate, "workspace", None), "no_map"),
+        (lambda gate: setattr(gate, "pose_uncertain", True), "pose_uncertain"),
+        (lambda gate: gate.set_pose(None, 10.0), "pose_lost"),
+        (lambda gate: gate.set_pose((4.0, 3.5, 0.0), 10.0, 0.0, (0.0, 0.0, 0.0)), "pose_jumped"),
+        (lambda gate: gate.stamps.pop("state"), "state_lost"),
+        (lambda gate: gate.stamps.update(spot=8.0), "driving"),
+    ):
+        gate = known()
+        lose(gate)
+        assert gate.limit(10.0, NAVIGATION, wish)[2] == code
+        assert gate.limit(10.0, TELEOP, wish) == (0.1, 0.0, "driving")
+    assert gate.limit(10.0, FOLLOW, wish) == (0.0, 0.0, "spot_lost")
+    gate.clock_age = 0.6
+    assert gate.limit(10.0, TELEOP, wish) == (0.0, 0.0, "clock_stopped")
+    gate.clock_age, gate.contacts = 0.0, {("bumper", 0): "all"}
+    assert gate.limit(10.0, TELEOP, wish) == (0.0, 0.0, "contact")
+
+
+@pytest.mark.parametrize("source, v", [(NAVIGATION, 0.1), (TELEOP, 0.1)])
+def test_a_robot_without_a_scanner_is_slow_and_keeps_its_arc(source, v):
+    gate = known(RobotProfile(scanner=Scanner(present=False)))
+    assert gate.limit(10.0, source, VelocityRequest(0.2, 0.1, "driving")) == (
+        pytest.approx(v),
+        pytest.approx(0.05),
+        "floor_not_scanned",
+    )
+
+
+def test_what_is_slower_than_two_centimetres_a_second_only_turns():
+    gate = known(ranges=RADIUS + 0.041)
+    v, w, code = gate.limit(10.0, NAVIGATION, VelocityRequest(0.2, 0.3, "driving"))
+    assert (v, w, code) == (0.0, 0.3, "obstacle")
+
+
+def test_the_usual_period_is_that_of_the_last_five_messages():
+    gate, now = Gate(PROFILE), 10.0
+    for period in [0.2] * 10 + [0.05] * 5:
+        now += period
+        gate.record_input("scan", now)
+    assert gate._age(now + 0.3, "scan") == pytest.approx(0.3)
+    for period in [0.2] * 3 + [1.5]:  # a pause is no period
+        now += period
+        gate.record_input("scan", now)
+    assert gate._age(now + 0.3, "scan") == pytest.approx(0.2)
+    assert gate._age(now - 0.4, "scan") == pytest.approx(-0.4) and gate._age(now - 0.6, "scan") == math.inf

@@ -1,0 +1,151 @@
+// What every part of the page uses: what the server's view says, words, elements, and requests.
+"use strict";
+import { Words } from "./link.js";
+
+export const $ = (id) => document.getElementById(id);
+const CHANGES = ["add", "update", "rename", "enable", "remove"]; // what undo takes back
+const NAME_LENGTH = 60;
+export const words = new Words();
+export const view = {};
+// What all parts share: whether the server answers, what a touch of the map means (editor.js), and the link to the server.
+export const page = { online: false, mode: "look", link: null };
+export const hello = { role: "nobody", states: [], commands: [], zones: [] }; // with vb_core's tables: vocabulary.py, zones.py
+
+export function element(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key === "onclick") made.addEventListener("click", value);
+    else if (value === true) made.setAttribute(key, "");
+    else if (value !== false && value !== null && value !== undefined) made.setAttribute(key, value);
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+export const say = (code, values) => words.say(code, values);
+export const button = (code, onclick, kind = "", values = {}) =>
+  element("button", { type: "button", class: kind, onclick }, say(code, values));
+export const operator = () => hello.role === "operator";
+export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
+// What is connected, and so what is offered; where it is not known (null: not any more), everything is.
+export const offers = (command) => !view.offer || view.offer.commands.includes(command);
+export const robotName = (name) => name || "$the_robot";
+export const row = (table, name) => hello[table].find((one) => one.name === name) || {};
+// What a person does in a state: the code of the answer that led there, so that it stands here and is not said twice.
+export const prompt = () => row("states", document.body.dataset.state).prompt || null;
+export const commandName = (command) => say(`page_command_${command}`);
+
+// Replaces a list's content if it changed: a button that is replaced under a finger is never pressed. What has the focus
+// keeps it, by data-key.
+const filled = new WeakMap();
+
+export function fill(parent, children) {
+  const text = children
+    .filter(Boolean)
+    .map((child) => child.outerHTML)
+    .join("");
+  if (filled.get(parent) === text) return;
+  filled.set(parent, text);
+  const key = parent.contains(document.activeElement) && document.activeElement.dataset.key;
+  parent.replaceChildren(...children.filter(Boolean));
+  if (key) {
+    const again = parent.querySelector(`[data-key="${CSS.escape(key)}"]`);
+    if (again) again.focus({ preventScroll: true });
+  }
+}
+
+// An answer that stands on the page, for instance as a notice, is not said twice.
+export function dropStanding() {
+  const standing = [
+    ...(view.notices || []).map((notice) => notice.code),
+    prompt(),
+    !page.online && "page_offline",
+  ];
+  if ($("laser-refused").textContent) standing.push(view.state.last.code);
+  const { code } = $("toast").dataset; // none where it is no answer
+  if (code && standing.includes(code)) $("toast").textContent = "";
+}
+
+// A second tap at once, as one zooms a picture, presses nothing that the first has brought up or uncovered.
+const LOCKED_MS = 400;
+const unlocking = new Map(); // part: the timer that ends its lock; an animation would stand still in a page that is not painted
+
+export function lock(part) {
+  clearTimeout(unlocking.get(part));
+  part.classList.add("locked");
+  unlocking.set(
+    part,
+    setTimeout(() => part.classList.remove("locked"), LOCKED_MS),
+  );
+}
+
+let toastTimer = 0;
+export function toast(text, bad = false, code = "", more = null) {
+  clearTimeout(toastTimer);
+  lock($("line"));
+  $("toast").replaceChildren(...(text ? [element("span", {}, text), more].filter(Boolean) : []));
+  $("toast").dataset.code = code;
+  dropStanding();
+  $("toast").classList.toggle("bad", bad);
+  if (text) toastTimer = setTimeout(() => toast(""), bad || more ? 9000 : 4500);
+}
+
+export async function ask(action, fields, done = null, values = {}) {
+  // a command is void after a stop that was not shown here yet
+  const shown = (view.state && view.state.stop_number) || "";
+  const seen = action === "command" ? { seen_stop: fields.command === "stop" ? "" : shown } : {};
+  const answer = await page.link.ask(action, { ...fields, ...seen });
+  if (answer.ok && done)
+    toast(
+      say(done, values),
+      false,
+      "",
+      CHANGES.includes(action) ? button("page_undo", () => ask("command", { command: "undo" })) : null,
+    );
+  else if (!answer.ok || action === "command") toast(words.tell(answer), !answer.ok, answer.code);
+  return answer;
+}
+
+export function issues(list) {
+  return (list || []).map((one) => element("p", { class: `issue ${one.severity ? "error" : ""}` }, words.tell(one)));
+}
+
+export const figures = (area) =>
+  element("p", { class: "figures" }, element("b", {}, `${words.number(area, 2)} m²`), ` ${say("page_area")}`);
+export const what = (kind) => ({ what: kind === "wall" ? "$page_what_wall" : "$page_what_border" });
+
+export function nameField(value, placeholder = "") {
+  const made = element("input", {
+    maxlength: NAME_LENGTH,
+    value,
+    placeholder,
+    "data-key": "name",
+    autocomplete: "off",
+  });
+  made.addEventListener("input", () => {
+    if (made.value.length === NAME_LENGTH) toast(say("page_name_long", { count: NAME_LENGTH }), true);
+  });
+  return made;
+}
+
+export function select(code, value, options, onchange) {
+  const made = element(
+    "select",
+    { "data-key": code },
+    ...options.map((one) => element("option", { value: one, selected: one === value }, say(`${code}_${one}`))),
+  );
+  made.addEventListener("change", () => onchange(made.value));
+  return element("label", {}, element("span", {}, say(code)), made);
+}
+
+export const sourceName = (source) => {
+  const [kind] = String(source || "").split(" ");
+  return words.has(`page_source_${kind}`) ? say(`page_source_${kind}`) : source;
+};
+
+// The notices that no banner says.
+export function standing() {
+  const state = view.state || {},
+    inBanner = { stopped: state.stopped, interaction_ends_soon: state.ends_in_s };
+  return (view.notices || []).filter((notice) => !inBanner[notice.code]);
+}
