@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from shapely.geometry import Polygon, box
 
@@ -165,49 +164,6 @@ def test_a_line_there_and_back_that_encloses_less_than_a_hand_trembles_is_open()
     assert closure.classify_closure(lens * [1.0, 20.0]).closed
 
 
-@pytest.mark.parametrize("lean", [15.0, 20.0, 30.0])
-def test_legs_that_lean_to_each_other_close_once_the_opening_weighted_by_the_turn_is_narrower_than_the_figure(lean):
-    """A trapezoid without its short side: everything about it can be computed by hand."""
-    base, tilt = 2.0, np.radians(lean)
-
-    def excess(gap):
-        height = 0.5 * (base - gap) / np.tan(tilt)
-        legs = 2.0 * height / np.cos(tilt)
-        width = (base + gap) * height / (base + legs + gap)
-        return gap * (180.0 - 2.0 * lean) / 180.0 - width
-
-    opening = brentq(excess, 0.01, 0.99 * base)
-
-    def classify(gap):
-        height = 0.5 * (base - gap) / np.tan(tilt)
-        half = 0.5 * base
-        return closure.classify_closure(
-            geometry.resample_chain(np.array([[-gap / 2, height], [-half, 0], [half, 0], [gap / 2, height]]), 0.01)
-        )
-
-    def hooked(gap):
-        """The same with ends that turn outwards over a centimetre, as a pointer is switched on and off."""
-        line = geometry.resample_chain(np.array([[-gap / 2, 0.5 * (base - gap) / np.tan(tilt)], [-1.0, 0.0]]), 0.01)
-        line[0] += [-0.008, 0.0]
-        ends = np.vstack([line, [[1.0, 0.0]], (line * [-1.0, 1.0])[::-1]])
-        return closure.classify_closure(geometry.resample_chain(ends, 0.005))
-
-    widest = closure.MAX_OPENING_RATIO * base
-    assert opening < widest  # so that it is this rule that decides
-    assert hooked(0.9 * opening).closed
-    assert classify(0.95 * opening).code == "closed_gap"
-    assert classify(min(1.05 * opening, 0.5 * (opening + widest))).code == "open_wide"
-
-
-def test_an_arc_closes_where_its_end_came_back_by_more_than_half_of_its_diameter():
-    def classify(degrees):
-        turn = np.radians(np.linspace(0.0, degrees, 400))
-        return closure.classify_closure(np.column_stack([np.cos(turn), np.sin(turn)])).code
-
-    # the chord of 60 degrees is half of the diameter
-    assert classify(360.0 - 57.0) == "closed_gap" and classify(360.0 - 63.0) == "open_apart"
-
-
 ALONG = np.linspace(0.0, 2.0, 400)[:, None]
 LINES = {
     **{f"U {depth} m": np.array([[0.0, depth], [0.0, 0.0], [1.0, 0.0], [1.0, depth]]) for depth in (0.7, 1.0, 3.0)},
@@ -252,19 +208,6 @@ def test_a_hand_that_only_trembles_costs_a_track_nothing_and_a_wide_jump_does():
         points = np.column_stack([np.tile([0.0, off], 3), np.zeros(6)])
         best, _ = track.find_best_steps(points, stamps, 3.0 * TIME_BIN, gains, TREMOR)
         assert (best[-1] == pytest.approx(gains.sum(), abs=1e-9)) == free
-
-
-@pytest.mark.parametrize("step", [0.04, 0.15, 0.25])
-def test_the_floor_that_a_quick_hand_explains_is_that_between_its_places_and_the_same_backwards(step):
-    random = np.random.default_rng(3)
-    stamps = 0.05 * np.arange(30) + random.uniform(-0.01, 0.01, 30)
-    points = np.column_stack([stamps / 0.05 * step, np.full(30, 1.0)])
-    gains = track.floor_gains(points, stamps, 0.5)
-    assert np.allclose(track.floor_gains(points[::-1], 10.0 - stamps[::-1], 0.5)[::-1], gains, atol=2e-4)
-    # each place about half of what lies between its second neighbours, and all of them at least most of the line
-    assert (gains[2:-2] <= 0.6 * (points[4:, 0] - points[:-4, 0])).all()
-    assert (gains[2:-2] >= 0.4 * (points[4:, 0] - points[:-4, 0]) - TREMOR).all()
-    assert gains.sum() >= 0.7 * np.ptp(points[:, 0])
 
 
 def test_floor_is_explained_alike_wherever_it_lies():
