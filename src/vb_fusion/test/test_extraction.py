@@ -11,7 +11,6 @@ import people
 from strokes import Setting, draw, hausdorff, jaccard
 
 from vb_core import geometry
-from vb_core.errors import ParameterError
 from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border
 from vb_fusion.line import closure
 from vb_fusion.stroke import track
@@ -109,20 +108,6 @@ def test_stroke_runs_in_the_direction_it_was_drawn():
 
 
 # ----------------------------------------------------------------- closed or open
-def carpet(gap: float, scale: float = 1.0) -> np.ndarray:
-    s = np.linspace(0.7, 0.7 + 6.5 - gap, 300) % 6.5
-    at = [0, 2, 3.25, 5.25, 6.5]
-    ring = np.column_stack([np.interp(s, at, [0, 2, 2, 0, 0]), np.interp(s, at, [0, 0, 1.25, 1.25, 0])])
-    return scale * ring
-
-
-@pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
-def test_carpet_with_a_gap_is_closed_at_every_scale(scale):
-    decision = closure.classify_closure(carpet(0.4, scale))
-    assert decision.closed and decision.code == "closed_gap"
-    assert decision.gap == pytest.approx(0.4 * scale, rel=0.1)
-
-
 def test_crossing_ends_are_closed_and_cut():
     corners = np.array([[-0.2, 0], [2, 0], [2, 1.25], [0, 1.25], [0, -0.2]])
     chain = geometry.resample_chain(corners, 0.02)
@@ -252,11 +237,6 @@ def test_refusals(params, points, code):
     assert caught.value.message
 
 
-def test_refusal_says_what_was_seen():
-    with pytest.raises(ExtractionError, match="12 spots were seen, but they do not form a line longer than 0.3 m"):
-        extract(np.random.default_rng(0).normal(0, 0.01, (12, 2)))
-
-
 @pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
 def test_nan_rows_and_far_rows_are_left_out(params):
     x = np.linspace(0, 2, 200)
@@ -273,15 +253,6 @@ def test_of_two_clusters_one_is_taken(params):
     assert chain.points[:, 1].max() < 1.0
 
 
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
-def test_many_points_all_over_the_room_come_to_an_end(params):
-    points = np.random.default_rng(0).uniform(0, 5, (60000, 2))
-    try:
-        assert len(extract(points, params).points) >= 2
-    except ExtractionError as error:
-        assert error.code
-
-
 @pytest.mark.parametrize("strays", [0.03, 0.3])
 def test_a_line_is_found_among_hundreds_of_strays_at_once(strays):
     rate = 300_000 / (6.5 / BASE.speed * BASE.cameras)
@@ -289,15 +260,6 @@ def test_a_line_is_found_among_hundreds_of_strays_at_once(strays):
     chain = extract_stroke(stroke)
     assert chain.closed
     assert hausdorff(chain.points, stroke.truth, True) < 0.15
-
-
-def test_parameters_are_checked():
-    with pytest.raises(ParameterError, match="mode"):
-        ExtractionParams.from_mapping({"mode": "magic"})
-    with pytest.raises(ParameterError, match="eps"):
-        ExtractionParams(eps=-1.0)
-    with pytest.raises(ParameterError, match="unknown"):
-        ExtractionParams.from_mapping({"epsilon": 1.0})
 
 
 # ----------------------------------------------------------------- what the track, the cameras and people need
