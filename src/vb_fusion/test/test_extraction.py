@@ -217,7 +217,7 @@ def test_light_that_stays_far_longer_than_a_hand_rests_explains_next_to_nothing(
     assert explained(60.0) < 0.2 * rest
 
 
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
+@pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
 @pytest.mark.parametrize(
     "points, code",
     [
@@ -237,14 +237,14 @@ def test_refusals(params, points, code):
     assert caught.value.message
 
 
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
+@pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
 def test_nan_rows_and_far_rows_are_left_out(params):
     x = np.linspace(0, 2, 200)
     points = np.vstack([np.column_stack([x, 0 * x]), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
     assert extract(points, params).length == pytest.approx(2.0, abs=0.2)
 
 
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
+@pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
 def test_of_two_clusters_one_is_taken(params):
     rng = np.random.default_rng(0)
     x = np.linspace(0, 2, 300)

@@ -63,7 +63,7 @@ def test_whole_paper_mode_equals_the_transcription(seed):
     cluster = [everything[i] for i in sorted(transcription.clustering(everything, 0.5, 1, 0.3, 10))]
     thinned = transcription.thinning(cluster, 0.1)
     expected = np.array([thinned[i] for i in transcription.generate_poly(thinned, 0.5)])
-    chain = extract_border(points, ExtractionParams.paper()).points
+    chain = extract_border(points, ExtractionParams(mode="paper")).points
     assert chain.shape == expected.shape
     assert np.allclose(chain, expected, atol=1e-9)
 
@@ -71,5 +71,5 @@ def test_whole_paper_mode_equals_the_transcription(seed):
 def test_so_many_points_that_their_neighbours_do_not_fit_are_refused():
     points = np.random.default_rng(0).normal(0, 0.2, (12000, 2))
     with pytest.raises(ExtractionError) as caught:
-        extract_border(points, ExtractionParams.paper())
+        extract_border(points, ExtractionParams(mode="paper"))
     assert caught.value.code == "too_many_spots" and "12000" in caught.value.message

@@ -2,7 +2,7 @@
 
 The stages are modules, in the order of the data: stroke/observations, stroke/track, stroke/camera_offsets,
 line/resampling, line/closure, line/fitting; docs/explanation/extraction.md says what each does.
-`ExtractionParams.paper()` runs the paper's algorithms (paper.py), which need no stamps.
+`ExtractionParams(mode="paper")` runs the paper's algorithms (paper.py), which need no stamps.
 
 >>> import numpy as np
 >>> angle = np.linspace(0.0, 2.0 * np.pi, 200)                      # a circle drawn in eight seconds, seen 25 times a second
@@ -60,11 +60,6 @@ class ExtractionParams(Parameters):
     thinning_dist: float = param(0.1, "m", above=0.0, high=1.0)
     polygon_dist: float = param(0.5, "m", above=0.0, high=5.0)
     simplification_tolerance: float = param(0.005, "m", low=0.0, high=0.1)
-
-    @classmethod
-    def paper(cls, **changes) -> "ExtractionParams":
-        """Returns the parameters that select Algorithms 1 to 3 with Table 1's values."""
-        return cls(mode="paper", **changes)
 
 
 def extract_border(
