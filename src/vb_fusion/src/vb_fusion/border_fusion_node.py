@@ -28,6 +28,7 @@ from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBord
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
 _NESTED = ("extraction", "collector")
+SIGN_OF_LIFE = 1.0  # [s] between progress messages while no spots come
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,6 @@ class FusionParams(Parameters):
     """The node's own parameters."""
 
     rate: float = param(8.0, "Hz", low=1.0, high=50.0)
-    idle_rate: float = param(1.0, "Hz", above=0.0, high=50.0)
-    max_points: int = param(300, low=0, high=5000)
     live_cpu_share: float = param(0.12, above=0.0, high=1.0)
     spot_log_file: str = param("~/.ros/virtual_borders/border_fusion.jsonl")
 
@@ -49,7 +48,7 @@ class BorderFusionNode:
         /virtual_borders/state (vb_msgs/InteractionState, latched): spots are collected in Border and Seed only.
     Published topics:
         /virtual_borders/progress (vb_msgs/BorderProgress, latched): at ~rate while spots come in Border and Seed, at
-            ~idle_rate while none come, and on each change of state. After the interaction the last one stays.
+            1 Hz while none come, and on each change of state. After the interaction the last one stays.
         /virtual_borders/notices (vb_msgs/NoticeArray, latched): what cannot be stored on disk and any other failure;
             the node continues after all of them. What makes the drawing doubtful is told when a stroke has ended, until
             the interaction ends.
@@ -220,7 +219,7 @@ class BorderFusionNode:
             if new:
                 self._spot_log.flush()
             now = time.monotonic()
-            due = now - self._published >= 1.0 / self._params.idle_rate
+            due = now - self._published >= SIGN_OF_LIFE
             if not self._collector.interaction_id or not (state_changed or (collecting and (new or due))):
                 return False
             collection = self._collector.collection()
@@ -245,7 +244,7 @@ class BorderFusionNode:
         message.interaction_id = collection.interaction_id
         message.border_spots, message.seed_spots = border, seed
         message.ignored_spots = ignored + self._wrong_frame
-        shown = subsample_evenly(collection.border, self._params.max_points)
+        shown = subsample_evenly(collection.border)
         message.points = points_from_array(shown[:, 1:3])
         message.point_cameras = bytes(np.minimum(shown[:, 4], 255).astype(np.uint8))
         message.cameras = collection.cameras
@@ -255,7 +254,7 @@ class BorderFusionNode:
             message.chain = points_from_array(chain.points)
             message.closed = chain.closed
             message.left_out_spots = chain.left_out_spots
-            message.left_out = points_from_array(subsample_evenly(chain.left_out, self._params.max_points))
+            message.left_out = points_from_array(subsample_evenly(chain.left_out))
             message.code, message.message = "ok", chain.reason
             message.values = values_from_mapping(chain.values)
         if seed is not None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, replace
-from typing import Callable, List, Optional, Sequence
+from typing import Callable, Optional, Sequence
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from vb_core.errors import CodedError
 from vb_fusion.extraction import BorderChain, ExtractionError, ExtractionParams, extract_border
 from vb_fusion.spots.collector import Collection
 from vb_fusion.stroke.seed import Dwell, choose_seed, find_dwells
+
+MAX_SHOWN = 300  # points in a message: enough to see the drawing, cheap to display
 
 
 @dataclass(frozen=True)
@@ -55,26 +57,14 @@ def extract_chain(collection: Collection, params: ExtractionParams) -> BorderCha
     return extract_border(collection.border[:, 1:3], params, **_get_attributes(collection.border))
 
 
-def find_dwells_of(collection: Collection) -> List[Dwell]:
-    """Finds where the pointer dwelt, in all seed spots; the border's spots were seen before.
-
-    Raises:
-        ExtractionError
-    """
-    rows = collection.seed
-    return find_dwells(rows[:, 1:3], before=collection.border[:, 1:3], **_get_attributes(rows))
-
-
 def _get_attributes(rows: np.ndarray) -> dict:
     stamps, confidences, cameras, mobile = rows[:, [0, 3, 4, 5]].T
     return {"stamps": stamps, "confidences": confidences, "cameras": cameras.astype(int), "mobile": mobile > 0.0}
 
 
-def subsample_evenly(rows: np.ndarray, limit: int) -> np.ndarray:
+def subsample_evenly(rows: np.ndarray, limit: int = MAX_SHOWN) -> np.ndarray:
     """Returns at most `limit` of the rows, evenly chosen, the first and the last among them."""
-    if len(rows) <= limit:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, limit).astype(int)] if limit else rows[:0]
+    return rows if len(rows) <= limit else rows[np.linspace(0, len(rows) - 1, limit).astype(int)]
 
 
 class LiveExtractor:
@@ -126,7 +116,8 @@ class LiveExtractor:
                 found.update(chain=None, no_chain=error)
         if seed_new:
             try:
-                found.update(dwells=find_dwells_of(collection), no_seed=None)
+                rows, before = collection.seed, collection.border[:, 1:3]
+                found.update(dwells=find_dwells(rows[:, 1:3], before=before, **_get_attributes(rows)), no_seed=None)
             except ExtractionError as error:
                 found.update(dwells=(), no_seed=error)
         self.drawn = replace(self.drawn, **found)

@@ -34,9 +34,7 @@ def fit_line(stroke: ResampledStroke, joined: bool) -> np.ndarray:
     if joined and len(starts) > 3:
         # the side in which the drawing began and ended is one side
         last, first = sums[:, -1] - sums[:, starts[-1]], sums[:, starts[1]]
-        away = np.linalg.norm(stroke.points[[-1, 0, starts[1] - 1]] - stroke.points[starts[-1]], axis=1)
-        goes_on = (np.diff(away) > -2.0 * stroke.tremor).all()
-        if goes_on and _misfit(last + first) < _misfit(last) + _misfit(first) + CORNER_MISFIT * stroke.tremor**3:
+        if _misfit(last + first) < _misfit(last) + _misfit(first) + CORNER_MISFIT * stroke.tremor**3:
             starts = starts[1:]
     return _fit_vertices(stroke, starts, joined and len(starts) > 2)
 
