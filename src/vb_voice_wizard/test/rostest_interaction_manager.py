@@ -10,6 +10,7 @@ import subprocess
 import tempfile
 import threading
 import unittest
+from pathlib import Path
 
 import rospy
 import rostest
@@ -400,6 +401,8 @@ class InteractionManagerTest(unittest.TestCase):
         topic.publish(source="a red button")
         before = self.state.wait(lambda message: message.stopped, "the stop by topic")
         self.assertEqual((before.name, before.available_commands[0]), ("seed", "resume"))
+        # robots are told before the file is written; until then they alone would hold the stop
+        wait_until(lambda: before.stop_number in Path(f"{FOLDER}/stop").read_text(), "the stop's file")
         self.node.kill()
         del self.state.all[:]
         self.node.start()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import threading
 import time
@@ -127,8 +128,7 @@ class RobotDriverNode:
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
         self._looks_left = 0  # how often AMCL may still be asked to look, since it knew or was shown where it is
         self._subscribe(profile, contacts)
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self._thread = node.start_thread(self._run)
         self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, LOOK_PERIOD))
         node.Worker(self._beats[0], lambda _woken: self._look_for_commanders())
         node.Worker(self._beats[1], lambda _woken: self._look_around())
@@ -285,9 +285,11 @@ class RobotDriverNode:
         self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._borders = borders_for(self._params.robot, message)
-        if self._arbiter.gate.workspace is not None:
-            self._arbiter.gate.workspace.known = self._borders
+        with self._lock:  # a workspace that is just being made would have the borders before
+            self._borders = borders_for(self._params.robot, message)
+            workspace = self._arbiter.gate.workspace
+            if workspace is not None:
+                workspace.known = self._borders
 
     # ------------------------------------------------------------- driving
     def _run(self) -> None:
@@ -301,13 +303,14 @@ class RobotDriverNode:
                 self._arbiter.gate.clock_age = time.monotonic() - moved
                 self._update_pose()
                 self._execute(self._arbiter.step(now.to_sec(), self._cmd_vel.get_num_connections()), now)
-            except rospy.ROSException:
-                if not rospy.is_shutdown():
-                    raise
             except Exception:
-                # whatever fails here, the robot must not keep its last command, and the next step may succeed
-                self._execute(self._arbiter.halt("internal_error"), now)
+                if rospy.is_shutdown():
+                    return
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
+                # whatever fails here, the robot must not keep its last command, and the next step may succeed; what is
+                # reported then may fail likewise, but the zero goes out before it
+                with contextlib.suppress(Exception):
+                    self._execute(self._arbiter.halt("internal_error"), now)
 
     def _update_pose(self) -> None:
         # tf returns the newest transform, however old

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import traceback
 from dataclasses import dataclass
+from pathlib import Path
 from typing import List, Mapping
 
 import rospy
@@ -102,7 +103,7 @@ class InteractionManagerNode:
         self._log_file = record.file_path("~log_file", params.log_file)
         node.keep_private(self._log_file)
         self._lock = threading.Lock()
-        self._latch = StopLatch(record.file_path("~stop_file", params.stop_file))
+        self._latch = StopLatch(Path(params.stop_file).expanduser())
         if self._latch.lost:
             rospy.logwarn("interaction_manager: it is not known whether robots were stopped: they are, until resume")
         self._interaction = Interaction(params, latch=self._latch)
