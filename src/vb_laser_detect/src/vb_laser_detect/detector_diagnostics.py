@@ -92,7 +92,7 @@ class DetectorDiagnostics:
         self._tell()
 
     def clear_refused_setting(self) -> None:
-        """Tells no longer that a camera which sends images refuses its settings."""
+        """Withdraws the notice that the camera refused its settings; it sends images."""
         with self._lock:
             self._source_fault = self._source_fault if self._silent_source else None
         self._tell()
