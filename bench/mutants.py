@@ -22,6 +22,7 @@ import os
 import signal
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Iterator, List, Tuple
 
@@ -111,15 +112,19 @@ def walk(node: ast.AST) -> Iterator[ast.AST]:
             yield from walk(child)
 
 
-def mutants(path: Path) -> List[Tuple[int, str, ast.Module]]:
-    """Lists all mutants of a file: line, words, and the tree of its functions and classes with one fault in it."""
+def mutants(path: Path) -> List[Tuple[int, str, Callable[[], ast.Module]]]:
+    """Lists all mutants of a file: line, words, and what makes the tree of its functions and classes with one fault in it."""
     tree, found = ast.parse(path.read_text(encoding="utf-8")), []
+
+    def make(index: int, place: int) -> ast.Module:
+        mutant = copy.deepcopy(tree)
+        chosen = next(node for number, node in enumerate(walk(mutant)) if number == index)
+        list(mutations(chosen))[place][1](chosen)
+        return ast.fix_missing_locations(_Remove().visit(mutant))
+
     for index, node in enumerate(walk(tree)):
         for place, (words, _) in enumerate(mutations(node)):
-            mutant = copy.deepcopy(tree)
-            chosen = next(one for number, one in enumerate(walk(mutant)) if number == index)
-            list(mutations(chosen))[place][1](chosen)
-            found.append((getattr(node, "lineno", 0), words, ast.fix_missing_locations(_Remove().visit(mutant))))
+            found.append((getattr(node, "lineno", 0), words, partial(make, index, place)))
     return found
 
 
@@ -185,8 +190,8 @@ def main() -> int:
         random = np.random.default_rng([given.seed, *name.encode()])
         every = mutants(path)
         chosen = [every[index] for index in sorted(random.permutation(len(every))[: given.each])]
-        for line, words, tree in chosen:
-            if survives(name, path, tree, tests, limit_s):
+        for line, words, make in chosen:
+            if survives(name, path, make(), tests, limit_s):
                 table.add(module=name, line=line, change=words, source=source.splitlines()[line - 1].strip())
         total += len(chosen)
         print(f"{name}: {len(chosen)} of {len(every)}", flush=True)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from vb_core.errors import CodedError
 from vb_evaluation.study_kit import __main__ as command
 from vb_evaluation.report import charts, paper_comparison, sensitivity
-from vb_evaluation.report.data import TIMES, pairs, read_sheet, read_study, select, write_table, yes_or_no
+from vb_evaluation.report.data import TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
 from vb_evaluation.report.maps import nearest_to_median
 from vb_evaluation.report.page import write_report
 from vb_evaluation.statistics import Interval
@@ -179,12 +179,6 @@ def test_few_participants_and_nothing_but_runs(tmp_path, participants, no_pictur
     assert "Beside the paper" in page and "Plausible worlds" not in page and "nan" not in words_of(page)
 
 
-def test_no_word_of_a_section_that_is_absent(tmp_path, no_pictures):
-    page = words_of(write_report(study_rows.make_study(tmp_path / "study", 2, sweeps=False, maps=False)).read_text())
-    for section in ("plausible world",):
-        assert section not in page.lower(), section
-
-
 def test_runs_that_are_missing_are_named(tmp_path, no_pictures):
     folder = study_rows.make_study(tmp_path / "study", 3, sweeps=False, maps=False)
     rows = rows_of(folder / "runs.csv")
@@ -229,32 +223,6 @@ def test_the_analysis_knows_no_simulator():
     )
     done = subprocess.run([sys.executable, "-c", code], stderr=subprocess.PIPE, universal_newlines=True)
     assert done.returncode == 0, done.stderr
-
-
-def test_pairs_are_of_those_who_completed_both_and_each_ones_means(tmp_path):
-    folder = study_rows.make_study(tmp_path / "study", 3, sweeps=False, maps=False)
-    rows = rows_of(folder / "runs.csv")
-    for row in rows:
-        done = (row["participant"], row["method"]) != ("p02", "nrs")
-        row.update(completed=int(done), error_mean_cm=2.0 if row["method"] == "nrs" else 1.0)
-    study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows)
-    study = read_study(folder)
-    room = select(study.runs, scenario="room")
-    assert [len(one) for one in pairs(room, "error_mean_cm", study.comparison, True)] == [2, 2]
-    assert [len(one) for one in pairs(room, "error_mean_cm", study.comparison)] == [3, 3]
-    # over all scenarios a person's failures are a share of that person's runs
-    rows[0]["completed"] = 0
-    study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows)
-    nrs, alone = pairs(read_study(folder).runs, "completed", study.comparison)
-    assert sorted(nrs) == pytest.approx([0.0, 2 / 3, 1.0]) and alone.tolist() == [1.0, 1.0, 1.0]
-    # the tables of accuracy hold completed runs only
-    write_report(folder)
-    (row,) = [
-        row
-        for row in rows_of(folder / "tables" / "error.csv")
-        if row["scenario"] == "Room exclusion" and row["method"] == "Network robot system"
-    ]
-    assert row["runs"] == "1"
 
 
 @settings(max_examples=40, deadline=None)

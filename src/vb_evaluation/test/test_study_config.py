@@ -111,11 +111,6 @@ def test_orders_are_random_and_balanced():
     ]
 
 
-def test_the_runs_of_a_study():
-    jobs = plan.main_jobs(STUDY, 8)
-    assert len(jobs) == len({job.task for job in jobs}) == 48 and plan.main_jobs(STUDY, 2) == jobs[:12]
-
-
 def test_columns_begin_with_the_contracts():
     contract = (
         "participant,scenario,method,seed,completed,time_guide_s,time_border_s,time_seed_s,time_total_s,jaccard"

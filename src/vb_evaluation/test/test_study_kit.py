@@ -30,7 +30,7 @@ from vb_map_integration.integration import integrate
 from vb_map_integration.storage.recording import MapRecording
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.session import Answer
-from vb_voice_wizard.dialogue.persistence import record_line
+from vb_voice_wizard.dialogue.record import record_line
 
 
 def room():
@@ -109,20 +109,6 @@ def test_wrong_images_are_reported(tmp_path):
 
 
 # ------------------------------------------------------------------ protocol
-def test_a_plan_is_a_balanced_within_subjects_design():
-    rows = protocol.plan(14, ["room", "carpet", "corner"], ["nrs", "robot_only"], seed=4)
-    assert len(rows) == 14 * 6 and len({row["recording"] for row in rows}) == 84
-    first = [row["method"] for row in rows if row["order"] == "1"]
-    assert first.count("nrs") == 7
-    for name in {row["participant"] for row in rows}:
-        mine = [row for row in rows if row["participant"] == name]
-        assert [row["order"] for row in mine] == list("123456")
-        assert len({(row["method"], row["scenario"]) for row in mine}) == 6
-        assert mine[0]["method"] == mine[1]["method"] == mine[2]["method"] != mine[3]["method"]
-    assert rows == protocol.plan(14, ["room", "carpet", "corner"], ["nrs", "robot_only"], seed=4)
-    assert rows != protocol.plan(14, ["room", "carpet", "corner"], ["nrs", "robot_only"], seed=5)
-
-
 def test_protocol_round_trip_and_spreadsheets(tmp_path):
     path = tmp_path / "protocol.csv"
     protocol.write(path, protocol.plan(2, ["room"], ["nrs", "robot_only"], 1))
@@ -163,7 +149,7 @@ class Lab:
         self.folder, self.grid = folder, grid
         self.maps = MapRecording(folder / "recordings")
         self.borders = []
-        self.maps.record(grid, [], 1.0, {})
+        self.maps.record(grid, [], 1.0)
         self.time = 10.0
 
     def interaction(self, key, low=(1.0, 0.4), high=(2.4, 1.2), seed=None, save=True, method="nrs"):
@@ -180,7 +166,7 @@ class Lab:
             )
             self.borders.append(border)
             cells = np.max([integrate(self.grid, each).posterior.data for each in self.borders], axis=0)
-            self.maps.record(self.grid.with_data(cells), list(self.borders), self.time - 0.1, {})
+            self.maps.record(self.grid.with_data(cells), list(self.borders), self.time - 0.1)
             machine.command("save", "wizard", self.time)
             machine.finish(Answer(True, "saved"), self.time, border.id)
         else:

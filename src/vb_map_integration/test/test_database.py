@@ -48,6 +48,7 @@ def test_borders_come_back_after_a_restart(tmp_path):
     first.add(square(10, 10, name="kitchen", robots=("ada",)), 1.0)
     first.add(square(60, 10, occupancy=0.3), 2.0)
     first.remove("b2")
+    assert (tmp_path / FILES[0]).read_bytes() == (tmp_path / FILES[1]).read_bytes()  # with each change
     first.close()
     second = integrator(tmp_path)
     assert second.borders == first.borders and second.revision == first.revision and codes(second) == []

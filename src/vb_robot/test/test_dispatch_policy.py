@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
-from vb_robot.dispatching.dispatch_policy import (
-    FAILED_MEMORY,
-    PROGRESS_TIMEOUTS,
-    DispatchInputs,
-    Fleet,
-    RobotStatus,
-    SentGoalState,
-)
+from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, PROGRESS_TIMEOUTS, Fleet, RobotStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.spots import Sighting, Sightings
 
@@ -66,7 +59,7 @@ class Fleets:
         for name, robot in self.robots.items():
             status = RobotStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
             seeing[name] = (status, robot if robot.knows else None)
-        goals = self.fleet.step(DispatchInputs(self.now, self.wanted, self.key, self.silent), seeing)
+        goals = self.fleet.step(self.now, self.key if self.wanted else None, self.silent, seeing)
         assert set(goals) == set(self.robots)
         decisions = {}
         running = [

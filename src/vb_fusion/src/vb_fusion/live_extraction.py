@@ -96,7 +96,7 @@ class LiveExtractor:
         with self._lock:
             self._not_before = 0.0
             self._border_total = self._seed_total = -1
-            self.candidate = DrawnBorder()
+            self.drawn = DrawnBorder()
 
     def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
         """Returns the border so far; extracts it again if there are new spots and it is time. From any thread.
@@ -110,10 +110,12 @@ class LiveExtractor:
             seed_new = collection.seed_total != self._seed_total
             if (border_new or seed_new) and (force or clock() >= self._not_before):
                 started = clock()
-                self._extract(collection, border_new, seed_new)
-                finished = clock()
-                self._not_before = finished + (finished - started) * (1.0 / self._share - 1.0)
-            return self.candidate
+                try:
+                    self._extract(collection, border_new, seed_new)
+                finally:  # an attempt that fails costs as much
+                    finished = clock()
+                    self._not_before = finished + (finished - started) * (1.0 / self._share - 1.0)
+            return self.drawn
 
     def _extract(self, collection: Collection, border_new: bool, seed_new: bool) -> None:
         found = {}
@@ -127,5 +129,5 @@ class LiveExtractor:
                 found.update(dwells=find_dwells_of(collection), no_seed=None)
             except ExtractionError as error:
                 found.update(dwells=(), no_seed=error)
-        self.candidate = replace(self.candidate, **found)
+        self.drawn = replace(self.drawn, **found)
         self._border_total, self._seed_total = collection.border_total, collection.seed_total

@@ -88,6 +88,7 @@ class PageNode:
     def __init__(self, params: PageParams) -> None:
         self._params = params
         self._lock = threading.Lock()
+        self._showing = threading.Lock()
         self._view, self._images = View(), images.ImageCache()
         self._history = EventHistory(Path(params.events_file).expanduser())
         self._grid: Optional[GridMap] = None
@@ -228,8 +229,8 @@ class PageNode:
         elif changed:
             self._view.put("offer", None)
             self._view.put("drives", {})
-        if changed and self._border_list is not None:
-            self._on_borders(self._border_list)
+        if changed:
+            self._show_borders()
 
     def _offer_to_browsers(self, message: RobotStatusArray, found: Offer) -> None:
         # a Stop does not go from under a finger because a driver is just being started again
@@ -239,17 +240,25 @@ class PageNode:
         self._view.put("drives", ros_view.drives_section(message))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._border_list = message
-        section = ros_view.borders_section(message, self._offer)
-        shown = {border["id"]: border for border in section["list"]}
+        known = {border.id: border for border in message.borders}
         with self._lock:
-            self._marks = mark_borders(self._marks, list(shown))
-            for key, border in shown.items():
-                border["mark"] = self._marks[key]
-            before, self._borders = self._borders, {border.id: border for border in message.borders}
-        self._view.put("borders", section)
-        for kind, border in border_changes(before, self._borders) if before is not None else ():
+            before, self._borders, self._border_list = self._borders, known, message
+        self._show_borders()
+        for kind, border in border_changes(before, known) if before is not None else ():
             self._tell(f"page_event_{kind}", {"border": border.name or border.id})
+
+    def _show_borders(self) -> None:
+        """Shows the newest list; from several threads, of which none can bring back an older one."""
+        with self._showing:
+            with self._lock:
+                message, known_offer = self._border_list, self._offer
+            if message is None:
+                return
+            section = ros_view.borders_section(message, known_offer)
+            self._marks = mark_borders(self._marks, [border["id"] for border in section["list"]])
+            for border in section["list"]:
+                border["mark"] = self._marks[border["id"]]
+            self._view.put("borders", section)
 
     def _on_state(self, message: InteractionState) -> None:
         section = ros_view.state_section(message)
@@ -308,8 +317,12 @@ class PageNode:
         with self._lock:
             frames = dict(self._frames)
         for robot, frame in frames.items():
+            stamp = self._transforms.newest(names.MAP_FRAME, frame)
+            if not stamp.is_zero() and (rospy.Time.now() - stamp).to_sec() > _SILENCE_TIMEOUT:
+                self._poses.pop(robot, None)  # nobody knows where it is by now
+                continue
             try:
-                pose = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), 0.0)
+                pose = self._transforms.lookup(names.MAP_FRAME, frame, stamp, 0.0)
             except CodedError:
                 continue
             x, y, yaw = pose2d_from_transform(pose)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
 import numpy as np
+import rospkg
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
@@ -26,7 +27,7 @@ METHODS: Dict[str, Callable[[World], Tuple[str, ...]]] = {
     "nrs": lambda world: tuple(camera.name for camera in world.cameras),
     "robot_only": lambda world: (),
 }
-PACKAGE = Path(__file__).resolve().parents[3]
+PACKAGE = Path(rospkg.RosPack().get_path("vb_evaluation"))
 DEFAULT = PACKAGE / "config" / "study.yaml"
 
 

@@ -1,15 +1,4 @@
-"""Plans, runs, measures and reports a study with people; docs/how-to/run-a-study.md shows how.
-
-rosrun vb_evaluation study_kit power
-rosrun vb_evaluation study_kit plan --participants 15 --out ~/study/protocol.csv
-rosrun vb_evaluation study_kit forms ~/study/forms
-rosrun vb_evaluation study_kit run p01 --protocol ~/study/protocol.csv
-rosrun vb_evaluation study_kit measure ~/study/protocol.csv --ground-truth ~/study/ground_truth --out ~/study/results
-rosrun vb_evaluation study_kit judge ~/study/results
-rosrun vb_evaluation study_kit report ~/study/results
-rosrun vb_evaluation study_kit export ~/study/results --out ~/shared
-rosrun vb_evaluation study_kit delete p07 --protocol ~/study/protocol.csv
-"""
+"""Plans, runs, measures and reports a study with people; docs/how-to/run-a-study.md shows how."""
 
 from __future__ import annotations
 

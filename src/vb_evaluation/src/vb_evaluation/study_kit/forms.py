@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import List, Sequence, Tuple
 
 import jinja2
+import rospkg
 
 from vb_core.errors import CodedError
 from vb_evaluation.report import questionnaire
 from vb_evaluation.report.paper import METHOD_TITLES
 
-TEMPLATES = Path(__file__).resolve().parents[3] / "config" / "forms"
+TEMPLATES = Path(rospkg.RosPack().get_path("vb_evaluation")) / "config" / "forms"
 DEMOGRAPHICS: Tuple[Tuple[str, str, Sequence[str]], ...] = (
     ("age", "Age in years", ()),
     ("gender", "Gender", ("female", "male", "another", "no answer")),
