@@ -100,6 +100,17 @@ class BorderFusionTest(unittest.TestCase):
     def last(self, **fields) -> bool:
         return bool(self.progress) and all(getattr(self.progress[-1], key) == v for key, v in fields.items())
 
+    def test_a_drawing_that_a_restarted_manager_does_not_know_is_told_to_be_lost(self) -> None:
+        self.enter(BORDER, "killed")
+        self.show(square(20), since=0.01)
+        self.wait(lambda: self.last(border_spots=20), "the drawing")
+        self.enter(DEFAULT, "")  # without an outcome, as no interaction ends
+        self.wait(lambda: any("drawing_lost" in codes for codes in self.told), "the loss to be told")
+        self.enter(BORDER, "next")
+        self.assertEqual(self.progress[-1].border_spots, 0)
+        self.wait(lambda: self.told and "drawing_lost" not in self.told[-1], "the end of the notice")
+        self.enter(DEFAULT, "", "cancelled")
+
     def test_interaction(self) -> None:
         self.show(square(20), age=5.0)  # Default: not wanted, even if they arrive after the next state
         self.enter(BORDER, "one")

@@ -71,6 +71,7 @@ class BorderFusionNode:
         self._closing = False
         self._dirty = False
         self._forget = False  # the interaction was cancelled; its spots go once they were shown
+        self._lost = False  # the interaction manager was started again in the middle of an interaction
         self._wrong_frame = 0
         self._wrong_camera = ""
         self._failure: Optional[CodedError] = None  # of the last attempt to extract a border
@@ -113,7 +114,9 @@ class BorderFusionNode:
                 self._spot_log.discard()
             if before == (self._collector.state, self._collector.interaction_id):
                 return
-            self._forget = state == DEFAULT and message.last_outcome not in ("", "saved")
+            # every interaction that ends has an outcome
+            self._lost = state == DEFAULT and before[0] != DEFAULT and not message.last_outcome
+            self._forget = self._lost or (state == DEFAULT and message.last_outcome not in ("", "saved"))
         self._changed.set()
 
     def _restore(self, interaction_id: str) -> None:
@@ -186,6 +189,8 @@ class BorderFusionNode:
         """Publishes notices of what is still wrong."""
         with self._lock:
             problems = [self._failure, self._bad_message, self._spot_log.problem]
+            if self._lost:
+                problems.append(CodedError("drawing_lost"))
             if self._wrong_frame:
                 problems.append(CodedError("spots_wrong_frame", camera=self._wrong_camera))
             problems += [CodedError("camera_clock_off", camera=name) for name in sorted(self._collector.wrong_clocks)]
