@@ -1,5 +1,6 @@
 """Maps in map_server's format."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -42,6 +43,7 @@ def test_names_cannot_leave_the_folder(tmp_path, name):
     [
         ("", [[-1, 0, 0], [100, 0, -1]]),
         ("mode: raw\n", [[100, -1, -1], [0, -1, -1]]),
+        ("mode: scale\n", [[89, 0, 0], [100, 0, 1]]),
         ("negate: true\n", [[-1, 100, 100], [0, 100, 100]]),
     ],
 )
@@ -51,6 +53,13 @@ def test_modes(tmp_path, extra, expected):
     (tmp_path / "map.yaml").write_text(DESCRIPTION.replace("negate: 0\n", "") + extra)
     grid = read_map(tmp_path / "map.yaml")
     assert grid.data.tolist() == expected and grid.origin == (1.0, 2.0, 0.0)
+
+
+def test_a_transparent_pixel_is_unknown_where_shades_count(tmp_path):
+    image = np.array([[[150, 150, 150, 255], [150, 150, 150, 0]]], np.uint8)
+    cv2.imwrite(str(tmp_path / "map.png"), image)
+    (tmp_path / "map.yaml").write_text(DESCRIPTION.replace(".pgm", ".png") + "mode: scale\n")
+    assert read_map(tmp_path / "map.yaml").data.tolist() == [[47, -1]]
 
 
 @pytest.mark.parametrize(
@@ -66,7 +75,7 @@ def test_modes(tmp_path, extra, expected):
         ("[1.0, 2.0, 0.0]", "[0, 0, .nan]", "origin"),
         ("free_thresh: 0.196", "free_thresh: low", "free_thresh"),
         ("negate: 0", "negate: 'no'", "negate"),
-        ("resolution: 0.1", "mode: scale", "mode"),
+        ("resolution: 0.1", "mode: odd", "mode"),
         (DESCRIPTION, "", "contains no"),
         (DESCRIPTION, "[", "YAML"),
     ],

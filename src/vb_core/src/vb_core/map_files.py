@@ -81,7 +81,7 @@ def map_path(name: str) -> Path:
 
 
 def read_map(path: Path) -> GridMap:
-    """Reads a map as map_server does in its modes trinary and raw; inverse of `write_map`.
+    """Reads a map as map_server does (modes trinary, scale and raw); inverse of `write_map`.
 
     Args:
         path: the YAML file.
@@ -106,8 +106,8 @@ def read_map(path: Path) -> GridMap:
         return float(found)
 
     mode = description.get("mode", "trinary")
-    if mode not in ("trinary", "raw"):
-        raise _wrong(path, "mode", "trinary | raw", mode)
+    if mode not in ("trinary", "scale", "raw"):
+        raise _wrong(path, "mode", "trinary | scale | raw", mode)
     origin = description.get("origin")
     if not (isinstance(origin, list) and len(origin) == 3 and all(type(value) in (int, float) for value in origin)):
         raise _wrong(path, "origin", "[x, y, yaw]", origin)
@@ -119,14 +119,20 @@ def read_map(path: Path) -> GridMap:
     if not isinstance(negate, (int, float)):
         raise _wrong(path, "negate", "0 | 1", negate)
     resolution = number("resolution")
-    # alpha counts as a fourth colour, as in map_server
-    gray = image.mean(axis=2) if image.ndim == 3 else image.astype(float)
     if mode == "raw":
+        gray = _gray(image, colors_only=False)
         cells = np.where(gray <= 100, gray, UNKNOWN)
     else:
+        # map_server counts alpha as a fourth colour, except in scale mode
+        gray = _gray(image, colors_only=mode == "scale")
         darkness = gray / 255.0 if negate else (255.0 - gray) / 255.0
         high, low = number("occupied_thresh", OCCUPIED_THRESH), number("free_thresh", FREE_THRESH)
-        cells = np.where(darkness > high, 100, np.where(darkness < low, 0, UNKNOWN))
+        between = np.full(gray.shape, float(UNKNOWN))
+        if mode == "scale":
+            between = 1 + 98 * (darkness - low) / max(high - low, 1e-9)
+            if image.ndim == 3 and image.shape[2] == 4:
+                between = np.where(image[..., 3] < 1, UNKNOWN, between)
+        cells = np.where(darkness > high, 100, np.where(darkness < low, 0, between))
     # an image's first row is its top, a grid's first row is its lowest y
     try:
         return GridMap(np.ascontiguousarray(cells[::-1]).astype(np.int8), resolution, (origin[0], origin[1], origin[2]))
@@ -140,6 +146,13 @@ def _bad(path: Path, reason: Optional[str], **values: Any) -> CodedError:
 
 def _wrong(path: Path, key: str, expected: str, found: Any) -> CodedError:
     return _bad(path, "$file_value", key=key, expected=expected, found=repr(found))
+
+
+def _gray(image: np.ndarray, colors_only: bool) -> np.ndarray:
+    """Returns the mean (H, W), 0 .. 255, of an image's channels."""
+    if image.ndim == 2:
+        return image.astype(float)
+    return image[..., : 3 if colors_only else None].mean(axis=2)
 
 
 def _read_image(path: Path) -> np.ndarray:
