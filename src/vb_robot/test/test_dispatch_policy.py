@@ -139,6 +139,14 @@ def test_next_candidate_after_failure_and_longer_pauses_after_many():
     assert (np.diff(pauses) >= 0.0).all() and pauses[-1] > 2.0, "and navigation is not asked for ever more plans"
 
 
+def test_a_place_that_failed_is_tried_again_after_a_while():
+    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
+    bench.step()
+    failed, bench.robot.goal = bench.now, SentGoalState.FAILED
+    assert not sent(bench.run(int(4 * (FAILED_MEMORY - 1.0))))
+    assert sent(bench.run(20)) == [place(1)] and bench.now > failed + FAILED_MEMORY
+
+
 def test_goal_is_replaced_only_after_patience_and_for_another_place():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()

@@ -44,7 +44,7 @@ from vb_fusion.stroke.track import find_places, find_strokes
 
 __all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
 
-SMALLEST_FIGURE = 8.0  # tremors across, from which on it can be told that a curled line is open
+SMALLEST_FIGURE = 8.0  # tremors across: the smallest curled line that can be told to be open
 MAX_SLIP_RATIO = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
 
 

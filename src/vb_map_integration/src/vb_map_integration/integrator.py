@@ -205,18 +205,16 @@ class MapIntegrator:
         transform = recognition.transform if same else Transform()
         place = recognition.place if same else 0
         self._database.check_name(name, place)
-        if same:
-            if not place or known is None or known.place != place:
-                place = self._database.add_map(grid, self._map_id, place, transform)
+        if same and place and known is not None and known.place == place:
+            if name:
+                self._database.rename_place(place, name)
+            self._database.remember_place(place)
         else:
-            if known is not None and known.id == known.place and self._database.borders(known.place):
+            if not same and known is not None and known.id == known.place and self._database.borders(known.place):
                 raise CodedError("drawn_on_this_map")
-            place = self._database.add_map(grid, self._map_id)
-        if name:
-            self._database.rename_place(place, name)
+            place = self._database.add_map(grid, self._map_id, place, transform, name)
         waiting = self._waiting() if same else []
         self._use(grid, PlaceRecognition(place, transform), now)
-        self._database.remember_place(place)
         self._accept(waiting, now)
         return ChangeResult((), (), sentences.translate("map_confirmed", {"count": len(self.borders)}))
 
@@ -372,7 +370,6 @@ class MapIntegrator:
             place, transform = self._recognition.place, self._recognition.transform
             name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
             place = self._database.add_map(self.physical, self._map_id, place, transform, name)
-            self._database.remember_place(place)
             self._recognition = PlaceRecognition(place, transform)
 
     def _make_change(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> ChangeResult:

@@ -350,7 +350,7 @@ class MapIntegratorNode:
         except CodedError as error:
             return TriggerResponse(False, str(error))
         rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
-        return TriggerResponse(True, outcome.message)
+        return TriggerResponse(True, " ".join([outcome.message, *(issue.sentence() for issue in outcome.issues)]))
 
     def _save(self, request: Any) -> SaveMapResponse:
         response = SaveMapResponse()

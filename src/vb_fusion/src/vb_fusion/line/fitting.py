@@ -12,7 +12,7 @@ import numpy as np
 from vb_fusion.line.resampling import ResampledStroke
 
 CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
-LONGEST_BEND = 1.5  # of its chord is a curved side's way at most; half a circle's is 1.57
+LONGEST_BEND = 1.5  # chords: no curved side is longer; half a circle is 1.57
 LEAST_SPIKE = 2.0  # tremors that the pen goes there and back: what is shorter may be noise
 HELD = 0.3  # tremors of line that hold a vertex where it is; where its sides turn, the samples outweigh it
 

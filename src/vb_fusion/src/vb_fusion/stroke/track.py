@@ -118,7 +118,7 @@ def _divide(
 def _beside(seen: Observations, places: Observations, line: np.ndarray) -> np.ndarray:
     """Returns the indices of what was seen beside a line, the indices of its places, at its own time.
 
-    The pointer is at one place: what a robot sees as far from where others do as the robot may be lost is the pointer, too.
+    The pointer is in one place, so a robot's spot that is off by no more than its localisation error is still the pointer.
     """
     times = places.stamps[line]
     first, last = np.searchsorted(seen.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))

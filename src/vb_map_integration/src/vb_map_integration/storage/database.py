@@ -119,7 +119,7 @@ class Database:
     def add_map(
         self, grid: GridMap, map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
     ) -> int:
-        """Keeps a map, as a new place (place 0) or as another map of one; returns the place's number."""
+        """Keeps a map, as a new place (place 0) or as another map of one, which is the last in force; returns its number."""
         known = self.maps()
         number = next(
             (one.id for one in known if one.fingerprint == map_id), 1 + max((one.id for one in known), default=0)
@@ -139,6 +139,7 @@ class Database:
             "shape": grid.shape,
             "cells": base64.b64encode(zlib.compress(np.ascontiguousarray(grid.data), 1)).decode(),
         }
+        changes[_PLACE] = place
         if name:
             changes[f"names/{place}"] = name
         self._kept.change(changes)

@@ -55,7 +55,7 @@ class DurableValues:
         notices: what was wrong with the files, for people.
 
     Raises:
-        CodedError: "database_in_use", "database_newer".
+        CodedError: "database_in_use", "database_newer", "cannot_read".
     """
 
     def __init__(self, folder: Optional[Path], today: Any = datetime.date.today) -> None:
@@ -112,20 +112,35 @@ class DurableValues:
                 self._take_folder(self._folder, 0.0)
             except OSError as error:
                 raise CodedError("cannot_write", what=FILES[0], reason=error.strerror or error) from None
-            self._write(self._folder, content)
+            try:
+                self._write(self._folder, content)
+            except CodedError:
+                with contextlib.suppress(CodedError):  # one of the files may be the new one already
+                    self._write(self._folder, _Content(self.revision, self._values))
+                raise
         self.revision, self._values = content
 
     def _load(self, folder: Path) -> None:
-        found = {folder / name: _read(folder / name) for name in FILES}
+        found: Dict[Path, Optional[_Content]] = {}
+        refused: Optional[OSError] = None
+        for path in (folder / name for name in FILES):
+            try:
+                found[path] = _read(path)
+            except OSError as error:  # it may be sound, and readable at another time
+                refused = error
         damaged = [path for path, content in found.items() if content is None and path.exists()]
         best = max(filter(None, found.values()), key=lambda content: content.revision, default=None)
+        if best is None and refused is not None:
+            raise CodedError("cannot_read", file=refused.filename, reason=refused.strerror) from None
         if best is not None and damaged:
             self._report("database_repaired", Severity.WARNING, what=str(folder))
         elif best is None:
             # dates are only for people: clocks go wrong
-            copies = {
-                path: content for path in (folder / "copies").glob("*.jsonl") for content in [_read(path)] if content
-            }
+            copies = {}
+            for path in (folder / "copies").glob("*.jsonl"):
+                with contextlib.suppress(OSError):
+                    copies[path] = _read(path)
+            copies = {path: content for path, content in copies.items() if content is not None}
             if copies:
                 path, best = max(copies.items(), key=lambda item: item[1].revision)
                 self._report("borders_lost_since", Severity.ERROR, date=path.stem[-10:])
@@ -138,7 +153,7 @@ class DurableValues:
                 os.replace(str(path), f"{path}.damaged")
             for path in folder.glob(".borders*"):  # of a write that was cut off
                 path.unlink()
-            if best is not None and any(content != best for content in found.values()):
+            if best is not None and (refused or any(content != best for content in found.values())):
                 self._write(folder, best)
         except (OSError, CodedError) as error:
             self._report_read_only(str(error))
@@ -170,11 +185,15 @@ class DurableValues:
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 return
-            except BlockingIOError:
-                if time.monotonic() >= end:
-                    self.close()
+            except OSError as error:
+                busy = isinstance(error, BlockingIOError)
+                if busy and time.monotonic() < end:
+                    time.sleep(0.05)
+                    continue
+                self.close()
+                if busy:
                     raise CodedError("database_in_use", what=str(folder)) from None
-                time.sleep(0.05)
+                raise
 
     def _report(self, code: str, severity: Severity, **values: Any) -> None:
         self.notices.append(Notice.from_error(CodedError(code, **values), severity))
@@ -191,7 +210,7 @@ def _read(path: Path) -> Optional[_Content]:
     """
     try:
         checksum, _, rest = path.read_bytes().partition(b"\n")
-    except OSError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     if checksum != _checksum(rest):
         return None
