@@ -334,7 +334,7 @@ def read_glossary():
 def texts():
     """Yields what people read: code, interfaces, documentation, messages."""
     found = subprocess.run(
-        ["git", "ls-files", "*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "scripts", "src/*/scripts"],
+        ["git", "ls-files", "*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "*.js", "scripts", "src/*/scripts"],
         cwd=str(TOP),
         stdout=subprocess.PIPE,
         universal_newlines=True,

@@ -180,6 +180,14 @@ ATTACKS = (
 )
 
 
+def sleep_on(worst):
+    """Runs in a separate process: how late [s] a program that only sleeps is woken, which is no fault of the page."""
+    while True:
+        began = time.monotonic()
+        time.sleep(0.01)
+        worst.value = max(worst.value, time.monotonic() - began - 0.01)
+
+
 def run_attack(attack, page):
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(attack(page))
@@ -238,12 +246,19 @@ async def main() -> int:
             held = node_process("/map_integrator") if attack is previews else None
             if held is not None:
                 os.kill(held.pid, signal.SIGSTOP)  # a preview takes as long as the page waits for it
-            attacker = multiprocessing.get_context("spawn").Process(target=run_attack, args=(attack, page), daemon=True)
+            spawn = multiprocessing.get_context("spawn")
+            woken = spawn.Value("d", 0.0)
+            attacker = spawn.Process(target=run_attack, args=(attack, page), daemon=True)
+            sleeper = spawn.Process(target=sleep_on, args=(woken,), daemon=True)
             attacker.start()
-            await asyncio.sleep(0.0 if attack is nothing else 6.0)
+            sleeper.start()
+            await asyncio.sleep(6.0)
+            woken.value = 0.0
             found = await measure(page, cookie, link, given.seconds, number)
-            attacker.terminate()
-            attacker.join()
+            late = woken.value
+            for process in (attacker, sleeper):
+                process.terminate()
+                process.join()
             if held is not None:
                 os.kill(held.pid, signal.SIGCONT)
             link.close()
@@ -251,7 +266,7 @@ async def main() -> int:
             for what, times in found.items():
                 row[f"{what}_median"], row[f"{what}_worst"] = float(np.median(times)), float(max(times))
                 row[f"{what}_lost"] = int(np.isinf(times).sum())
-            table.add(**row, load=os.getloadavg()[0])
+            table.add(**row, woken_worst=late, load=os.getloadavg()[0])
             await asyncio.sleep(1.0)
     return 0
 

@@ -99,6 +99,7 @@ def test_a_border_says_which_of_its_robots_does_not_keep_it():
         (dict(plans_round_borders=False, maps=("/map",)), "robot_ignores_borders"),
         (dict(plans_round_borders=False, driver=True), "robot_plans_through_borders"),
         (dict(missing_maps=("/robot_driver/keep_out",)), "robot_waits_for_map"),
+        (dict(unheard=("/cmd_vel/navigation",)), "robot_commands_unheard"),
         (dict(localized=False), "robot_not_localized"),
     ],
 )

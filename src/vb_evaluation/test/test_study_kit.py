@@ -30,7 +30,7 @@ from vb_map_integration.integration import integrate
 from vb_map_integration.storage.recording import MapRecording
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.session import Answer
-from vb_voice_wizard.dialogue.persistence import record_line
+from vb_voice_wizard.dialogue.record import record_line
 
 
 def room():
@@ -149,7 +149,7 @@ class Lab:
         self.folder, self.grid = folder, grid
         self.maps = MapRecording(folder / "recordings")
         self.borders = []
-        self.maps.record(grid, [], 1.0, {})
+        self.maps.record(grid, [], 1.0)
         self.time = 10.0
 
     def interaction(self, key, low=(1.0, 0.4), high=(2.4, 1.2), seed=None, save=True, method="nrs"):
@@ -166,7 +166,7 @@ class Lab:
             )
             self.borders.append(border)
             cells = np.max([integrate(self.grid, each).posterior.data for each in self.borders], axis=0)
-            self.maps.record(self.grid.with_data(cells), list(self.borders), self.time - 0.1, {})
+            self.maps.record(self.grid.with_data(cells), list(self.borders), self.time - 0.1)
             machine.command("save", "wizard", self.time)
             machine.finish(Answer(True, "saved"), self.time, border.id)
         else:

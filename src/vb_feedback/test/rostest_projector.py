@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""calibrate_projector by clicks, then floor_projector with the file that it wrote."""
+"""floor_projector, calibrated by clicks, and started again with the file that it wrote."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def floor_of(column, row):
     return 1.0 + column / SCALE, 1.0 + (SIZE[1] - 1 - row) / SCALE
 
 
-def start(name, *arguments):
+def start(*arguments):
     return subprocess.Popen(
-        ["rosrun", "vb_feedback", name, *arguments],
+        ["rosrun", "vb_feedback", "floor_projector", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         universal_newlines=True,
@@ -61,9 +61,7 @@ class ProjectorTest(unittest.TestCase):
         )
 
     def test_1_calibration_by_clicks(self):
-        node = start(
-            "calibrate_projector", f"_file:={self.file}", f"_width:={SIZE[0]}", f"_height:={SIZE[1]}", "_window:=false"
-        )
+        node = start(f"_calibration:={self.file}", f"_width:={SIZE[0]}", f"_height:={SIZE[1]}")
         clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
         wait_until(lambda: clicks.get_num_connections() and self.pictures, "the first marker")
         markers = projector_calibration.markers(*SIZE)
@@ -85,16 +83,16 @@ class ProjectorTest(unittest.TestCase):
         for number in range(4):
             wait_until(lambda: bright(number), f"marker {number} of the second try")
             click(*floor_of(*markers[number]))
-        wait_until(lambda: node.poll() is not None, "its end")
-        said = node.stdout.read()
-        self.assertEqual(node.returncode, 0, said)
+        wait_until(lambda: os.path.exists(self.file) and not self.shown().any(), "a dark picture")
+        node.terminate()
+        said, _ = node.communicate()
         self.assertIn("not in the frame map", said)
         self.assertIn("order of the markers", said)
         found = projector_calibration.load(self.file)
         np.testing.assert_allclose(found.footprint()[0], floor_of(0, 0), atol=1e-3)
 
     def test_2_borders_drawing_and_preview(self):
-        node = start("floor_projector", f"_calibration:={self.file}", "_max_rate:=20.0")
+        node = start(f"_calibration:={self.file}", "_max_rate:=20.0")
         try:
             latched = {"queue_size": 1, "latch": True}
             state = rospy.Publisher("/virtual_borders/state", InteractionState, **latched)
@@ -146,7 +144,7 @@ class ProjectorTest(unittest.TestCase):
             node.stdout.close()
 
     def test_3_without_a_calibration_it_says_so(self):
-        cases = [([], "calibration"), (["_calibration:=/nowhere.yaml"], "cannot read")]
+        cases = [([], "calibration"), (["_calibration:=/"], "cannot read")]
         assert_ends_with_one_line("vb_feedback", "floor_projector", cases)
 
 

@@ -40,13 +40,13 @@ def dbscan(points: List[Point], eps: float, min_pts: int) -> List[List[int]]:
     return clusters
 
 
-def clustering(points: List[Point], eps, min_pts, min_exp, max_exp, min_size) -> List[int]:
+def clustering(points: List[Point], eps, min_pts, min_exp, min_size) -> List[int]:
     pointset_out: List[int] = []
     clusters = dbscan(points, eps, min_pts)
     clusters = sorted([c for c in clusters if len(c) >= min_size], key=len, reverse=True)
     for c in clusters:
         xs, ys = [points[i][0] for i in c], [points[i][1] for i in c]
-        if min_exp < math.hypot(max(xs) - min(xs), max(ys) - min(ys)) < max_exp:
+        if min_exp < math.hypot(max(xs) - min(xs), max(ys) - min(ys)):
             pointset_out = c
             break
     return pointset_out

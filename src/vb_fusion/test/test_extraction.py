@@ -1,13 +1,9 @@
 """extract_border in robust mode: drawn strokes within bounds, the closing rule, and inputs that are no strokes."""
 
 import dataclasses
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from shapely.geometry import Polygon, box
 
@@ -15,7 +11,6 @@ import people
 from strokes import Setting, draw, hausdorff, jaccard
 
 from vb_core import geometry
-from vb_core.errors import ParameterError
 from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border
 from vb_fusion.line import closure
 from vb_fusion.stroke import track
@@ -81,18 +76,9 @@ def test_every_stroke_is_followed(shape, setting, allowed):
         assert hausdorff(chain.points, stroke.truth, stroke.closed) < allowed
 
 
-def test_corners_stay_corners():
-    s = np.linspace(0, 6, 600, endpoint=False)
-    at = [0, 2, 3, 5, 6]
-    points = np.column_stack([np.interp(s, at, [0, 2, 2, 0, 0]), np.interp(s, at, [0, 0, 1, 1, 0])])
-    chain = extract(points + np.random.default_rng(0).normal(0, 0.005, points.shape))
-    for corner in ([0, 0], [2, 0], [2, 1], [0, 1]):
-        assert np.linalg.norm(chain.points - corner, axis=1).min() < 0.02
-
-
 @pytest.mark.parametrize("closed", [True, False], ids=["polygon", "curve"])
-@pytest.mark.parametrize("before, after", [(0.2, 0.2), (0.05, 0.35), (0.3, 0.1)])
-def test_a_corner_that_nobody_saw_stays_a_corner(closed, before, after):
+@pytest.mark.parametrize("before, after", [(0.0, 0.0), (0.2, 0.2), (0.05, 0.35), (0.3, 0.1)])
+def test_corners_stay_corners_also_where_nobody_saw_one(closed, before, after):
     s = np.linspace(0, 6, 1200, endpoint=False)
     s = s[(s < 2 - before) | (s > 2 + after)]
     if not closed:
@@ -101,7 +87,8 @@ def test_a_corner_that_nobody_saw_stays_a_corner(closed, before, after):
     points = np.column_stack([np.interp(s, at, [0, 2, 2, 0, 0]), np.interp(s, at, [0, 0, 1, 1, 0])])
     chain = extract_border(points + np.random.default_rng(0).normal(0, 0.005, points.shape), stamps=s / 0.4)
     assert chain.closed == closed
-    assert np.linalg.norm(chain.points - [2, 0], axis=1).min() < 0.04
+    for corner, allowed in (([2, 0], 0.04), ([2, 1], 0.02), ([0, 1], 0.02))[: 3 if closed else 2]:
+        assert np.linalg.norm(chain.points - corner, axis=1).min() < allowed
 
 
 def test_translation_and_rotation_move_the_chain():
@@ -121,20 +108,6 @@ def test_stroke_runs_in_the_direction_it_was_drawn():
 
 
 # ----------------------------------------------------------------- closed or open
-def carpet(gap: float, scale: float = 1.0) -> np.ndarray:
-    s = np.linspace(0.7, 0.7 + 6.5 - gap, 300) % 6.5
-    at = [0, 2, 3.25, 5.25, 6.5]
-    ring = np.column_stack([np.interp(s, at, [0, 2, 2, 0, 0]), np.interp(s, at, [0, 0, 1.25, 1.25, 0])])
-    return scale * ring
-
-
-@pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
-def test_carpet_with_a_gap_is_closed_at_every_scale(scale):
-    decision = closure.classify_closure(carpet(0.4, scale))
-    assert decision.closed and decision.code == "closed_gap"
-    assert decision.gap == pytest.approx(0.4 * scale, rel=0.1)
-
-
 def test_crossing_ends_are_closed_and_cut():
     corners = np.array([[-0.2, 0], [2, 0], [2, 1.25], [0, 1.25], [0, -0.2]])
     chain = geometry.resample_chain(corners, 0.02)
@@ -162,9 +135,8 @@ def test_a_rest_behind_a_flick_belongs_to_the_stroke_and_a_stray_does_not():
 
     def path(away):
         points = np.column_stack([0.02 * step + away, np.zeros(40)])
-        still = track.Places(points, TIME_BIN * step, step, np.ones(40), np.zeros(40, dtype=bool))
-        _, previous = track.find_best_steps(still, np.full(40, 0.02), TREMOR)
-        return track.trace_path(39, previous, np.ones(40, dtype=bool)).tolist()
+        steps = track.find_best_steps(points, TIME_BIN * step, 3.0 * TIME_BIN, np.full(40, 0.02), TREMOR)
+        return track.trace_path(*steps).tolist()
 
     assert {*range(15), *range(25, 40)} <= {*path(1.0 * (step >= 20))}
     assert {20} == {*step} - {*path(1.0 * (step == 20))}
@@ -175,49 +147,6 @@ def test_a_line_there_and_back_that_encloses_less_than_a_hand_trembles_is_open()
     lens = np.column_stack([np.concatenate([along, along[::-1]]), 0.01 * np.sin(2.0 * np.pi * np.linspace(0, 1, 100))])
     assert closure.classify_closure(lens).code == "open_flat"
     assert closure.classify_closure(lens * [1.0, 20.0]).closed
-
-
-@pytest.mark.parametrize("lean", [15.0, 20.0, 30.0])
-def test_legs_that_lean_to_each_other_close_once_the_opening_weighted_by_the_turn_is_narrower_than_the_figure(lean):
-    """A trapezoid without its short side: everything about it can be computed by hand."""
-    base, tilt = 2.0, np.radians(lean)
-
-    def excess(gap):
-        height = 0.5 * (base - gap) / np.tan(tilt)
-        legs = 2.0 * height / np.cos(tilt)
-        width = (base + gap) * height / (base + legs + gap)
-        return gap * (180.0 - 2.0 * lean) / 180.0 - width
-
-    opening = brentq(excess, 0.01, 0.99 * base)
-
-    def classify(gap):
-        height = 0.5 * (base - gap) / np.tan(tilt)
-        half = 0.5 * base
-        return closure.classify_closure(
-            geometry.resample_chain(np.array([[-gap / 2, height], [-half, 0], [half, 0], [gap / 2, height]]), 0.01)
-        )
-
-    def hooked(gap):
-        """The same with ends that turn outwards over a centimetre, as a pointer is switched on and off."""
-        line = geometry.resample_chain(np.array([[-gap / 2, 0.5 * (base - gap) / np.tan(tilt)], [-1.0, 0.0]]), 0.01)
-        line[0] += [-0.008, 0.0]
-        ends = np.vstack([line, [[1.0, 0.0]], (line * [-1.0, 1.0])[::-1]])
-        return closure.classify_closure(geometry.resample_chain(ends, 0.005))
-
-    widest = closure.MAX_OPENING_RATIO * base
-    assert opening < widest  # so that it is this rule that decides
-    assert hooked(0.9 * opening).closed
-    assert classify(0.95 * opening).code == "closed_gap"
-    assert classify(min(1.05 * opening, 0.5 * (opening + widest))).code == "open_wide"
-
-
-def test_an_arc_closes_where_its_end_came_back_by_more_than_half_of_its_diameter():
-    def classify(degrees):
-        turn = np.radians(np.linspace(0.0, degrees, 400))
-        return closure.classify_closure(np.column_stack([np.cos(turn), np.sin(turn)])).code
-
-    # the chord of 60 degrees is half of the diameter
-    assert classify(360.0 - 57.0) == "closed_gap" and classify(360.0 - 63.0) == "open_apart"
 
 
 ALONG = np.linspace(0.0, 2.0, 400)[:, None]
@@ -257,35 +186,13 @@ def test_a_loop_in_the_middle_of_a_line_does_not_close_it():
     assert not closure.classify_closure(line).closed
 
 
-def test_the_request_overrides_the_rule():
-    line = np.column_stack([np.linspace(0, 2, 200), 0.3 * np.sin(np.linspace(0, 3, 200))])
-    assert extract(line, ExtractionParams(kind="polygon")).closed
-    assert not extract(carpet(0.1), ExtractionParams(kind="curve")).closed
-    chain = extract(np.column_stack([ALONG[:, 0], np.zeros(400)]), ExtractionParams(kind="polygon"))
-    assert not chain.closed and chain.code == "open_two_points"
-
-
 # ----------------------------------------------------------------- no strokes
 def test_a_hand_that_only_trembles_costs_a_track_nothing_and_a_wide_jump_does():
     stamps, gains = 0.05 * np.arange(6), np.full(6, 0.02)
     for off, free in ((0.9 * TREMOR, True), (20.0 * TREMOR, False)):
         points = np.column_stack([np.tile([0.0, off], 3), np.zeros(6)])
-        places = track.Places(points, stamps, np.arange(6), np.ones(6, int), np.zeros(6, bool))
-        steps = places, gains, TREMOR
-        assert (track.find_best_steps(*steps)[0][-1] == pytest.approx(gains.sum(), abs=1e-9)) == free
-
-
-@pytest.mark.parametrize("step", [0.04, 0.15, 0.25])
-def test_the_floor_that_a_quick_hand_explains_is_that_between_its_places_and_the_same_backwards(step):
-    random = np.random.default_rng(3)
-    stamps = 0.05 * np.arange(30) + random.uniform(-0.01, 0.01, 30)
-    points = np.column_stack([stamps / 0.05 * step, np.full(30, 1.0)])
-    gains = track.floor_gains(points, stamps, 0.5)
-    assert np.allclose(track.floor_gains(points[::-1], 10.0 - stamps[::-1], 0.5)[::-1], gains, atol=2e-4)
-    # each place about half of what lies between its second neighbours, and all of them at least most of the line
-    assert (gains[2:-2] <= 0.6 * (points[4:, 0] - points[:-4, 0])).all()
-    assert (gains[2:-2] >= 0.4 * (points[4:, 0] - points[:-4, 0]) - TREMOR).all()
-    assert gains.sum() >= 0.7 * np.ptp(points[:, 0])
+        best, _ = track.find_best_steps(points, stamps, 3.0 * TIME_BIN, gains, TREMOR)
+        assert (best[-1] == pytest.approx(gains.sum(), abs=1e-9)) == free
 
 
 def test_floor_is_explained_alike_wherever_it_lies():
@@ -310,7 +217,7 @@ def test_light_that_stays_far_longer_than_a_hand_rests_explains_next_to_nothing(
     assert explained(60.0) < 0.2 * rest
 
 
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
+@pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
 @pytest.mark.parametrize(
     "points, code",
     [
@@ -321,8 +228,6 @@ def test_light_that_stays_far_longer_than_a_hand_rests_explains_next_to_nothing(
         ([[1.0, 2.0]], "too_few_spots"),
         (np.ones((50, 2)), "no_line"),
         (np.random.default_rng(0).normal(0, 0.02, (50, 2)), "no_line"),
-        (np.zeros((5, 3)), "bad_spots"),
-        ("points", "bad_spots"),
     ],
 )
 def test_refusals(params, points, code):
@@ -332,41 +237,20 @@ def test_refusals(params, points, code):
     assert caught.value.message
 
 
-def test_refusal_says_what_was_seen():
-    with pytest.raises(ExtractionError, match="12 spots were seen, but they do not form a line longer than 0.3 m"):
-        extract(np.random.default_rng(0).normal(0, 0.01, (12, 2)))
-
-
-@pytest.mark.parametrize("stamps", [[1.0], None])
-def test_wrong_number_of_stamps(stamps):
-    with pytest.raises(ExtractionError) as caught:
-        extract_border(np.zeros((20, 2)), stamps=stamps)
-    assert caught.value.code == "bad_spots"
-
-
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
+@pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
 def test_nan_rows_and_far_rows_are_left_out(params):
     x = np.linspace(0, 2, 200)
     points = np.vstack([np.column_stack([x, 0 * x]), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
     assert extract(points, params).length == pytest.approx(2.0, abs=0.2)
 
 
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
+@pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
 def test_of_two_clusters_one_is_taken(params):
     rng = np.random.default_rng(0)
     x = np.linspace(0, 2, 300)
     line = np.column_stack([x, 0 * x]) + rng.normal(0, 0.01, (300, 2))
     chain = extract(np.vstack([line, rng.normal([5, 5], 0.03, (200, 2))]), params)
     assert chain.points[:, 1].max() < 1.0
-
-
-@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams()], ids=["paper", "robust"])
-def test_many_points_all_over_the_room_come_to_an_end(params):
-    points = np.random.default_rng(0).uniform(0, 5, (60000, 2))
-    try:
-        assert len(extract(points, params).points) >= 2
-    except ExtractionError as error:
-        assert error.code
 
 
 @pytest.mark.parametrize("strays", [0.03, 0.3])
@@ -378,46 +262,23 @@ def test_a_line_is_found_among_hundreds_of_strays_at_once(strays):
     assert hausdorff(chain.points, stroke.truth, True) < 0.15
 
 
-def test_parameters_are_checked():
-    with pytest.raises(ParameterError, match="mode"):
-        ExtractionParams.from_mapping({"mode": "magic"})
-    with pytest.raises(ParameterError, match="eps"):
-        ExtractionParams(eps=-1.0)
-    with pytest.raises(ParameterError, match="unknown"):
-        ExtractionParams.from_mapping({"epsilon": 1.0})
-
-
 # ----------------------------------------------------------------- what the track, the cameras and people need
-def people_judged(speed, chosen, rounds=1, **changes):
-    """(strokes, [what was wrong]) of people's strokes of the developing half."""
-    wrong, count = [], 0
-    for number, drawing in enumerate(people.drawings()):
-        if people.half(drawing) != "develop" or not chosen(number, drawing):
-            continue
-        for repeat in range(rounds):
-            seen = people.Seen(speed=speed, **changes)
-            stroke = people.see(drawing, seen, np.random.default_rng([300 + repeat, number]))
-            chain = extract_stroke(stroke)
-            drawn = geometry.resample_chain(stroke.truth, 0.01, stroke.closed)
-            line = geometry.resample_chain(chain.points, 0.01, chain.closed)
-            far = cKDTree(drawn).query(line)[0].max()
-            if not stroke.closed:
-                far = max(far, cKDTree(line).query(drawn)[0].max())
-            count += 1
-            if far > 0.25 or chain.closed != stroke.closed:
-                wrong.append((drawing.id, drawing.shape, round(float(far), 2), chain.reason))
-    return count, wrong
-
-
-def test_strokes_of_people():
-    """Every second stroke of the developing half, whose other half bench/extraction/accuracy.py judges."""
-    count, wrong = people_judged((0.2, 0.7), lambda number, drawing: number % 2 == 0)
-    assert count > 20 and len(wrong) <= 1, wrong
-
-
-def test_zigzags_of_quick_people_keep_their_tips_and_ends():
-    count, wrong = people_judged((0.3, 0.7), lambda number, drawing: drawing.shape == "zigzag", rounds=4)
-    assert count == 24 and len(wrong) <= 1, wrong
+@pytest.mark.parametrize("shape, every, rounds", [("", 2, 1), ("zigzag", 1, 4)])
+def test_strokes_of_people(shape, every, rounds):
+    """Of the developing half, whose other half bench/extraction/accuracy.py judges: some of all shapes, and the zigzags."""
+    drawn = [one for one in people.drawings() if people.half(one) == "develop" and shape in one.shape][::every]
+    wrong = []
+    for number, drawing in enumerate(rounds * drawn):
+        stroke = people.see(drawing, people.Seen(speed=(0.3, 0.7)), np.random.default_rng([300, number]))
+        chain = extract_stroke(stroke)
+        drawn_line = geometry.resample_chain(stroke.truth, 0.01, stroke.closed)
+        line = geometry.resample_chain(chain.points, 0.01, chain.closed)
+        far = cKDTree(drawn_line).query(line)[0].max()
+        if not stroke.closed:
+            far = max(far, cKDTree(line).query(drawn_line)[0].max())
+        if far > 0.25 or chain.closed != stroke.closed:
+            wrong.append((drawing.id, drawing.shape, round(float(far), 2), chain.reason))
+    assert rounds * len(drawn) > 20 and len(wrong) <= 1, wrong
 
 
 def line_spots(ways, speed=0.4, rate=25.0, seed=0, noise=0.005, cameras=1, start=0.0):
@@ -521,14 +382,6 @@ def test_a_second_stroke_that_goes_on_from_an_end_is_joined():
     assert chain.length == pytest.approx(3.5, abs=0.1) and chain.left_out_spots == 0
 
 
-def test_a_second_stroke_elsewhere_is_reported():
-    one, two = line_spots([[0, 0], [2, 0]]), line_spots([[0, 3], [1, 3]], start=15.0)
-    chain = extract_border(np.vstack([one[0], two[0]]), stamps=np.concatenate([one[1], two[1]]))
-    assert chain.length == pytest.approx(2.0, abs=0.05)
-    assert abs(chain.left_out_spots - len(two[0])) <= 3
-    assert chain.left_out[:, 1].min() > 2.8
-
-
 def with_strays(points, stamps, cameras, seed, share=0.03, margin=0.5):
     """The same spots and strays near the drawing, in the order of their stamps."""
     rng = np.random.default_rng([seed, 5])
@@ -563,7 +416,8 @@ def test_sides_in_any_order_are_one_polygon_also_among_strays(images):
 def test_a_piece_beside_the_line_is_never_left_out_without_a_word(length):
     one, two = line_spots([[0, 0], [2, 0]]), line_spots([[0, 3], [length, 3]], speed=0.2, start=15.0)
     chain = extract_border(np.vstack([one[0], two[0]]), stamps=np.concatenate([one[1], two[1]]))
-    assert abs(chain.left_out_spots - len(two[0])) <= 3
+    assert chain.length == pytest.approx(2.0, abs=0.05)
+    assert abs(chain.left_out_spots - len(two[0])) <= 3 and chain.left_out[:, 1].min() > 2.8
 
 
 @pytest.mark.parametrize("hidden", [(1.0, 0.5), (1.0, 0.8), (2.0, 0.6), (4.2, 0.5)])
@@ -599,24 +453,17 @@ def ring_spots(size, seed, noise=0.012):
     )
 
 
-def test_a_ring_of_thirty_centimetres_is_closed():
-    closed = 0
+@pytest.mark.parametrize("size, noise, refused", [(0.3, 0.012, range(2)), (0.2, 0.03, range(1, 21))])
+def test_a_ring_is_closed_or_refused_as_too_small_for_its_noise_and_no_curve(size, noise, refused):
+    count = 0
     for seed in range(20):
-        points, stamps, cameras = ring_spots(0.3, seed)
-        closed += extract_border(points, stamps=stamps, cameras=cameras).closed
-    assert closed >= 19
-
-
-def test_a_ring_too_small_for_its_noise_is_refused_and_no_curve():
-    refused = 0
-    for seed in range(20):
-        points, stamps, cameras = ring_spots(0.2, seed, noise=0.03)
+        points, stamps, cameras = ring_spots(size, seed, noise)
         try:
             assert extract_border(points, stamps=stamps, cameras=cameras).closed
         except ExtractionError as error:
             assert error.code in ("figure_too_small", "no_line")
-            refused += 1
-    assert refused > 0
+            count += 1
+    assert count in refused
 
 
 def test_a_ring_without_noise_is_followed_more_closely_than_one_with_it():
@@ -672,6 +519,7 @@ def test_the_same_drawing_gives_the_same_border_at_any_hour(shape):
 
 @pytest.mark.parametrize("shape", ["L", "corner"])
 def test_the_same_border_on_every_machine(shape):
+    """What processors round differently, and the order in which spots arrive, do not move it."""
     stroke = draw(shape, BASE, np.random.default_rng(3))
     here = extract_stroke(stroke)
     rng = np.random.default_rng(0)
@@ -680,29 +528,3 @@ def test_the_same_border_on_every_machine(shape):
     there = extract_border(moved[order], stamps=stroke.stamps[order], cameras=stroke.cameras[order])
     assert len(here.points) == len(there.points)
     assert np.abs(here.points - there.points).max() < 1e-3
-
-
-def test_the_same_border_without_the_processors_vector_units(tmp_path):
-    """numpy chooses its kernels by processor; what they round differently must not move the border."""
-    strokes = [
-        draw(shape, BASE, np.random.default_rng(seed)) for seed, shape in enumerate(("L", "corner", "rectangle"))
-    ]
-    given, found = tmp_path / "given.npz", tmp_path / "found.npz"
-    np.savez(
-        given,
-        **{f"{name}{k}": getattr(s, name) for k, s in enumerate(strokes) for name in ("points", "stamps", "cameras")},
-    )
-    program = (
-        "import sys, numpy as np\n"
-        "from vb_fusion.extraction import extract_border\n"
-        "g = np.load(sys.argv[1])\n"
-        "np.savez(sys.argv[2], *[extract_border(g[f'points{k}'], stamps=g[f'stamps{k}'], cameras=g[f'cameras{k}'])"
-        ".points for k in range(3)])\n"
-    )
-    plain = dict(os.environ, NPY_DISABLE_CPU_FEATURES="AVX2 FMA3 AVX512F AVX512_SKX")
-    subprocess.run([sys.executable, "-c", program, str(given), str(found)], check=True, env=plain)
-    there = np.load(found)
-    for number, stroke in enumerate(strokes):
-        here = extract_stroke(stroke).points
-        assert here.shape == there[f"arr_{number}"].shape
-        assert np.abs(here - there[f"arr_{number}"]).max() < 1e-3

@@ -35,8 +35,8 @@ def test_dbscan_equals_the_definition(points, eps, min_pts):
 @SETTINGS
 @given(clouds, st.integers(1, 12))
 def test_clustering_equals_the_transcription(points, min_size):
-    found = find_cluster(np.array(points), 0.25, 1, 0.3, np.inf, min_size)
-    assert found.tolist() == sorted(transcription.clustering(points, 0.25, 1, 0.3, np.inf, min_size))
+    found = find_cluster(np.array(points), 0.25, 1, 0.3, min_size)
+    assert found.tolist() == sorted(transcription.clustering(points, 0.25, 1, 0.3, min_size))
 
 
 @SETTINGS
@@ -60,10 +60,10 @@ def test_whole_paper_mode_equals_the_transcription(seed):
     points = np.column_stack([np.interp(s, range(5), [0, 1, 1, 0, 0]), np.interp(s, range(5), [0, 0, 1, 1, 0])])
     points = np.vstack([points + rng.normal(0, 0.02, points.shape), rng.uniform(-4, 4, (15, 2))])
     everything = [tuple(p) for p in points]
-    cluster = [everything[i] for i in sorted(transcription.clustering(everything, 0.5, 1, 0.3, np.inf, 10))]
+    cluster = [everything[i] for i in sorted(transcription.clustering(everything, 0.5, 1, 0.3, 10))]
     thinned = transcription.thinning(cluster, 0.1)
     expected = np.array([thinned[i] for i in transcription.generate_poly(thinned, 0.5)])
-    chain = extract_border(points, ExtractionParams.paper()).points
+    chain = extract_border(points, ExtractionParams(mode="paper")).points
     assert chain.shape == expected.shape
     assert np.allclose(chain, expected, atol=1e-9)
 
@@ -71,5 +71,5 @@ def test_whole_paper_mode_equals_the_transcription(seed):
 def test_so_many_points_that_their_neighbours_do_not_fit_are_refused():
     points = np.random.default_rng(0).normal(0, 0.2, (12000, 2))
     with pytest.raises(ExtractionError) as caught:
-        extract_border(points, ExtractionParams.paper())
+        extract_border(points, ExtractionParams(mode="paper"))
     assert caught.value.code == "too_many_spots" and "12000" in caught.value.message

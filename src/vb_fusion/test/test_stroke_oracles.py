@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from vb_core.geometry import chain_length
 from vb_fusion.line.closure import classify_closure
 from vb_fusion.stroke import track
-from vb_fusion.stroke.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, make_observations
+from vb_fusion.stroke.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, make_observations
 
 # the same examples on every computer, however busy
 STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -126,7 +126,7 @@ def test_what_is_near_each_other_in_a_moment_is_one_place(spots):
     )
     columns = (*found.points.T, found.stamps, found.cameras, found.mobile)
     assert np.allclose(sorted(zip(*(column.tolist() for column in columns))), wanted)
-    assert (np.diff(found.bins) >= 0).all()
+    assert (np.diff(found.stamps) >= 0).all()
 
 
 def test_of_one_moment_the_ten_strongest_places_are_kept():
@@ -174,7 +174,7 @@ def test_what_lies_beside_a_line_at_its_time_is_the_pointers(spots, line_is_mobi
     line = np.column_stack([np.linspace(0.0, 1.0, 11), np.full(11, 0.5)])
     times = np.linspace(0.2, 1.2, 11)
     mobile = np.full(11, line_is_mobile)
-    places = track.Places(line, times, np.arange(11), np.ones(11, int), mobile)
+    places = Observations(line, times, np.ones(11, int), np.ones(11), mobile, np.ones(11, int))
     order = np.argsort([spot[2] for spot in spots], kind="stable")
     seen = make_observations(*(np.array(spots)[order][:, columns] for columns in (slice(0, 2), 2)), None, None, None)
     found = set(track._beside(seen, places, np.arange(11)).tolist())

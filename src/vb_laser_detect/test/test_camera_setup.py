@@ -13,7 +13,7 @@ from vb_laser_detect.calibration.board import BoardParams, BoardView
 from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import controls, lens_file
 from vb_laser_detect.camera.delay import brightness, measure_delay
-from vb_laser_detect.camera.exposure_search import Look, find_exposure
+from vb_laser_detect.camera.exposure import Look, find_exposure
 from vb_laser_detect.camera.settings_file import set_capture
 from vb_laser_detect.camera.source import CaptureParams
 

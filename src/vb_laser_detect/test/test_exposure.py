@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vb_laser_detect.detection.exposure import TOO_BRIGHT, saturated_share
+from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
 
 
 def test_the_share_is_that_of_the_surface():

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Borders from files, over a real roscore and a real map_integrator."""
+"""Borders from files, and records of all maps, over a real roscore, map_integrator and map_recorder."""
 
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -16,7 +17,9 @@ import rostest
 
 from map_server import MapServer, lab
 from vb_testing import Newest, wait_until
+from vb_core.map_files import read_map
 from vb_core.ros.messages import OccupancyGridArray
+from vb_map_integration.borders.geojson import borders_from_geojson
 from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import SaveMap
 
@@ -32,6 +35,8 @@ class BorderFilesTest(unittest.TestCase):
         cls.borders = Newest("/virtual_borders/borders", VirtualBorderArray)
         cls.server = MapServer(cls.grid)
         assert cls.maps.message and cls.borders.message
+        cls.recording = Path(rospy.get_param("~folder")) / "recording"
+        wait_until((cls.recording / "index.jsonl").exists, "the record of the first map")
 
     def stored(self, count):
         wait_until(lambda: len(self.borders.message.borders) == count, f"{count} border(s)")
@@ -52,6 +57,26 @@ class BorderFilesTest(unittest.TestCase):
         )
         return done.returncode, done.stdout
 
+    def check_recording(self):
+        """Checks that every map with borders was stored, with its borders."""
+        folder = self.recording
+        self.addCleanup(shutil.rmtree, str(folder.parent), ignore_errors=True)
+
+        def recorded():
+            found = [json.loads(line) for line in (folder / "index.jsonl").read_text().splitlines()]
+            return found if len(found) == self.maps.count else None
+
+        found = wait_until(recorded, "a record of each map")
+        stored = [borders_from_geojson((folder / line["borders"]).read_text()) for line in found]
+        self.assertEqual(
+            [[border.enabled for border in borders] for borders in stored], [[], [True], [False], [False] * 2]
+        )
+        self.assertEqual([line["number"] for line in found], [1, 2, 3, 4])
+        self.assertEqual([line["stamp_s"] for line in found], sorted(line["stamp_s"] for line in found))
+        first, soft = (read_map(folder / found[index]["map"]).data for index in (0, 1))
+        self.assertTrue((first == self.grid.data).all())
+        self.assertEqual((int((soft == 75).sum()), int((soft != first).sum())), (400, 400))
+
     def test_files_go_in_and_out(self):
         with tempfile.TemporaryDirectory() as folder:
             source, copy = Path(folder) / "in.geojson", Path(folder) / "out.geojson"
@@ -60,7 +85,7 @@ class BorderFilesTest(unittest.TestCase):
                 {
                     "type": "Feature",
                     "geometry": {"type": "Polygon", "coordinates": [square]},
-                    "properties": {"name": "rug"},
+                    "properties": {"name": "rug", "occupancy": 0.75},
                 },
                 {
                     "type": "Feature",
@@ -94,6 +119,7 @@ class BorderFilesTest(unittest.TestCase):
             self.assertEqual([(one.name, one.in_force) for one in self.stored(2)], [("carpet", False)] * 2)
             wait_until(lambda: self.maps.count > count, "the map with it")
             self.assertEqual(self.restricted(), 0)
+            self.check_recording()
             copy.write_text('{"type": "FeatureCollection", "features": 3}')
             status, output = self.run_command("import_borders", copy)
             self.assertEqual(status, 2)

@@ -48,6 +48,7 @@ def test_borders_come_back_after_a_restart(tmp_path):
     first.add(square(10, 10, name="kitchen", robots=("ada",)), 1.0)
     first.add(square(60, 10, occupancy=0.3), 2.0)
     first.remove("b2")
+    assert (tmp_path / FILES[0]).read_bytes() == (tmp_path / FILES[1]).read_bytes()  # with each change
     first.close()
     second = integrator(tmp_path)
     assert second.borders == first.borders and second.revision == first.revision and codes(second) == []
@@ -366,3 +367,75 @@ def test_with_the_lock_deleted_the_second_integrator_takes_over(tmp_path):
     found = second.borders
     second.close()
     assert again(tmp_path) == (found, [])
+
+
+def test_a_refused_change_is_not_back_after_a_restart(tmp_path, monkeypatch):
+    """The second of the two files cannot be put in its place when the first has been."""
+    before = closed(tmp_path)
+    keeper, replace, left = integrator(tmp_path), files.os.replace, [1]
+
+    def fail_once(source, target):
+        if target.endswith(FILES[1]) and left:
+            left.pop()
+            raise OSError(5, "Input/output error")
+        replace(source, target)
+
+    monkeypatch.setattr(files.os, "replace", fail_once)
+    with pytest.raises(CodedError) as caught:
+        keeper.add(square(10, 60, name="refused"), 9.0)
+    assert caught.value.code == "cannot_write" and not left
+    keeper.close()
+    assert again(tmp_path) == (before, [])
+
+
+@pytest.mark.parametrize("unreadable", [FILES[:1], FILES[1:], FILES])
+def test_a_file_that_cannot_be_read_now_is_not_damaged(tmp_path, monkeypatch, unreadable):
+    before, read = closed(tmp_path), Path.read_bytes
+
+    def refuse(path):
+        if path.name in unreadable:
+            raise PermissionError(13, "Permission denied", str(path))
+        return read(path)
+
+    with monkeypatch.context() as context:
+        context.setattr(Path, "read_bytes", refuse)
+        if unreadable == FILES:
+            with pytest.raises(CodedError) as caught:
+                integrator(tmp_path)
+            assert caught.value.code == "cannot_read"
+        else:
+            keeper = integrator(tmp_path)
+            assert keeper.borders == before
+            keeper.close()
+    assert again(tmp_path) == (before, []) and not list(tmp_path.glob("*.damaged"))
+
+
+@pytest.mark.parametrize("written", [0, 1, 2])
+def test_an_answer_about_the_place_is_taken_as_a_whole_or_not_at_all(tmp_path, monkeypatch, written):
+    """The disk is full after so many writes."""
+    keeper = integrator(tmp_path)
+    keeper.add(square(10, 10), 1.0)
+    other = GRID.with_data(np.roll(GRID.data, 1, axis=0))
+    keeper.set_map(other, 2.0)
+    before, write, count = (keeper.borders, keeper.map_name), files.write_together, []
+
+    def fill(*arguments):
+        count.append(1)
+        if len(count) > written:
+            raise CodedError("cannot_write", what="x", reason="No space left on device")
+        write(*arguments)
+
+    taken = True
+    with monkeypatch.context() as context:
+        context.setattr(files, "write_together", fill)
+        try:
+            keeper.confirm(False, "attic", 3.0)
+        except CodedError:
+            taken = False
+    after = keeper.borders, keeper.map_name
+    assert after == (((), "attic") if taken else before)
+    keeper.close()
+    second = MapIntegrator(tmp_path)
+    second.set_map(other, 4.0)
+    assert (second.borders, second.map_name) == after
+    second.close()

@@ -14,10 +14,10 @@ from integrators import integrator, square
 def test_a_recording_is_numbered_and_continued(tmp_path):
     keeper = integrator()
     recording = MapRecording(tmp_path)
-    recording.record(keeper.map_with_borders, keeper.borders, 1.0, {"revision": 0})
+    recording.record(keeper.map_with_borders, keeper.borders, 1.0)
     keeper.add(square(10, 10, occupancy=0.75), 2.0)
-    recording.record(keeper.map_with_borders, keeper.borders, 2.0, {})
-    path = MapRecording(tmp_path).record(keeper.map_with_borders, keeper.borders, 3.0, {})
+    recording.record(keeper.map_with_borders, keeper.borders, 2.0)
+    path = MapRecording(tmp_path).record(keeper.map_with_borders, keeper.borders, 3.0)
     assert path.name == "0003.yaml"
     assert np.array_equal(read_map(tmp_path / "0002.yaml").data, keeper.map_with_borders.data)
     lines = [json.loads(line) for line in (tmp_path / "index.jsonl").read_text().splitlines()]

@@ -12,6 +12,7 @@ from vb_map_integration.borders.geojson import borders_from_geojson, borders_to_
 
 from integrators import square
 
+RING = [[0, 0], [4, 0], [4, 4], [0, 4], [0, 0]]
 LINE = VirtualBorder([(0, 0), (0, 1), (0, 2)], (1, 1), closed=False)
 
 
@@ -64,7 +65,7 @@ def test_a_polygon_without_a_seed_restricts_its_inside():
         ("bad_border_file", json.dumps({"type": "FeatureCollection", "features": 3})),
         ("bad_border_file", json.dumps({"type": "FeatureCollection", "features": [3]})),
         ("bad_border_file", json.dumps(feature({"type": "Point", "coordinates": [0, 0]}))),
-        ("bad_border_file", json.dumps(feature({"type": "Polygon", "coordinates": [[[0, 0]], [[1, 1]]]}))),
+        ("bad_border_file", json.dumps(feature({"type": "Polygon", "coordinates": [RING, [[1, 1], [2, 1], [2, 2]]]}))),
         ("bad_border_file", json.dumps(feature({"type": "Polygon", "coordinates": [[[0, 0], [1, 1]]]}))),
     ],
 )

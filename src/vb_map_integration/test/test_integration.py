@@ -12,8 +12,7 @@ from shapely.ops import split
 from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.grid import raster
-from vb_map_integration.integration import MAX_SEED_SHIFT, WALL_WIDTH, IntegrationError, integrate, restricted_area
+from vb_map_integration.integration import WALL_WIDTH, IntegrationError, integrate, restricted_area
 
 from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_of, world
 
@@ -274,13 +273,6 @@ def test_refusals_are_coded(code, points, seed, closed):
     assert np.array_equal(prior.data, before)
 
 
-def test_a_curve_that_starts_and_ends_at_one_table_restricts_what_it_cuts_off():
-    # both ends on the same free-standing table: a pocket, its other side is the rest of the room
-    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [box(3.0, 1.5, 5.0, 2.5)])
-    result = integrate(prior, VirtualBorder([(3.5, 2.6), (3.5, 3.2), (4.5, 3.2), (4.5, 2.6)], (4.0, 2.9), closed=False))
-    assert codes(result) == [] and result.area_m2 == pytest.approx(0.7, abs=0.1)
-
-
 def test_no_answer_is_given_for_a_map_without_free_space():
     prior = GridMap(np.full((120, 160), -1, np.int8), 0.05)
     for chain, closed in (([(1, 1), (2, 1), (2, 2), (1, 2)], True), ([(1.5, 0.5), (1.5, 4.5)], False)):
@@ -347,15 +339,6 @@ def test_a_map_without_walls_is_parted_at_its_edge_and_says_so():
     assert result.region[:, :50].all() and not result.region[:, 50:].any()
 
 
-def test_what_is_wound_round_twice_is_inside():
-    """People go round twice to be sure: an even-odd rule would restrict the strip between the rounds only."""
-    outer, inner = box(3.0, 1.5, 5.0, 3.5), box(3.1, 1.6, 4.9, 3.4)
-    points = np.vstack([np.array(outer.exterior.coords), np.array(inner.exterior.coords)])
-    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
-    result = integrate(prior, VirtualBorder(points, (4.0, 2.5), closed=True))
-    assert result.region[rasterise(box(3.2, 1.7, 4.8, 3.3), prior)].all()
-
-
 def test_the_extension_takes_huge_and_tiny_numbers():
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
     for points in ([(4.0, 1.0), (4.0, 9e5)], [(4.0, 2.0), (4.0, 2.0001)], [(-9e5, 2.0), (9e5, 2.0)]):
@@ -410,36 +393,6 @@ def test_a_closet_of_one_cell_outside_the_polygon_can_be_restricted():
     assert np.argwhere(result.region).tolist() == [[50, 50]]
 
 
-@pytest.mark.parametrize("beyond, moved", [(0.7, True), (1.15, False), (1.3, False)])
-def test_a_seed_on_an_obstacle_moves_to_the_nearest_floor_within_its_radius(beyond, moved):
-    """Of a square obstacle; the radius is MAX_SEED_SHIFT, and the floor is on the side that is nearest."""
-    depth = beyond * MAX_SEED_SHIFT  # [m] from the seed to the nearest free floor, on its right
-    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [])
-    cells = prior.data.copy()
-    seed = np.array([4.0, 2.5])
-    low, high = prior.world_to_cell([seed - (2.0, 1.5), seed + (depth, 1.5)])
-    cells[low[0] : high[0] + 1, low[1] : high[1] + 1] = 100
-    border = VirtualBorder([(7.0, 0.0), (7.0, 5.0)], seed, closed=False)
-    if not moved:
-        with pytest.raises(IntegrationError) as caught:
-            integrate(prior.with_data(cells), border)
-        assert caught.value.code == "seed_on_obstacle"
-        return
-    result = integrate(prior.with_data(cells), border)
-    (told,) = [issue for issue in result.issues if issue.code == "seed_moved"]
-    assert float(told.values["distance"]) == pytest.approx(depth, abs=2 * prior.resolution)
-
-
-def test_a_wall_is_a_band_of_its_width_along_the_chain():
-    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [])
-    result = integrate(prior, VirtualBorder([(2.0, 2.0), (5.0, 2.0)], None, wall=True))
-    rows, columns = np.nonzero(result.region)
-    width, length = (float(np.ptp(found) + 1) * prior.resolution for found in (rows, columns))
-    assert width == pytest.approx(WALL_WIDTH, abs=1.01 * prior.resolution) and width > prior.resolution
-    assert length == pytest.approx(3.0 + width, abs=2.01 * prior.resolution)
-    assert len(rows) == len(np.unique(rows)) * len(np.unique(columns))  # a full rectangle
-
-
 @pytest.mark.parametrize("beyond", [(9.0, 2.51), (-1.0, 2.51), (4.01, 6.0), (4.01, -1.0)])
 def test_of_a_wall_that_runs_off_the_map_the_part_on_the_map_is_restricted(beyond):
     prior = GridMap(np.zeros((200, 320), np.int8), RESOLUTION)
@@ -448,18 +401,3 @@ def test_of_a_wall_that_runs_off_the_map_the_part_on_the_map_is_restricted(beyon
     band = LineString(chain).buffer(WALL_WIDTH / 2.0 + 0.01, cap_style="square")  # whole cells
     assert jaccard(result.region, rasterise(band, prior)) >= 0.97 and codes(result) == ["outside_map"]
     assert np.array_equal(result.posterior.data == 100, result.region)
-
-
-@pytest.mark.parametrize("slope", [1.0, -1.0, 0.5, -2.0])
-def test_a_traced_chain_leaves_no_corner_open(slope):
-    """Neighbours share an edge, whichever way the chain runs; each cell is one that the chain comes near."""
-    line = np.array([[2.2, 20.4], [2.2 + 15.0, 20.4 + 15.0 * slope]])
-    for vertices in (line, line[::-1]):
-        trace = raster.trace_chain(vertices, (60, 60))
-        steps = np.abs(np.diff(trace.rows)) + np.abs(np.diff(trace.columns))
-        assert (steps == 1).all()
-        off = [
-            LineString(vertices).distance(box(c - 0.5, r - 0.5, c + 0.5, r + 0.5))
-            for r, c in zip(trace.rows, trace.columns)
-        ]
-        assert max(off) < 0.5

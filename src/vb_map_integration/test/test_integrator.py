@@ -14,6 +14,7 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import MapIntegrator
 from vb_map_integration.grid import free_parts
+from vb_map_integration.grid.region import Region, join_regions
 
 from integrators import GRID, at, expected, integrator, square
 
@@ -135,7 +136,7 @@ def test_preview_changes_nothing_and_says_that_the_floor_is_split():
     assert keeper.check(square(70, 50, id=outcome.ids[0])).free_parts == 1
 
 
-@pytest.mark.parametrize("door, radius, parts", [(0.3, 0.18, 2), (0.3, 0.05, 1), (1.05, 0.18, 1), (0.0, 0.0, 2)])
+@pytest.mark.parametrize("door, radius, parts", [(0.3, 0.18, 2), (0.3, 0.05, 1), (1.05, 0.45, 1), (0.0, 0.0, 2)])
 def test_a_gap_narrower_than_the_robot_is_no_path(monkeypatch, door, radius, parts):
     data = np.zeros((100, 160), np.int8)
     data[:, 78:82] = 100
@@ -151,6 +152,24 @@ def test_no_free_space_left_for_the_robot_is_reported():
     everything = VirtualBorder(at((-5, -5), (170, -5), (170, 130), (-5, 130)), at((80, 60))[0], closed=True)
     found = [one.code for one in keeper.add(everything, 1.0).issues]
     assert {"outside_map", "covers_nearly_all", "no_free_space_left"} == set(found)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_regions_in_different_windows_are_compared_and_drawn_cell_by_cell(seed):
+    random = np.random.default_rng(seed)
+    regions = []
+    for _ in range(2):
+        top, left, height, width = random.integers((0, 0, 3, 3), (8, 8, 12, 12))
+        mask = (random.random((height, width)) < 0.5).astype(np.uint8) * 255
+        regions.append(Region((slice(top, top + height), slice(left, left + width)), mask, 100, True, 1.0))
+    one, other = (region.spread((20, 20)) for region in regions)
+    assert regions[0].shared(regions[1]) == pytest.approx((one & other).sum() / (one | other).sum())
+    assert np.array_equal(join_regions(regions).spread((20, 20)), one | other)
+    cells = np.full((20, 20), -1, np.int8)
+    regions[0].apply(cells, regions[1].window)
+    inside = np.zeros((20, 20), bool)
+    inside[regions[1].window] = True
+    assert np.array_equal(cells == 100, one & inside)
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():

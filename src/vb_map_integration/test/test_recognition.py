@@ -12,7 +12,7 @@ from vb_core.grid_map import GridMap
 from vb_map_integration.integrator import MapIntegrator
 from vb_map_integration.places.registration import IDENTITY, Transform, register
 
-from integrators import GRID, integrator, square
+from integrators import GRID, integrator
 
 
 def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
@@ -207,8 +207,9 @@ def test_in_doubt_borders_stay_in_force_until_somebody_confirms(tmp_path):
     keeper.confirm(False, "upstairs", 3.0)
     assert not keeper.needs_confirmation and keeper.borders == () and keeper.map_name == "upstairs"
     keeper.add(keep_out(name="bath"), 4.0)
+    keeper.set_enabled("b1", False, 4.0)  # of the other map
     keeper.set_map(flat())
-    assert [border.id for border in keeper.borders] == ["b1"]
+    assert [(border.id, border.enabled) for border in keeper.borders] == [("b1", False)]
     keeper.confirm(True, "ground floor", 5.0)
     keeper.close()
     again = integrator(tmp_path, flat(plan=1, seed=4))
@@ -309,18 +310,3 @@ def test_a_zone_to_avoid_is_a_cost():
     assert (keeper.map_with_borders.data == 40).sum() == 400
     with pytest.raises(CodedError):
         keep_out(zone="avoid", occupancy=1.0)
-
-
-def test_borders_of_one_home_stay_with_it_when_another_has_hundreds(tmp_path):
-    keeper = integrator(tmp_path, flat())
-    for number in range(3):
-        keeper.add(keep_out(name=f"{number}"), 1.0 + number)
-    keeper.set_map(GRID)
-    if keeper.needs_confirmation:
-        keeper.confirm(False, "", 5.0)
-    keeper.add(square(10, 10), 6.0)
-    keeper.set_enabled("b1", False, 7.0)  # of the other map
-    assert [border.id for border in keeper.borders] == ["b4"]
-    keeper.set_map(flat())
-    assert [border.enabled for border in keeper.borders] == [False, True, True]
-    keeper.close()

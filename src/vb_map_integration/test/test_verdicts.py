@@ -9,6 +9,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.in_force import put_in_force
 from vb_map_integration.places.border_place import BorderPlace
 from vb_map_integration.places.registration import Transform
+from vb_map_integration.storage.database import MAX_MAPS
 
 from integrators import integrator
 from test_recognition import closed_off, flat, keep_out
@@ -158,10 +159,11 @@ def test_the_map_on_which_a_border_was_accepted_is_kept_as_long_as_the_border(tm
     keeper.add(keep_out(), 1.0)
     keeper.set_map(flat(seed=50))
     keeper.add(keep_out(Transform(3.3, 0.0, 0.0)), 1.0)
-    for seed in range(1, 9):  # more maps of the place than are kept
+    for seed in range(1, 14):  # more maps of the place than are kept
         keeper.set_map(flat(seed=seed))
         keeper.confirm(True, "", 2.0)
     known = {one.fingerprint for one in keeper._database.maps()}
+    assert len(known) == MAX_MAPS + 3  # the first, the current one, and the one that is needed
     assert all(border.map_id in known for border in keeper.borders)
     keeper.close()
 

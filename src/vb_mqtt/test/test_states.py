@@ -37,14 +37,6 @@ def test_a_borders_state_has_its_name_area_and_zone():
     assert states.border_value(VirtualBorder(area_m2=float("nan")))["area_m2"] is None
 
 
-def test_the_pages_code_is_not_told_to_the_broker():
-    notices = [
-        Notice("page_invitation", values={"address": "a", "code": "secret"}),
-        Notice("stopped", Severity.WARNING),
-    ]
-    assert [one.code for one in states.public(notices)] == ["stopped"]
-
-
 def test_a_robots_problems_are_its_own():
     lines = offer(Connections((ConnectedRobot("ada", driver=True, localized=True), ConnectedRobot("bob")))).lines
     notices = [Notice("robot_stopped", Severity.WARNING, robot="ada", values={"who": "ada"})]

@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 
 from vb_core.vocabulary import BORDER, DEFAULT, SEED
-from vb_robot.dispatching.dispatch_policy import (
-    FAILED_MEMORY,
-    PROGRESS_TIMEOUTS,
-    DispatchInputs,
-    Fleet,
-    RobotStatus,
-    SentGoalState,
-)
+from vb_robot.dispatching.dispatch_policy import FAILED_MEMORY, PROGRESS_TIMEOUTS, Fleet, RobotStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.spots import Sighting, Sightings
 
@@ -66,7 +59,7 @@ class Fleets:
         for name, robot in self.robots.items():
             status = RobotStatus(robot.pose if robot.localized else None, robot.server, robot.goal, robot.busy)
             seeing[name] = (status, robot if robot.knows else None)
-        goals = self.fleet.step(DispatchInputs(self.now, self.wanted, self.key, self.silent), seeing)
+        goals = self.fleet.step(self.now, self.key if self.wanted else None, self.silent, seeing)
         assert set(goals) == set(self.robots)
         decisions = {}
         running = [
@@ -144,6 +137,14 @@ def test_next_candidate_after_failure_and_longer_pauses_after_many():
     assert tried[1][0] - tried[0][0] < 1.5, "the person does not wait for a retry"
     pauses = np.diff([when for when, _ in tried])
     assert (np.diff(pauses) >= 0.0).all() and pauses[-1] > 2.0, "and navigation is not asked for ever more plans"
+
+
+def test_a_place_that_failed_is_tried_again_after_a_while():
+    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
+    bench.step()
+    failed, bench.robot.goal = bench.now, SentGoalState.FAILED
+    assert not sent(bench.run(int(4 * (FAILED_MEMORY - 1.0))))
+    assert sent(bench.run(20)) == [place(1)] and bench.now > failed + FAILED_MEMORY
 
 
 def test_goal_is_replaced_only_after_patience_and_for_another_place():

@@ -19,7 +19,7 @@ from vb_robot.monitoring.goals import GoalReview
 from vb_robot.monitoring.navigation_limits import PlannerSpeed, limited
 
 
-def graph(maps, robot="", publishes=None, planner="DWAPlannerROS"):
+def graph(maps, robot="", publishes=None, planner="DWAPlannerROS", unheard=False):
     """A move_base with these maps, all of which somebody publishes unless told otherwise."""
     node = wiring.within(robot, "move_base")
     every = maps if publishes is None else publishes
@@ -37,6 +37,7 @@ def graph(maps, robot="", publishes=None, planner="DWAPlannerROS"):
         f"{node}/DWAPlannerROS/global_plan": "nav_msgs/Path",
         wiring.within(robot, "cmd_vel"): "geometry_msgs/Twist",
     }
+    subscribed[wiring.within(robot, "cmd_vel")] = [] if unheard else ["/base"]
     services = {f"{node}/{planner}/set_parameters": [node]}
     return NodeGraph(published.items(), subscribed.items(), services.items(), types)
 
@@ -64,6 +65,12 @@ def test_whether_a_robot_plans_round_borders(maps, parameters, plans):
     seen = wiring.observe(graph(maps), "", parameters)
     assert seen.plans_round_borders == plans and seen.move_base == "/move_base" and not seen.missing_maps
     assert (seen.path, seen.planner) == ("/move_base/NavfnROS/plan", "DWAPlannerROS")
+
+
+@pytest.mark.parametrize("unheard", [False, True])
+def test_a_navigation_whose_velocities_nobody_listens_to_is_found(unheard):
+    seen = wiring.observe(graph(["/virtual_borders/map"], "ada", unheard=unheard), "ada", {})
+    assert seen.unheard == (("/ada/cmd_vel",) if unheard else ())
 
 
 def test_a_robot_with_a_name_may_plan_on_its_own_map_or_on_that_of_all():

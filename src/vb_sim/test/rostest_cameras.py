@@ -11,7 +11,7 @@ import rostest
 from geometry_msgs.msg import Point, Pose2D
 from sensor_msgs.msg import CameraInfo, Image
 
-from vb_testing import assert_ends_with_one_line
+from vb_testing import Newest, assert_ends_with_one_line, wait_until
 
 from vb_core import geometry
 from vb_core.ros.cameras import camera_from_info
@@ -48,72 +48,47 @@ class FakeLab:
             time.sleep(0.02)
 
 
+def is_lit(image):
+    return array_from_image(image).max() > 250
+
+
 class CamerasTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         rospy.init_node("rostest_cameras")
-        cls.condition = threading.Condition()
-        cls.images, cls.infos = {}, {}
-        for key, (topic, _, _) in TOPICS.items():
-            rospy.Subscriber(topic + "/image_raw", Image, cls.store, (cls.images, key), buff_size=2**22)
-            rospy.Subscriber(topic + "/camera_info", CameraInfo, cls.store, (cls.infos, key))
+        cls.images = {key: Newest(topic + "/image_raw", Image, 60) for key, (topic, _, _) in TOPICS.items()}
+        cls.infos = {key: Newest(topic + "/camera_info", CameraInfo, 60) for key, (topic, _, _) in TOPICS.items()}
         cls.transforms = TransformLookup()
         cls.lab = FakeLab()
 
-    @classmethod
-    def store(cls, message, where):
-        with cls.condition:
-            found = where[0].setdefault(where[1], {})
-            found[message.header.stamp.to_nsec()] = message
-            while len(found) > 60:
-                del found[min(found)]
-            cls.condition.notify_all()
-
-    def wait(self, what, found, seconds=40):
-        deadline = time.monotonic() + seconds
-        with self.condition:
-            while True:
-                result = found()
-                if result:
-                    return result
-                self.assertTrue(self.condition.wait(max(0.0, deadline - time.monotonic())), f"no {what} came")
-                self.assertLess(time.monotonic(), deadline, f"no {what} came")
-
-    def pair(self, key):
-        """A newest image and the camera_info with the same stamp."""
+    def of_one_time(self, *topics):
+        """The newest messages of several topics with the same stamp."""
 
         def found():
-            both = set(self.images.get(key, {})) & set(self.infos.get(key, {}))
-            return (self.images[key][max(both)], self.infos[key][max(both)]) if both else None
+            kept = [{message.header.stamp: message for message in list(topic.all)} for topic in topics]
+            stamps = set.intersection(*map(set, kept))
+            return [messages[max(stamps)] for messages in kept] if stamps else None
 
-        return self.wait(f"image with a camera_info of '{key}'", found)
+        return wait_until(found, f"a common stamp of {[topic.topic for topic in topics]}")
 
     def test_images_and_their_camera_info(self):
         for key, (_, encoding, shape) in TOPICS.items():
-            image, info = self.pair(key)
+            image, info = self.of_one_time(self.images[key], self.infos[key])
             frame = "north_optical_frame" if key == "north" else "tb/camera_optical_frame"
             self.assertEqual((image.encoding, image.header.frame_id, info.header.frame_id), (encoding, frame, frame))
             self.assertEqual(array_from_image(image).shape, shape)
             self.assertEqual((info.height, info.width), shape[:2])
-            self.assertEqual(image.step * image.height, len(image.data))
             camera_from_info(info)
 
     def test_spot_lies_where_tf_and_camera_info_say(self):
-        def lit(key):
-            for image in self.images.get(key, {}).values():
-                if array_from_image(image).max() > 250:
-                    return image
-            return None
-
         # the calibrated pose is a little off, by some millimetres
         for key, parent, inverse, limit in (
             ("north", "map", np.eye(4), 8.0),
             ("color", "tb/base_link", geometry.transform_from_pose2d(0.4, 1.0, 0.0), 1.5),
         ):
-            image = self.wait(f"spot in '{key}'", lambda: lit(key))
-            _, info = self.pair(key)
+            image = self.images[key].wait(is_lit, f"the spot in {key}")
             mount = self.transforms.lookup(parent, image.header.frame_id, rospy.Time(0), 10.0)
-            camera = camera_from_info(info)
+            camera = camera_from_info(self.infos[key].message)
             u, v = camera.project(geometry.apply(geometry.invert(inverse @ mount), np.array([[*SPOT, 0.0]])))[0]
             bright = array_from_image(image).astype(float)
             bright = bright if bright.ndim == 2 else bright.max(axis=2)
@@ -121,23 +96,19 @@ class CamerasTest(unittest.TestCase):
             self.assertLess(np.hypot(columns.mean() - u, rows.mean() - v), limit)
 
     def test_depth_has_a_colour_image_of_the_same_time(self):
-        self.wait("common stamp", lambda: set(self.images.get("depth", {})) & set(self.images.get("color", {})))
-        depth, _ = self.pair("depth")
+        depth, _ = self.of_one_time(self.images["depth"], self.images["color"])
         self.assertGreater((array_from_image(depth)[60:] > 400).mean(), 0.9)
         self.assertNotIn("/south/image_raw", [name for name, _ in rospy.get_published_topics()])  # not among ~cameras
 
     def test_survives_a_silent_lab(self):
-        def newest_is(lit):
-            images = self.images.get("north")
-            return images and (array_from_image(images[max(images)]).max() > 250) == lit
-
-        self.wait("picture with the spot", lambda: newest_is(True))
+        north = self.images["north"]
+        north.wait(is_lit, "the spot")
         self.lab.running.clear()
         try:
-            self.wait("picture of the empty lab", lambda: newest_is(False))
+            north.wait(lambda image: not is_lit(image), "the empty lab")
         finally:
             self.lab.running.set()
-        self.wait("picture with the spot again", lambda: newest_is(True))
+        north.wait(is_lit, "the spot again")
 
     def test_bad_parameters_end_with_one_line(self):
         world = f"_world:={rospy.get_param('/ceiling_cameras/world')}"

@@ -2,7 +2,6 @@
 """The simulated lab over real topics: time, motion, tf, scan, participant, reset, bad worlds."""
 
 import math
-import os
 import unittest
 
 import numpy as np
@@ -118,19 +117,19 @@ class LabSimulatorTest(unittest.TestCase):
         self.state.wait(lambda state: not state.laser_on, "the laser to be off")
         self.assertTrue(self.state.message.person_present)
 
-    def test_bad_worlds_end_with_one_line(self):
-        folder = os.path.dirname(os.path.abspath(__file__))
-        bad = os.path.join(os.environ.get("ROS_TEST_RESULTS_DIR", "/tmp"), "bad_world.yaml")
-        with open(os.path.join(folder, "..", "worlds", "lab.yaml")) as file:
-            text = file.read()
-        with open(bad, "w") as file:
-            file.write(text.replace("resolution: 0.025", "resolution: -1"))
-        cases = [
-            (["_world:=/no/such.yaml"], "no_world"),
-            ([f"_world:={bad}"], "room/resolution"),
-            (["_seed:=2"], "world"),
-        ]
-        assert_ends_with_one_line("vb_sim", "lab_simulator", cases)
+    def test_bad_parameters_end_with_one_line(self):
+        world = f"_world:={rospy.get_param('/lab_simulator/world')}"
+        cases = {
+            "lab_simulator": [(["_world:=/no/such.yaml"], "no_world"), (["_seed:=2"], "world")],
+            "participant": [
+                (["_scenario:=room"], "/world"),
+                ([world], "/scenario"),
+                ([world, "_scenario:=attic"], "attic"),
+                ([world, "_scenario:=room", "_method:=magic"], "/method"),
+            ],
+        }
+        for node, bad in cases.items():
+            assert_ends_with_one_line("vb_sim", node, bad)
 
 
 if __name__ == "__main__":

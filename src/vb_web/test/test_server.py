@@ -35,7 +35,7 @@ class FakeBackend:
     """Notes what is asked of it."""
 
     def __init__(self):
-        self.done, self.wrong, self.previews = [], [], []
+        self.done, self.previews = [], []
         self.arrived = threading.Semaphore(0)
         self.gate = threading.Event()
         self.gate.set()
@@ -52,9 +52,6 @@ class FakeBackend:
 
     async def command(self, request, source):
         return self.act(request, source)
-
-    def on_wrong_code(self, address):
-        self.wrong.append(address)
 
     def bounds(self):
         return BOUNDS
@@ -436,7 +433,6 @@ def test_wrong_codes_of_many_addresses_keep_no_phone_out(network):
     for number in range(80):
         assert network.server.logins.allows(f"10.0.0.{number}", 0.0)
     assert [log_in(network, f"guess{number}").code for number in range(4)] == [401] * 4
-    assert network.backend.wrong == ["127.0.0.1"] * 4
     assert log_in(network, CODES.operator).code == 200
 
 

@@ -89,7 +89,7 @@ class GridMap:
 
     @cached_property
     def _turn(self) -> np.ndarray:
-        """Returns (2, 2): row vectors in the map frame times it are along columns and rows."""
+        """Returns the rotation (2, 2) of row vectors from the map frame to columns and rows."""
         c, s = math.cos(self.origin[2]), math.sin(self.origin[2])
         return np.array([[c, -s], [s, c]])
 

@@ -47,7 +47,7 @@ class Notice:
 
     @classmethod
     def from_error(cls, error: CodedError, severity: Severity, camera: str = "") -> "Notice":
-        """Makes a notice of an error; of which camera it is said, `camera` or the error's value, stands in both places."""
+        """Makes a notice of an error; the camera, given or among the error's values, is in both the field and the values."""
         values = {key: str(value) for key, value in error.values.items()}
         if camera:
             values["camera"] = camera

@@ -39,6 +39,7 @@ class ConnectedRobot:
     obeys_speed: bool = False
     maps: Tuple[str, ...] = ()
     missing_maps: Tuple[str, ...] = ()
+    unheard: Tuple[str, ...] = ()
 
     @property
     def is_there(self) -> bool:
@@ -168,6 +169,8 @@ def _lines(robot: ConnectedRobot) -> List[Line]:
     elif robot.navigation:
         severity = Severity.WARNING if robot.driver else Severity.ERROR
         lines.append(line(severity, "robot_plans_through_borders" if robot.driver else "robot_ignores_borders"))
+    if robot.unheard:
+        lines.append(line(Severity.ERROR, "robot_commands_unheard", topic=", ".join(robot.unheard)))
     if robot.name and robot.plans and values["map"] not in robot.maps and robot.maps:
         lines.append(line(Severity.INFO, "robot_keeps_all_borders"))
     # a driver tells by itself that it does not know where the robot is, when it is to drive

@@ -5,10 +5,12 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Optional, Tuple
+from pathlib import Path
+from typing import Any, List, Optional, Tuple
 
 import numpy as np
 import rospy
+from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import Image
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
@@ -21,7 +23,8 @@ from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSp
 
 from vb_feedback.projector import projector_calibration
 from vb_feedback.display.display_messages import border_from_message, drawing_from_progress
-from vb_feedback.projector.floor_image import FloorContent, FloorImage
+from vb_feedback.projector.floor_image import FloorContent, FloorImage, draw_calibration_image
+from vb_feedback.projector.projector_calibration import MARKERS, ProjectorCalibration
 from vb_feedback.projector.projector_window import ProjectorWindow
 from vb_feedback.display.scene import Border, Drawing
 
@@ -37,20 +40,31 @@ class ProjectorParams(Parameters):
     """Parameters of floor_projector; config/floor_projector.yaml says why."""
 
     calibration: str = param("")
+    width: int = param(1280, "px", low=16, high=16384)
+    height: int = param(800, "px", low=16, high=16384)
     brightness: float = param(1.0, "", low=0.05, high=1.0)
     max_rate: float = param(5.0, "1/s", above=0.0, high=30.0)
     window: bool = param(False)
     window_x: int = param(0, "px", low=-32768, high=32767)
     window_y: int = param(0, "px", low=-32768, high=32767)
 
+    @property
+    def path(self) -> Path:
+        """The calibration's file."""
+        return Path(self.calibration).expanduser()
+
 
 class FloorProjectorNode:
     """Shows borders, the drawing, the floor that save would restrict, and the state on the floor, where people look.
+
+    Without a calibration it shows four markers in turn and takes a click on each; from then on it projects.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/spots (vb_msgs/LaserSpot)
+        /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", in the map frame, on the map where the
+            bright marker is seen on the floor; while there is no calibration.
 
     Published topics:
         /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the projector's image, only when it changes,
@@ -58,14 +72,19 @@ class FloorProjectorNode:
 
     Args:
         params: see config/floor_projector.yaml.
-        floor_image: the renderer.
+        calibration: None: it is made of four clicks.
         window: shows; None: only the topic.
     """
 
     def __init__(
-        self, params: ProjectorParams, floor_image: FloorImage, window: Optional[ProjectorWindow] = None
+        self,
+        params: ProjectorParams,
+        calibration: Optional[ProjectorCalibration],
+        window: Optional[ProjectorWindow] = None,
     ) -> None:
-        self._floor_image = floor_image
+        self._params = params
+        self._floor_image = FloorImage(calibration, params.brightness) if calibration is not None else None
+        self._clicked: List[Tuple[float, float]] = []
         self._window = window
         self._period = 1.0 / params.max_rate
         self._lock = threading.Lock()
@@ -79,6 +98,9 @@ class FloorProjectorNode:
         self._spot_shown: Optional[Tuple[float, float]] = None
         self._shown: Optional[Tuple[FloorContent, Optional[BorderPreview]]] = None
         self._publisher = rospy.Publisher(names.PROJECTOR, Image, queue_size=1, latch=True)
+        if self._floor_image is None:
+            self._ask()
+            rospy.Subscriber("/clicked_point", PointStamped, self._on_click, queue_size=5)
         node.Worker(self._wake, lambda _woken: self._work())
         self._wake.set()
         rospy.Subscriber(names.STATE, InteractionState, self._store, "_state", queue_size=1)
@@ -105,9 +127,48 @@ class FloorProjectorNode:
         if np.isfinite(message.position.x) and np.isfinite(message.position.y):
             self._store((message.position.x, message.position.y, message.header.stamp.to_sec()), "_spot")
 
+    # ------------------------------------------------------------- calibration
+    def _ask(self) -> None:
+        number = len(self._clicked)
+        self._project(draw_calibration_image(self._params.width, self._params.height, number))
+        rospy.loginfo(
+            "floor_projector: click in RViz ('Publish Point') where marker %d of %d shines brightly on the floor",
+            number + 1,
+            MARKERS,
+        )
+
+    def _on_click(self, message: PointStamped) -> None:
+        """Takes a click, from rospy's one thread of this topic."""
+        if self._floor_image is not None:
+            return
+        point = (message.point.x, message.point.y)
+        if message.header.frame_id.lstrip("/") != names.MAP_FRAME or not np.isfinite(point).all():
+            rospy.logwarn("floor_projector: that click is not in the frame map, click again")
+            return
+        self._clicked.append(point)
+        if len(self._clicked) == MARKERS:
+            try:
+                self._calibrate()
+                return
+            except CodedError as error:
+                self._clicked.clear()
+                rospy.logwarn("floor_projector: %s; once more from the first marker", error)
+        self._ask()
+
+    def _calibrate(self) -> None:
+        calibration = projector_calibration.calibrate(self._params.width, self._params.height, self._clicked)
+        path = self._params.path
+        projector_calibration.save(calibration, path)
+        rospy.loginfo("floor_projector: wrote %s; draw a border to see whether it fits", path)
+        self._floor_image = FloorImage(calibration, self._params.brightness)
+        self._wake.set()
+
+    # ------------------------------------------------------------- projection
     def _work(self) -> None:
+        if self._floor_image is None:
+            return
         started = time.monotonic()
-        self._show(*self._content(rospy.get_time()))
+        self._show(self._floor_image, *self._content(rospy.get_time()))
         rospy.rostime.wallsleep(max(0.0, self._period - (time.monotonic() - started)))
 
     def _content(self, now: float) -> Tuple[FloorContent, Optional[BorderPreview]]:
@@ -145,13 +206,15 @@ class FloorProjectorNode:
             rospy.logwarn_throttle(5.0, f"floor_projector: the preview: {error}")
             return None
 
-    def _show(self, content: FloorContent, preview: Optional[BorderPreview]) -> None:
+    def _show(self, floor_image: FloorImage, content: FloorContent, preview: Optional[BorderPreview]) -> None:
         if self._shown is not None and self._shown[0] == content and self._shown[1] is preview:
             return
         self._shown = (content, preview)
         if preview is not None:
             content = replace(content, region=self._region(preview))
-        image = self._floor_image.render(content)
+        self._project(floor_image.render(content))
+
+    def _project(self, image: np.ndarray) -> None:
         self._publisher.publish(message_from_image(image, "rgb8", rospy.Time.now(), FRAME))
         if self._window is not None:
             self._window.show(image)
@@ -161,8 +224,8 @@ def build() -> FloorProjectorNode:
     """Reads the parameters and makes the node."""
     params = parameters.read(ProjectorParams)
     if not params.calibration:
-        raise ParameterError("~calibration", "must name a file that calibrate_projector wrote")
-    calibration = projector_calibration.load(params.calibration)
-    size = (calibration.width, calibration.height)
+        raise ParameterError("~calibration", "must name the projector's file; one that is not there yet will be made")
+    calibration = projector_calibration.load(params.path) if params.path.exists() else None
+    size = (calibration.width, calibration.height) if calibration is not None else (params.width, params.height)
     window = ProjectorWindow(params.window_x, params.window_y, *size, node.start_thread) if params.window else None
-    return FloorProjectorNode(params, FloorImage(calibration, params.brightness), window)
+    return FloorProjectorNode(params, calibration, window)

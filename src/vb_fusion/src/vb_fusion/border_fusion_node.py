@@ -16,7 +16,7 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
-from vb_core.ros import parameters
+from vb_core.ros import node, parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_core.vocabulary import BORDER, DEFAULT, SEED, STATES, state_of
@@ -28,6 +28,7 @@ from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBord
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
 _NESTED = ("extraction", "collector")
+SIGN_OF_LIFE = 1.0  # [s] between progress messages while no spots come
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,6 @@ class FusionParams(Parameters):
     """The node's own parameters."""
 
     rate: float = param(8.0, "Hz", low=1.0, high=50.0)
-    idle_rate: float = param(1.0, "Hz", above=0.0, high=50.0)
-    max_points: int = param(300, low=0, high=5000)
     live_cpu_share: float = param(0.12, above=0.0, high=1.0)
     spot_log_file: str = param("~/.ros/virtual_borders/border_fusion.jsonl")
 
@@ -49,7 +48,7 @@ class BorderFusionNode:
         /virtual_borders/state (vb_msgs/InteractionState, latched): spots are collected in Border and Seed only.
     Published topics:
         /virtual_borders/progress (vb_msgs/BorderProgress, latched): at ~rate while spots come in Border and Seed, at
-            ~idle_rate while none come, and on each change of state. After the interaction the last one stays.
+            1 Hz while none come, and on each change of state. After the interaction the last one stays.
         /virtual_borders/notices (vb_msgs/NoticeArray, latched): what cannot be stored on disk and any other failure;
             the node continues after all of them. What makes the drawing doubtful is told when a stroke has ended, until
             the interaction ends.
@@ -86,9 +85,8 @@ class BorderFusionNode:
         self._spot_subscriber = rospy.Subscriber(
             names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True
         )
-        self._service = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, self._on_candidate)
-        self._worker = threading.Thread(target=self._work, daemon=True)
-        self._worker.start()
+        self._service = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, self._on_get_drawn_border)
+        self._worker = node.start_thread(self._work)
 
     # ------------------------------------------------------------- input
     def _on_state(self, message: InteractionState) -> None:
@@ -171,10 +169,11 @@ class BorderFusionNode:
         """
         while not rospy.is_shutdown() and not self._closing:
             state_changed = self._changed.wait(1.0 / self._params.rate)
-            self._changed.clear()
+            if state_changed:  # else one that comes just now would be lost
+                self._changed.clear()
             try:
-                self._tick(state_changed)
-                self._failure = None
+                if self._tick(state_changed):
+                    self._failure = None
             except Exception as error:  # a drawing that breaks the extraction must not end the node
                 if rospy.is_shutdown():
                     return
@@ -195,7 +194,7 @@ class BorderFusionNode:
                 self._doubts = []
             # what a stroke leaves out or open is known when it has ended; until then what was told stays readable
             elif state != BORDER or not self._collector.cameras_seeing(now):
-                self._doubts = self._find_doubts(self._live.candidate)
+                self._doubts = self._find_doubts(self._live.drawn)
             doubts = self._doubts
         notices = [Notice.from_error(problem, Severity.WARNING) for problem in problems if problem is not None]
         self._notices.set(notices + doubts)
@@ -212,29 +211,31 @@ class BorderFusionNode:
             found["seed_held_elsewhere"] = {"seconds": f"{drawn.other_dwell.seconds:.0f}"}
         return [Notice(code, Severity.WARNING, values=values) for code, values in found.items()]
 
-    def _tick(self, state_changed: bool) -> None:
+    def _tick(self, state_changed: bool) -> bool:
+        """Extracts and publishes what was drawn so far; returns whether there was a reason to."""
         with self._lock:
             collecting = bool(self._collector.state.collects)
             new, self._dirty = self._dirty, False
             if new:
                 self._spot_log.flush()
             now = time.monotonic()
-            due = now - self._published >= 1.0 / self._params.idle_rate
+            due = now - self._published >= SIGN_OF_LIFE
             if not self._collector.interaction_id or not (state_changed or (collecting and (new or due))):
-                return
+                return False
             collection = self._collector.collection()
         self._published = now
         # a change of state is shown with the chain as it is then
-        candidate = self._live.update(collection, time.monotonic, force=state_changed)
+        drawn = self._live.update(collection, time.monotonic, force=state_changed)
         with self._lock:
             if collection.interaction_id != self._collector.interaction_id:
-                return  # another one began meanwhile
-            self._progress.publish(self._progress_message(collection, candidate))
+                return True  # another one began meanwhile
+            self._progress.publish(self._progress_message(collection, drawn))
             if self._forget:
                 self._collector.forget()
                 self._forget = False
+        return True
 
-    def _progress_message(self, collection, candidate: DrawnBorder) -> BorderProgress:
+    def _progress_message(self, collection, drawn: DrawnBorder) -> BorderProgress:
         now = rospy.get_rostime()
         border, seed, ignored = self._collector.counts
         message = BorderProgress()
@@ -243,29 +244,29 @@ class BorderFusionNode:
         message.interaction_id = collection.interaction_id
         message.border_spots, message.seed_spots = border, seed
         message.ignored_spots = ignored + self._wrong_frame
-        shown = subsample_evenly(collection.border, self._params.max_points)
+        shown = subsample_evenly(collection.border)
         message.points = points_from_array(shown[:, 1:3])
         message.point_cameras = bytes(np.minimum(shown[:, 4], 255).astype(np.uint8))
         message.cameras = collection.cameras
         message.cameras_seeing_spot = self._collector.cameras_seeing(now.to_sec())
-        chain, seed = candidate.chain, candidate.seed
+        chain, seed = drawn.chain, drawn.seed
         if chain is not None:
             message.chain = points_from_array(chain.points)
             message.closed = chain.closed
             message.left_out_spots = chain.left_out_spots
-            message.left_out = points_from_array(subsample_evenly(chain.left_out, self._params.max_points))
+            message.left_out = points_from_array(subsample_evenly(chain.left_out))
             message.code, message.message = "ok", chain.reason
             message.values = values_from_mapping(chain.values)
         if seed is not None:
             message.has_seed = True
             message.seed = Point(float(seed[0]), float(seed[1]), 0.0)
-        missing = candidate.no_chain or (candidate.no_seed if self._collector.state == SEED else None)
+        missing = drawn.no_chain or (drawn.no_seed if self._collector.state == SEED else None)
         if missing is not None:
             message.code, message.message = missing.code, missing.message
             message.values = values_from_mapping(missing.values)
         return message
 
-    def _on_candidate(self, request) -> GetDrawnBorderResponse:
+    def _on_get_drawn_border(self, request) -> GetDrawnBorderResponse:
         with self._lock:
             collection = self._collector.collection()
         response = GetDrawnBorderResponse()
@@ -283,7 +284,7 @@ class BorderFusionNode:
             failure = error if known else CodedError("extraction_failed", what=repr(error))
             response.code, response.message = failure.code, failure.message
             response.values = values_from_mapping(failure.values)
-            (rospy.loginfo if known else rospy.logerr)("%s: no candidate: %s", rospy.get_name(), failure)
+            (rospy.loginfo if known else rospy.logerr)("%s: no border: %s", rospy.get_name(), failure)
             return response
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
         response.success, response.code = True, "ok"
@@ -295,7 +296,7 @@ class BorderFusionNode:
         border.seed = Point(float(seed[0]), float(seed[1]), 0.0)
         border.occupancy = 1.0
         border.enabled = True
-        rospy.loginfo("%s: candidate of %d spots: %s", rospy.get_name(), collection.border_total, response.message)
+        rospy.loginfo("%s: border of %d spots: %s", rospy.get_name(), collection.border_total, response.message)
         return response
 
     def close(self) -> None:

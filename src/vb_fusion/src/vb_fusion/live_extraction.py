@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, replace
-from typing import Callable, List, Optional, Sequence
+from typing import Callable, Optional, Sequence
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from vb_core.errors import CodedError
 from vb_fusion.extraction import BorderChain, ExtractionError, ExtractionParams, extract_border
 from vb_fusion.spots.collector import Collection
 from vb_fusion.stroke.seed import Dwell, choose_seed, find_dwells
+
+MAX_SHOWN = 300  # points in a message: enough to see the drawing, cheap to display
 
 
 @dataclass(frozen=True)
@@ -55,26 +57,14 @@ def extract_chain(collection: Collection, params: ExtractionParams) -> BorderCha
     return extract_border(collection.border[:, 1:3], params, **_get_attributes(collection.border))
 
 
-def find_dwells_of(collection: Collection) -> List[Dwell]:
-    """Finds where the pointer dwelt, in all seed spots; the border's spots were seen before.
-
-    Raises:
-        ExtractionError
-    """
-    rows = collection.seed
-    return find_dwells(rows[:, 1:3], before=collection.border[:, 1:3], **_get_attributes(rows))
-
-
 def _get_attributes(rows: np.ndarray) -> dict:
     stamps, confidences, cameras, mobile = rows[:, [0, 3, 4, 5]].T
     return {"stamps": stamps, "confidences": confidences, "cameras": cameras.astype(int), "mobile": mobile > 0.0}
 
 
-def subsample_evenly(rows: np.ndarray, limit: int) -> np.ndarray:
+def subsample_evenly(rows: np.ndarray, limit: int = MAX_SHOWN) -> np.ndarray:
     """Returns at most `limit` of the rows, evenly chosen, the first and the last among them."""
-    if len(rows) <= limit:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, limit).astype(int)] if limit else rows[:0]
+    return rows if len(rows) <= limit else rows[np.linspace(0, len(rows) - 1, limit).astype(int)]
 
 
 class LiveExtractor:
@@ -96,7 +86,7 @@ class LiveExtractor:
         with self._lock:
             self._not_before = 0.0
             self._border_total = self._seed_total = -1
-            self.candidate = DrawnBorder()
+            self.drawn = DrawnBorder()
 
     def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
         """Returns the border so far; extracts it again if there are new spots and it is time. From any thread.
@@ -110,10 +100,12 @@ class LiveExtractor:
             seed_new = collection.seed_total != self._seed_total
             if (border_new or seed_new) and (force or clock() >= self._not_before):
                 started = clock()
-                self._extract(collection, border_new, seed_new)
-                finished = clock()
-                self._not_before = finished + (finished - started) * (1.0 / self._share - 1.0)
-            return self.candidate
+                try:
+                    self._extract(collection, border_new, seed_new)
+                finally:  # an attempt that fails costs as much
+                    finished = clock()
+                    self._not_before = finished + (finished - started) * (1.0 / self._share - 1.0)
+            return self.drawn
 
     def _extract(self, collection: Collection, border_new: bool, seed_new: bool) -> None:
         found = {}
@@ -124,8 +116,9 @@ class LiveExtractor:
                 found.update(chain=None, no_chain=error)
         if seed_new:
             try:
-                found.update(dwells=find_dwells_of(collection), no_seed=None)
+                rows, before = collection.seed, collection.border[:, 1:3]
+                found.update(dwells=find_dwells(rows[:, 1:3], before=before, **_get_attributes(rows)), no_seed=None)
             except ExtractionError as error:
                 found.update(dwells=(), no_seed=error)
-        self.candidate = replace(self.candidate, **found)
+        self.drawn = replace(self.drawn, **found)
         self._border_total, self._seed_total = collection.border_total, collection.seed_total

@@ -6,7 +6,7 @@ implementations of DBSCAN do; too many points for that are refused. The default 
 
 from __future__ import annotations
 
-from typing import List
+from typing import TYPE_CHECKING, Dict, List
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -14,19 +14,34 @@ from scipy.spatial import cKDTree
 
 from vb_fusion.line.chain import ExtractionError
 
+if TYPE_CHECKING:
+    from vb_fusion.extraction import ExtractionParams
+
 MAX_PAIRS = 20_000_000  # of neighbours, about a gigabyte: some 6,000 points held at one place, or 50,000 along a line
 
 
-def find_cluster(
-    pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: float, max_exp: float, min_size: int
-) -> np.ndarray:
+def run_algorithms(points: np.ndarray, params: "ExtractionParams") -> Dict[str, np.ndarray]:
+    """Runs the three algorithms on points (N, 2) [m]; returns their results, "cluster", "thinned" and "chain".
+
+    Raises:
+        ExtractionError: "no_line" or "too_many_spots".
+    """
+    cluster = points[find_cluster(points, params.eps, params.min_pts, params.min_exp, params.min_size)]
+    thinned = thin_points(cluster, params.thinning_dist) if len(cluster) else cluster
+    chain = thinned[generate_polygon(thinned, params.polygon_dist)] if len(cluster) else cluster
+    if len(chain) < 2:
+        raise ExtractionError("no_line", spots=len(points), shortest=f"{params.min_exp:g}")
+    return {"cluster": cluster, "thinned": thinned, "chain": chain}
+
+
+def find_cluster(pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: float, min_size: int) -> np.ndarray:
     """Finds the drawn cluster: Algorithm 1, `clustering(in, out, params)`.
 
     Args:
         pointset_in: (N, 2) float64 [m], finite.
         eps: [m] distance of neighbours.
         min_pts: neighbours, itself included, that make a core point.
-        min_exp, max_exp: [m] open interval for a cluster's expansion.
+        min_exp: [m] a cluster's expansion is greater; Table 1's max_exp is infinite.
         min_size: the fewest points of a cluster.
 
     Returns:
@@ -36,7 +51,7 @@ def find_cluster(
     clusters = dbscan(pointset_in, eps, min_pts)  # l. 3
     clusters = sorted((c for c in clusters if len(c) >= min_size), key=lambda c: -len(c))  # l. 4
     for c in clusters:  # l. 5
-        if min_exp < bounding_diagonal(pointset_in[c]) < max_exp:  # l. 6
+        if min_exp < bounding_diagonal(pointset_in[c]):  # l. 6
             pointset_out = c  # l. 7
             break  # l. 8
     return pointset_out

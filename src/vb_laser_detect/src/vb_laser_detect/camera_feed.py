@@ -27,7 +27,7 @@ FOLDER = "~/.ros/virtual_borders"
 
 
 class ReceivedImage(NamedTuple):
-    """One image, not decoded yet: one that comes too late is dropped for nothing.
+    """One image, not decoded yet: one that comes too late is dropped without being decoded.
 
     Attributes:
         stamp: when it was taken.

@@ -27,7 +27,7 @@ _TF_TIMEOUT = 0.15  # [s] odometry comes in after the image
 _TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any does
 _MAX_DEPTH_AGE = 0.08  # [s] largest time between image and depth image
 _POSE_UNCERTAINTY = 0.05  # [m] of a robot's localisation, as its driver takes it to be where nothing else is known
-_MAX_POSE_AGE = 0.5  # [s] a robot whose newest pose is older was somewhere else by now, or is switched off
+_MAX_POSE_AGE = 0.5  # [s] a robot whose newest pose is older may be somewhere else by now, or switched off
 
 
 def decode(message: Any) -> Tuple[np.ndarray, str]:
@@ -53,7 +53,7 @@ def is_rectified(topic: str) -> bool:
 
 
 def require_size(camera: CameraModel, shape: Sequence[int]) -> CameraModel:
-    """Returns the model if it is for images of this shape; raises CodedError "no_camera_info" else."""
+    """Returns the model if it is for images of this shape; raises CodedError "no_camera_info" otherwise."""
     if (camera.height, camera.width) != tuple(shape[:2]):
         size = f"{camera.width} x {camera.height}"
         raise CodedError("no_camera_info", f"camera_info is for images of {size}, not of {shape[1]} x {shape[0]}")

@@ -31,7 +31,7 @@ from vb_laser_detect.calibration.board import BoardParams, find_board
 from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import lens_file, settings_file
 from vb_laser_detect.camera.delay import brightness, measure_delay
-from vb_laser_detect.camera.exposure_search import WHITE, Look, find_exposure, look_at
+from vb_laser_detect.camera.exposure import WHITE, Look, find_exposure, look_at
 from vb_laser_detect.camera_feed import lens_path
 from vb_laser_detect.camera_geometry import decode, is_rectified, require_size, sibling_topic
 

@@ -46,7 +46,7 @@ __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 _MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
-_LATEST = 1.0  # [s] an image that is older than this beside the last one is no late one: the clock was set
+_LATEST = 1.0  # [s] an image that is older than the last by more was not late: the clock was set
 # probability from which a spot that stays is kept out of the background; with less, it may be a ghost
 _MIN_CERTAIN_PROBABILITY = 0.9
 

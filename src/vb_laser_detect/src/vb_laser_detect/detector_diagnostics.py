@@ -16,7 +16,7 @@ from vb_core.ros.node import Mailbox, start_timer
 from vb_core.ros.notices import NoticePublisher
 from vb_laser_detect.calibration.calibration_file import require_own_frame
 from vb_laser_detect.detection.detector_counts import DetectorCounts, InputWatch
-from vb_laser_detect.detection.exposure import TOO_BRIGHT, saturated_share
+from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
 from vb_msgs.msg import DetectorStatus
 
 _FAULT_LIFETIME = 5.0  # [s] for which a fault is told after it was met last
@@ -92,7 +92,7 @@ class DetectorDiagnostics:
         self._tell()
 
     def clear_refused_setting(self) -> None:
-        """Tells no longer that a camera which sends images refuses its settings."""
+        """Withdraws the notice that the camera refused its settings; it sends images."""
         with self._lock:
             self._source_fault = self._source_fault if self._silent_source else None
         self._tell()

@@ -17,7 +17,7 @@ from vb_core.errors import CodedError
 from vb_core.ros import services
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.border_messages import border_from_message, message_from_border
+from vb_map_integration.borders.border_messages import message_from_border
 from vb_map_integration.borders.geojson import borders_from_geojson
 
 # [s] a preview of 16 million cells takes half a second on a busy computer
@@ -38,11 +38,6 @@ def read_borders(path: Path) -> List[VirtualBorder]:
 
 def _call(name: str, service: Type, request: Any) -> Any:
     return services.call(name, service, request, "the map integrator", response_timeout=_TIMEOUT)
-
-
-def _stored_borders() -> List[VirtualBorder]:
-    response = _call(names.LIST_BORDERS, ListBorders, ListBordersRequest())
-    return [border_from_message(message) for message in response.borders.borders]
 
 
 def _import(border: VirtualBorder, dry_run: bool) -> bool:
@@ -83,7 +78,8 @@ def import_borders(arguments: Optional[List[str]] = None) -> int:
     taken = 0
     try:
         # an id belongs to the database that gave it: another one's borders have other times of creation
-        known = {(one.id, round(one.created, 3)) for one in _stored_borders()}
+        stored = _call(names.LIST_BORDERS, ListBorders, ListBordersRequest()).borders.borders
+        known = {(one.id, round(one.created.to_sec(), 3)) for one in stored}
         for border in borders:
             if (border.id, round(border.created, 3)) not in known:
                 border = border.replace(id="")

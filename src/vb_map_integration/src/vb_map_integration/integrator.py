@@ -14,7 +14,7 @@ from vb_core import map_files, sentences
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
-from vb_core.notices import Notice
+from vb_core.notices import Notice, Severity
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.geojson import borders_to_geojson
 from vb_map_integration.grid.layered_map import LayeredMap
@@ -70,6 +70,7 @@ class MapIntegrator:
         self._recognition = PlaceRecognition()
         self._in_force: Optional[InForce] = None
         self._map_id = ""
+        self._not_kept: List[Notice] = []  # why the map's place could not be noted
         self._check = BorderCheck(robot_radius)
 
     def close(self) -> None:
@@ -138,21 +139,22 @@ class MapIntegrator:
     def notices(self) -> List[Notice]:
         """What people should know: about the files, the map, and borders that are not what they were on it."""
         verdicts = list(self._in_force.verdicts.values()) if self._in_force else []
-        return [*self._database.notices, *find_notices(verdicts, self._recognition.certain, self.map_name)]
+        return [
+            *self._database.notices,
+            *self._not_kept,
+            *find_notices(verdicts, self._recognition.certain, self.map_name),
+        ]
 
     # ------------------------------------------------------------- the physical map
-    def set_map(self, grid: GridMap, now: float = 0.0) -> Tuple[bool, Tuple[str, ...]]:
-        """Adopts the physical map; the first one, another one, or one that has grown.
+    def set_map(self, grid: GridMap, now: float = 0.0) -> bool:
+        """Adopts the physical map: the first one, another one, or one that has grown; returns whether anything changed.
 
         Args:
             now: [s] decides what schedules say.
-
-        Returns:
-            Whether anything changed, and sentences for the person.
         """
         map_id = fingerprint(grid)
         if map_id == self._map_id:
-            return False, ()
+            return False
         before = self.physical if self.has_map else None
         recognition = self._recognizer.recognize(grid, map_id, before, self._recognition)
         self._map_id = map_id
@@ -163,9 +165,10 @@ class MapIntegrator:
                 self._database.remember_place(recognition.place)
                 if name and recognition.certain and not self.map_name:
                     self._database.rename_place(recognition.place, name)
+                self._not_kept = []
             except CodedError as error:
-                return True, (error.message, *(notice.sentence() for notice in self.notices))
-        return True, tuple(notice.sentence() for notice in self.notices)
+                self._not_kept = [Notice.from_error(error, Severity.WARNING)]
+        return True
 
     def _use(self, grid: GridMap, recognition: PlaceRecognition, now: float) -> None:
         """Puts the borders of a place in force on a map, or on the same one if there is a new answer about it."""
@@ -202,18 +205,16 @@ class MapIntegrator:
         transform = recognition.transform if same else Transform()
         place = recognition.place if same else 0
         self._database.check_name(name, place)
-        if same:
-            if not place or known is None or known.place != place:
-                place = self._database.add_map(grid, self._map_id, place, transform)
+        if same and place and known is not None and known.place == place:
+            if name:
+                self._database.rename_place(place, name)
+            self._database.remember_place(place)
         else:
-            if known is not None and known.id == known.place and self._database.borders(known.place):
+            if not same and known is not None and known.id == known.place and self._database.borders(known.place):
                 raise CodedError("drawn_on_this_map")
-            place = self._database.add_map(grid, self._map_id)
-        if name:
-            self._database.rename_place(place, name)
+            place = self._database.add_map(grid, self._map_id, place, transform, name)
         waiting = self._waiting() if same else []
         self._use(grid, PlaceRecognition(place, transform), now)
-        self._database.remember_place(place)
         self._accept(waiting, now)
         return ChangeResult((), (), sentences.translate("map_confirmed", {"count": len(self.borders)}))
 
@@ -366,18 +367,10 @@ class MapIntegrator:
     def _keep_map(self) -> None:
         """Keeps the map on which a person draws: later ones are compared with it."""
         if self._database.find_map(self._map_id) is None:
-            place = self._database.add_map(
-                self.physical,
-                self._map_id,
-                self._recognition.place,
-                self._recognition.transform,
-                "" if self._recognition.place else self._free_name(),
-            )
-            self._database.remember_place(place)
-            self._recognition = PlaceRecognition(place, self._recognition.transform)
-
-    def _free_name(self) -> str:
-        return "" if self._database.find_place(self._expected_name) else self._expected_name
+            place, transform = self._recognition.place, self._recognition.transform
+            name = "" if place or self._database.find_place(self._expected_name) else self._expected_name
+            place = self._database.add_map(self.physical, self._map_id, place, transform, name)
+            self._recognition = PlaceRecognition(place, transform)
 
     def _make_change(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> ChangeResult:
         issues = self._commit(place or self._recognition.place, change, kind, now)

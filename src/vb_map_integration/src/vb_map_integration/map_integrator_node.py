@@ -34,7 +34,6 @@ from vb_msgs.srv import (
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.grid_map import GridMap
 from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, robot_profile
@@ -152,20 +151,13 @@ class MapIntegratorNode:
             raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=names.MAP_FRAME)
         grid = messages.grid_from_message(message)
         with self._lock:
-            self._use_map(grid)
-
-    def _use_map(self, grid: GridMap) -> None:
-        first = not self._integrator.has_map
-        changed, notes = self._integrator.set_map(grid, rospy.Time.now().to_sec())
-        for note in notes:
-            rospy.logwarn("%s: %s", rospy.get_name(), note)
-        if not changed:
-            return
-        rows, columns = grid.shape
-        got = "got the" if first else "got another"
-        count = len(self._integrator.borders)
-        rospy.loginfo("%s: %s map of %d x %d cells, %d border(s)", rospy.get_name(), got, columns, rows, count)
-        self._publish()
+            if not self._integrator.set_map(grid, rospy.Time.now().to_sec()):
+                return
+            count = len(self._integrator.borders)
+            rospy.loginfo(
+                "%s: a map of %s cells, %d border(s)", rospy.get_name(), " x ".join(map(str, grid.shape)), count
+            )
+            self._publish()
 
     def _publish(self) -> None:
         # with simulated time two changes may fall into one tick: each state gets its own stamp
@@ -358,7 +350,7 @@ class MapIntegratorNode:
         except CodedError as error:
             return TriggerResponse(False, str(error))
         rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
-        return TriggerResponse(True, outcome.message)
+        return TriggerResponse(True, " ".join([outcome.message, *(issue.sentence() for issue in outcome.issues)]))
 
     def _save(self, request: Any) -> SaveMapResponse:
         response = SaveMapResponse()

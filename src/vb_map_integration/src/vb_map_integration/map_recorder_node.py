@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -72,11 +71,6 @@ class MapRecorderNode:
             messages.grid_from_message(pair["map"]),
             [border_from_message(border) for border in pair["borders"].borders],
             pair["map"].header.stamp.to_sec(),
-            {
-                "revision": pair["borders"].revision,
-                # for people who look for a session; no program uses it
-                "wall_time": datetime.datetime.now().astimezone().isoformat(timespec="milliseconds"),
-            },
         )
         rospy.loginfo("%s: wrote %s", rospy.get_name(), path)
 

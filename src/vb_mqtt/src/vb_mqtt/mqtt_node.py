@@ -106,7 +106,7 @@ class MqttNode:
         self._broker = Broker(params.broker, connection, params.device, will, subscriptions, _on_fault)
         self._orders = CommandSender(SOURCE, self._on_answer)
         self._orders.connect()
-        self._trouble, self._notices = NoticePublisher(), NoticeListener()
+        self._trouble, self._notices, self._robots = NoticePublisher(), NoticeListener(), OfferListener()
         self._maps, self._beat = node.Mailbox(), node.WakeTimer(_PERIOD)
         self._subscribe()
         self._describe()
@@ -130,7 +130,6 @@ class MqttNode:
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, queue_size=1, buff_size=2**24)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=2, tcp_nodelay=True)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=20)
-        self._robots = OfferListener(self._on_robots)
 
     def _on_state(self, message: InteractionState) -> None:
         self._heard[MANAGER] = time.monotonic()
@@ -150,7 +149,7 @@ class MqttNode:
         self._describe()
         self._maps.put(True)
 
-    def _on_robots(self) -> None:
+    def _look_at_robots(self) -> None:
         known = self._robots.current()
         if known is None:
             return
@@ -208,8 +207,9 @@ class MqttNode:
 
     def _look(self) -> None:
         """Tells what has become silent, what is wrong, and what is new of that."""
+        self._look_at_robots()
         self._put_health()
-        notices = states.public(self._notices.current())
+        notices = self._notices.current()
         for camera in self._lab.cameras:
             problems = [one.sentence(self._language) for one in notices if one.camera == camera and one.severity]
             if not self._is_heard("camera " + camera):

@@ -25,8 +25,6 @@ NOBODY_ASKS = "-"
 QUESTIONS = "confirm_"  # how the codes of questions begin
 QUESTION_TIME = 30.0  # [s] a question can be answered
 MAX_SIDE = 1000  # [px] of the map's picture
-# a page's code would open the page to everybody who can read the broker
-_SECRET = ("page_invitation",)
 _TEXT = 250  # letters; Home Assistant takes 255
 _WALL, _FREE, _UNSEEN = (34, 34, 40), (255, 255, 255), (208, 208, 208)
 _RESTRICTED, _SOFT = (60, 94, 213), (160, 175, 235)
@@ -98,11 +96,6 @@ def robot_problems(name: str, lines: Sequence[Line], notices: Iterable[Notice], 
     who = sentences.robot_value(name)
     bad += [one for one in notices if one.severity >= Severity.WARNING and who in (one.robot, one.values.get("who"))]
     return [one.sentence(language) for one in bad]
-
-
-def public(notices: Iterable[Notice]) -> List[Notice]:
-    """Returns the notices without those that are for people in the room only."""
-    return [notice for notice in notices if notice.code not in _SECRET]
 
 
 def notice_value(notice: Notice, language: str) -> Dict[str, Any]:

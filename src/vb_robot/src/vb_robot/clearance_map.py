@@ -54,13 +54,9 @@ class ClearanceMap:
         self.opaque = seen_through.data >= BLOCKED_THRESHOLD
 
     # ------------------------------------------------------------- places
-    def clearance_at(self, points: np.ndarray) -> np.ndarray:
-        """Returns (N,) [m] how far points (N, 2) [m] are from what is blocked or off the map."""
-        return sample(self.grid, self.clearance, points)
-
     def has_room_at(self, points: np.ndarray) -> np.ndarray:
         """Returns (N,) bool: whether the robot with its margin finds room at points (N, 2) [m]."""
-        return self.clearance_at(points) >= self.radius + STOP_MARGIN
+        return sample(self.grid, self.clearance, points) >= self.radius + STOP_MARGIN
 
     def line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
         """Returns (N,) bool: whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""

@@ -1,29 +1,21 @@
-"""Inputs that several nodes share: maps, borders, spots, the floor that a robot's camera sees, contact sensors."""
+"""Inputs that several nodes share: maps, borders, spots, contact sensors."""
 
 from __future__ import annotations
 
-import math
-import time
-from typing import Any, Callable, List, Optional
+from typing import Any, Callable, List
 
 import numpy as np
 import rospy
 from roslib.message import get_message_class
-from sensor_msgs.msg import CameraInfo
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Contact
-from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
-from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
 from vb_robot.driving.workspace import KnownBorder
-from vb_robot.floor_view import FloorView
 from vb_robot.spots import Sighting
-
-_SETTLING_TIME = 15.0  # [s] within which a lab's nodes start, and the camera's mount becomes known
 
 
 def subscribe_map(topic: str, take: Callable[[GridMap], None]) -> rospy.Subscriber:
@@ -54,57 +46,22 @@ def borders_for(robot: str, message: VirtualBorderArray) -> List[KnownBorder]:
     ]
 
 
-class SpotListener:
-    """Passes every spot that has a place in the map to `take`, and counts those that have none."""
+def subscribe_spots(take: Callable[[Sighting], None]) -> rospy.Subscriber:
+    """Passes every spot that has a place in the map to `take`; one that has none is logged."""
 
-    def __init__(self, take: Callable[[Sighting], None]) -> None:
-        self._take, self._rejected = take, 0
-        self._subscriber = rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
-
-    def _on_spot(self, message: LaserSpot) -> None:
+    def on_spot(message: LaserSpot) -> None:
         position = (message.position.x, message.position.y)
         if message.header.frame_id != names.MAP_FRAME or not np.isfinite(position).all():
-            self._rejected += 1
             rospy.logwarn_throttle(
                 5.0,
                 f"{rospy.get_name()}: spot rejected: frame '{message.header.frame_id}', position {position}; "
-                f"expected finite values in '{names.MAP_FRAME}' ({self._rejected} so far)",
+                f"expected finite values in '{names.MAP_FRAME}'",
             )
-            return
-        self._take(
-            Sighting(message.header.stamp.to_sec(), position, message.camera, message.mobile, message.confidence)
-        )
+        else:
+            stamp = message.header.stamp.to_sec()
+            take(Sighting(stamp, position, message.camera, message.mobile, message.confidence))
 
-
-class FloorViewListener:
-    """Passes a robot's floor view to `take`, first and whenever the lens or the mount's frame changes."""
-
-    def __init__(
-        self,
-        topic: str,
-        base_frame: str,
-        max_range: float,
-        transforms: TransformLookup,
-        take: Callable[[FloorView], None],
-    ) -> None:
-        self._base, self._max_range, self._transforms, self._take = base_frame, max_range, transforms, take
-        self._known: Optional[tuple] = None
-        self._missing_since = math.inf  # [s] of wall time
-        self._subscriber = rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
-
-    def _on_info(self, message: CameraInfo) -> None:
-        key = (message.K, message.header.frame_id)
-        if key == self._known:
-            return
-        try:
-            T = self._transforms.lookup(self._base, message.header.frame_id, rospy.Time(0), timeout=0.0)
-            self._take(FloorView(camera_from_info(message), T, self._max_range))
-        except CodedError as error:
-            self._missing_since = min(self._missing_since, time.monotonic())
-            if time.monotonic() - self._missing_since > _SETTLING_TIME:
-                rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: the camera's view is not known: {error}")
-            return
-        self._known, self._missing_since = key, math.inf
+    return rospy.Subscriber(names.SPOTS, LaserSpot, on_spot, queue_size=100)
 
 
 def message_class(contact: Contact) -> Any:

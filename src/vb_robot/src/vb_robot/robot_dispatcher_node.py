@@ -21,8 +21,7 @@ from vb_core.vocabulary import state_of
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_robot.dispatching.dispatcher import Dispatcher
 from vb_robot.dispatching.robot_client import RobotClient
-from vb_robot.floor_view import FloorView
-from vb_robot.inputs import SpotListener, subscribe_map
+from vb_robot.inputs import subscribe_map, subscribe_spots
 
 PERIOD = 0.25  # [s] between two decisions: the spot moves 0.1 m at most in that time
 
@@ -64,10 +63,7 @@ class RobotDispatcherNode:
         self._inputs: Deque[Callable[[], None]] = deque()  # for the worker, in the order in which they came
         transforms = TransformLookup()
         self._notices = NoticePublisher()
-        self._robots = [
-            RobotClient(name, profile, transforms, functools.partial(self._queue_input, self._take_view, name))
-            for name, profile in profiles.items()
-        ]
+        self._robots = [RobotClient(name, profile, transforms) for name, profile in profiles.items()]
         grids = [
             (names.PHYSICAL_MAP, dispatcher.set_physical_map),
             *((f"{name}{names.MAP_WITH_BORDERS}", known.set_map) for name, known in dispatcher.maps.items()),
@@ -75,7 +71,7 @@ class RobotDispatcherNode:
         self._subscribers = [
             *(subscribe_map(topic, functools.partial(self._queue_input, take)) for topic, take in grids),
             rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10),
-            SpotListener(functools.partial(self._queue_input, dispatcher.sightings.add)),
+            subscribe_spots(functools.partial(self._queue_input, dispatcher.sightings.add)),
             rospy.Subscriber(
                 names.PROGRESS, BorderProgress, functools.partial(self._queue_input, self._take_progress), queue_size=1
             ),
@@ -97,9 +93,6 @@ class RobotDispatcherNode:
         self._queue_input(self._take_state, message)
         self._timer.set()  # when the state ends the robots have to stop at once
 
-    def _take_view(self, robot: str, view: FloorView) -> None:
-        self._dispatcher.maps[robot].view = view
-
     def _take_state(self, message: InteractionState) -> None:
         if self._dispatcher.sightings.set_state(
             state_of(message.name), message.interaction_id, message.entered.to_sec()
@@ -119,6 +112,8 @@ class RobotDispatcherNode:
     def _decide(self) -> None:
         while self._inputs:
             self._inputs.popleft()()
+        for robot in self._robots:
+            self._dispatcher.maps[robot.name].view = robot.view
         wanted = self._dispatcher.sightings.should_dispatch()
         robots = {robot.name: robot.status(wanted) for robot in self._robots}
         goals = self._dispatcher.decide(rospy.Time.now().to_sec(), robots)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import threading
 import time
@@ -39,7 +40,7 @@ from vb_robot.driving.arbiter import Arbiter, Command
 from vb_robot.driving.gate import NAVIGATION, RATE, STOP, TELEOP
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import BorderContact, KnownBorder, PoseUncertainty, Workspace, quoted
-from vb_robot.inputs import FloorViewListener, SpotListener, borders_for, message_class, subscribe_map
+from vb_robot.inputs import borders_for, message_class, subscribe_map, subscribe_spots
 
 STATE_PERIOD = 0.5  # [s] between reports of who drives, even if nothing changes
 MIN_STOP = 0.5  # [s] a shorter stop is not worth a notice
@@ -48,7 +49,7 @@ LOOKS = 40  # [updates] after which AMCL has found its pose, or will not
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 # what people are told, unlike the usual: "driving", "idle", "spot_in_view", "speed_limit" and so on
 STOP_CODES = frozenset(
-    "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map no_camera clock_stopped "
+    "stopped state_lost scan_lost pose_lost pose_jumped pose_uncertain no_map clock_stopped "
     "internal_error other_cmd_vel_publisher contact obstacle floor_not_scanned border inside_border bad_command".split()
 )
 
@@ -76,7 +77,7 @@ class RobotDriverNode:
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/map, /map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): optional
-        scan (sensor_msgs/LaserScan), camera_info (sensor_msgs/CameraInfo): as the profile names them
+        scan (sensor_msgs/LaserScan): as the profile names it
         <contact> (rospy/AnyMsg): each contact sensor, with the message type that the profile names
         move_base/status (actionlib_msgs/GoalStatusArray)
         move_base/recovery_status (move_base_msgs/RecoveryStatus): while it recovers, it turns by itself; optional
@@ -118,13 +119,6 @@ class RobotDriverNode:
         self._reported: tuple = ((), -1.0)
         self._timer = node.WakeTimer(1.0 / RATE)
         self._transforms = TransformLookup()
-        self._camera = FloorViewListener(
-            profile.camera.info,
-            self._base,
-            profile.camera.max_range,
-            self._transforms,
-            functools.partial(setattr, self._arbiter.follower, "view"),
-        )
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher(profile.base.topic, Twist, queue_size=1, tcp_nodelay=True)
         self._heard = True  # whether anybody listens to these commands
@@ -134,8 +128,7 @@ class RobotDriverNode:
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
         self._looks_left = 0  # how often AMCL may still be asked to look, since it knew or was shown where it is
         self._subscribe(profile, contacts)
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self._thread = node.start_thread(self._run)
         self._beats = tuple(node.WakeTimer(period) for period in (WIRING_PERIOD, LOOK_PERIOD))
         node.Worker(self._beats[0], lambda _woken: self._look_for_commanders())
         node.Worker(self._beats[1], lambda _woken: self._look_around())
@@ -160,7 +153,7 @@ class RobotDriverNode:
             ),
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
             listen(names.STOP, Stop, self._on_stop, queue_size=10, tcp_nodelay=True),
-            SpotListener(self._arbiter.add),
+            subscribe_spots(self._arbiter.add),
             listen(
                 names.PROGRESS,
                 BorderProgress,
@@ -292,9 +285,11 @@ class RobotDriverNode:
         self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._borders = borders_for(self._params.robot, message)
-        if self._arbiter.gate.workspace is not None:
-            self._arbiter.gate.workspace.known = self._borders
+        with self._lock:  # a workspace that is just being made would have the borders before
+            self._borders = borders_for(self._params.robot, message)
+            workspace = self._arbiter.gate.workspace
+            if workspace is not None:
+                workspace.known = self._borders
 
     # ------------------------------------------------------------- driving
     def _run(self) -> None:
@@ -308,13 +303,14 @@ class RobotDriverNode:
                 self._arbiter.gate.clock_age = time.monotonic() - moved
                 self._update_pose()
                 self._execute(self._arbiter.step(now.to_sec(), self._cmd_vel.get_num_connections()), now)
-            except rospy.ROSException:
-                if not rospy.is_shutdown():
-                    raise
             except Exception:
-                # whatever fails here, the robot must not keep its last command, and the next step may succeed
-                self._execute(self._arbiter.halt("internal_error"), now)
+                if rospy.is_shutdown():
+                    return
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
+                # whatever fails here, the robot must not keep its last command, and the next step may succeed; what is
+                # reported then may fail likewise, but the zero goes out before it
+                with contextlib.suppress(Exception):
+                    self._execute(self._arbiter.halt("internal_error"), now)
 
     def _update_pose(self) -> None:
         # tf returns the newest transform, however old

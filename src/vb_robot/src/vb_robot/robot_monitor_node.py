@@ -187,12 +187,9 @@ class RobotMonitorNode:
         now = rospy.get_time()
         if self._params.obey and self._stops.stopped and not 0.0 <= now - self._cancelled_at < CANCEL_PERIOD:
             self._cancelled_at = now
-            self._cancel_all()
-
-    def _cancel_all(self) -> None:
-        for robot in self._robots.values():
-            if not robot.status(True).driver:
-                robot.cancel_goals()
+            for robot in self._robots.values():
+                if not robot.status(True).driver:
+                    robot.cancel_goals()
 
     def _limit(self, robot: WatchedRobot) -> Optional[float]:
         """Returns the speed limit [m/s] where a robot is, inf for none; None while that is not known."""

@@ -7,7 +7,7 @@ that the two never both act, and never wait for each other.
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import deque
 from dataclasses import dataclass
 from typing import Deque, Iterable, Optional, Set, Tuple
 
@@ -148,17 +148,15 @@ class Sightings:
     def velocity(self) -> Optional[np.ndarray]:
         """Measures the spot's velocity (2,) [m/s], by the last pieces of its way; None if it rests or has just turned.
 
-        Cameras differ by centimetres: only the one that saw the spot last counts, or the one that saw it most.
+        Cameras differ by centimetres: only the one that saw the spot last counts.
         """
         newest = self.newest()
         if newest is None:
             return None
-        recent = sorted((s for s in self._recent if s.stamp >= newest.stamp - VELOCITY_WINDOW), key=lambda s: s.stamp)
-        counts = Counter(s.camera for s in recent)
-        camera = newest.camera if counts[newest.camera] >= MIN_VELOCITY_SIGHTINGS else counts.most_common(1)[0][0]
-        if counts[camera] < MIN_VELOCITY_SIGHTINGS:
+        recent = [s for s in self._recent if s.camera == newest.camera and s.stamp >= newest.stamp - VELOCITY_WINDOW]
+        if len(recent) < MIN_VELOCITY_SIGHTINGS:
             return None
-        seen = np.array([(s.stamp, *s.position) for s in recent if s.camera == camera])
+        seen = np.array(sorted((s.stamp, *s.position) for s in recent))
         thirds = np.array([np.median(third, axis=0) for third in np.array_split(seen, 3)])  # (3, 3): [s], x, y [m]
         (before, after), (seconds, *whole) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
         if math.hypot(*whole) < MIN_SPEED * max(seconds, 0.5 * VELOCITY_WINDOW):

@@ -70,7 +70,7 @@ class LabSimulatorNode:
 
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
-        <robot>/cmd_vel/navigation (geometry_msgs/Twist), /tf (tf2_msgs/TFMessage): only with ~lockstep
+        <robot>/cmd_vel/navigation (geometry_msgs/Twist), /tf (tf2_msgs/TFMessage): of the first robot, with ~lockstep
         /sim/participant (vb_msgs/ParticipantState)
         /sim/pace (std_msgs/Float64): simulated seconds per real second at most, for drives without people and cameras;
             1 before there is one
@@ -104,16 +104,15 @@ class LabSimulatorNode:
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
         self._robots = [RobotConnection(robot) for robot in lab.world.robots]
         expected = ("navigation", "driver") if params.localizes else ("navigation", "driver", "localisation")
-        self._lockstep = [Lockstep(expected) for _ in self._robots] if params.lockstep else []
+        self._lockstep = Lockstep(expected) if params.lockstep else None
         self._static_tf = tf2_ros.StaticTransformBroadcaster()
         self._static_tf.sendTransform([self._laser_mount(connection) for connection in self._robots])
         for index, connection in enumerate(self._robots):
-            topic, callback = connection.topic + "cmd_vel", self._on_cmd_vel
-            rospy.Subscriber(topic, Twist, callback, index, queue_size=1, tcp_nodelay=True)
-            if params.lockstep:
-                topic, callback = topic + "/navigation", self._on_navigation
-                rospy.Subscriber(topic, Twist, callback, index, queue_size=1, tcp_nodelay=True)
-        if params.lockstep:
+            topic = connection.topic + "cmd_vel"
+            rospy.Subscriber(topic, Twist, self._on_cmd_vel, index, queue_size=1, tcp_nodelay=True)
+        if self._lockstep is not None:
+            topic, lockstep = self._robots[0].topic + "cmd_vel/navigation", self._lockstep
+            rospy.Subscriber(topic, Twist, lambda _: lockstep.arrive("navigation"), queue_size=1, tcp_nodelay=True)
             rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
         rospy.Service("~reset", Trigger, self._on_reset)
@@ -131,17 +130,13 @@ class LabSimulatorNode:
     def _on_cmd_vel(self, message: Twist, index: int) -> None:
         with self._lock:
             self._lab.robots[index].command(message.linear.x, message.angular.z, self._lab.now)
-        if self._params.lockstep:
-            self._lockstep[index].arrive("driver")
-
-    def _on_navigation(self, _message: Twist, index: int) -> None:
-        self._lockstep[index].arrive("navigation")
+        if self._lockstep is not None and index == 0:
+            self._lockstep.arrive("driver")
 
     def _on_transform(self, message: rospy.AnyMsg) -> None:
         # beside this node only AMCL publishes there, for each scan
         if message._connection_header["callerid"] != rospy.get_name():
-            for robot in self._lockstep:
-                robot.arrive("localisation")
+            self._lockstep.arrive("localisation")
 
     def _on_participant(self, message: ParticipantState) -> None:
         laser = (message.laser.x, message.laser.y) if message.laser_on else None
@@ -167,9 +162,8 @@ class LabSimulatorNode:
         try:
             while not rospy.is_shutdown() and not self._closing:
                 self._step()
-                if self._count % CONTROL_STEPS == 0:
-                    for robot in self._lockstep:
-                        robot.wait()
+                if self._lockstep is not None and self._count % CONTROL_STEPS == 0:
+                    self._lockstep.wait()
                 time.sleep(self._pacer.wait(time.monotonic()))
         except rospy.ROSException:
             if not rospy.is_shutdown():

@@ -91,7 +91,7 @@ class CameraNoise(Parameters):
     read_sigma: float = param(1.0, "grey levels", low=0.0, high=50.0)
     full_well_e: float = param(10000.0, "electrons", above=0.0)
     prnu: float = param(0.006, "", low=0.0, high=0.5)
-    frames: int = param(5, "", low=1, high=32)
+    frames: int = param(5, "", low=2, high=32)
 
     def sigma(self, level: Any) -> Any:
         """Returns the standard deviation [grey levels] at a brightness [grey levels]: read noise and photon noise."""

@@ -44,7 +44,6 @@ class ButtonsNode:
     """
 
     def __init__(self, params: ButtonsParams) -> None:
-        self._params = params
         self._map = ButtonMap(params.mapping, params.by_state)
         self._state = "default"
         self._orders = commands.CommandSender(params.source, self._on_answer)

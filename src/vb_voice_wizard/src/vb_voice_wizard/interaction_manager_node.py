@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import threading
 import traceback
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import dataclass
+from pathlib import Path
 from typing import List, Mapping
 
 import rospy
@@ -42,6 +45,8 @@ from vb_voice_wizard.dialogue.previewer import Previewer
 _REPEATED_AFTER = 0.1
 # what undo and redo made of borders; anything else is a change that was undone or made again
 _CODES = {REMOVED: "border_removed", ADDED: "border_restored", ENABLED: "border_enabled", DISABLED: "border_disabled"}
+# [s] wall time that the answer to a stop waits for its file: robots have stopped, and a busy disk may take most of a second
+_DISK_PATIENCE = 0.1
 _STORE_PERIOD = 2.0  # [s] a disk that was full may have room again
 
 
@@ -102,7 +107,7 @@ class InteractionManagerNode:
         self._log_file = record.file_path("~log_file", params.log_file)
         node.keep_private(self._log_file)
         self._lock = threading.Lock()
-        self._latch = StopLatch(record.file_path("~stop_file", params.stop_file))
+        self._latch = StopLatch(Path(params.stop_file).expanduser())
         if self._latch.lost:
             rospy.logwarn("interaction_manager: it is not known whether robots were stopped: they are, until resume")
         self._interaction = Interaction(params, latch=self._latch)
@@ -113,6 +118,7 @@ class InteractionManagerNode:
         self._cameras_of = ""
 
         told = NoticeListener().current
+        self._disk = ThreadPoolExecutor(max_workers=1, thread_name_prefix="stop_file")
         self._services = BorderServices(params.occupancy, params.service_timeout, params.response_timeout, told)
         self._preview = Previewer(self._services, told)
         self._stop = rospy.Publisher(names.STOP, Stop, queue_size=10)
@@ -136,6 +142,7 @@ class InteractionManagerNode:
         self._timer.close()
         self._storing.close()
         self._preview.close()
+        self._disk.shutdown()
 
     # ------------------------------------------------------------------ inputs
     def _on_progress(self, message: BorderProgress) -> None:
@@ -198,7 +205,11 @@ class InteractionManagerNode:
         with self._lock:
             answer = self._interaction.command(STOP, source, rospy.get_time(), identity=identity)
             self._publish()
-        return answer if self._latch.store() else Answer(True, "stop_not_stored")
+        try:
+            stored = self._disk.submit(self._latch.store).result(_DISK_PATIENCE)
+        except FutureTimeout:
+            stored = True  # as far as is known; if it fails, a notice says so
+        return answer if stored else Answer(True, "stop_not_stored")
 
     def _carry_out(self, command: str, order: CommandRequest) -> Answer:
         with self._lock:

@@ -38,8 +38,8 @@ PHRASES.update({answer: ["yes, " + spoken_form(command)] for answer, command in 
 # Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are
 # missed as near misses are taken in the development group (docs/results/voice/README.md).
 EVEN_LOG_ODDS = -3.7
-# Odds from which a command is beyond doubt: eight times those of the most deceptive of the development speakers' other
-# words, a "seven" for *save* (docs/results/voice/README.md).
+# Odds from which a command is beyond doubt: one and a half times those of the most deceptive of the development
+# speakers' other words, one in a kitchen for *pause* (docs/results/voice/README.md).
 CERTAIN_ODDS = 20.0
 THRESHOLD = 0.5  # confidence from which a command is taken: even odds
 # [s] of speech at an utterance's end that may be a "stop", as short and as long as people say it

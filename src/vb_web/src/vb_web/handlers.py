@@ -166,7 +166,6 @@ class _SessionHandler(_Handler):
             raise web.HTTPError(400) from None
         role = sessions.codes.role_of(code)
         if role == Role.NOBODY:
-            self.page.backend.on_wrong_code(address)
             raise web.HTTPError(401)
         cookie = await asyncio.get_event_loop().run_in_executor(self.page.pool, sessions.open, role)
         self.set_cookie(

@@ -19,12 +19,11 @@ from vb_core.border_changes import border_changes
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import pose2d_from_transform
 from vb_core.grid_map import GridMap
-from vb_core.notices import Notice
 from vb_core.offer import Offer
 from vb_core.parameters import param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
-from vb_core.ros.notices import NoticeListener, NoticePublisher
+from vb_core.ros.notices import NoticeListener
 from vb_core.ros.robots import OfferListener
 from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import DEFAULT
@@ -39,9 +38,7 @@ from vb_web.view import View, coarse_age, mark_borders, rounded
 _POSE_PERIOD = 0.1  # [s] between two looks at the robots' poses
 _HEALTH_PERIOD = 0.5  # [s]
 _SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's driver more often
-_INVITATION = "page_invitation"
 _SESSIONS = "page_sessions.json"  # beside the codes
-_WRONG_CODES = 20  # then it is told, and again after twice as many: nobody mistypes that often
 _UNDER_WAY = ("saving", "changing")  # answers that another one follows
 
 
@@ -50,7 +47,6 @@ class PageParams(ServerParams):
     """Parameters of the page; config/page.yaml explains them."""
 
     events_file: str = param("~/.ros/virtual_borders/page_events.jsonl")
-    show_code: str = param("viewer", choices=("operator", "viewer", "none"))
     cameras: list = param([])
     image_transport: str = param("raw", choices=("raw", "compressed"))
 
@@ -77,7 +73,6 @@ class PageNode:
     Published topics:
         /virtual_borders/stop (vb_msgs/Stop): on stop; robots hear it without any other node.
         /virtual_borders/study_events (vb_msgs/StudyEvent): the operator's marks and notes.
-        /virtual_borders/notices (vb_msgs/NoticeArray): address and code, for the smart display, while nobody draws.
     Services called:
         /virtual_borders/command (vb_msgs/Command), /virtual_borders/confirm_map (vb_msgs/ConfirmMap)
         /virtual_borders/preview_border (vb_msgs/PreviewBorder), /virtual_borders/add_border (vb_msgs/AddBorder)
@@ -93,6 +88,7 @@ class PageNode:
     def __init__(self, params: PageParams) -> None:
         self._params = params
         self._lock = threading.Lock()
+        self._showing = threading.Lock()
         self._view, self._images = View(), images.ImageCache()
         self._history = EventHistory(Path(params.events_file).expanduser())
         self._grid: Optional[GridMap] = None
@@ -104,9 +100,7 @@ class PageNode:
         self._marks: Dict[str, str] = {}
         self._answered: Any = None
         self._state_at = time.monotonic()
-        self._invites: Optional[NoticePublisher] = None
         self._spots: Dict[str, Any] = {}
-        self._wrong_codes, self._wrong_told = 0, _WRONG_CODES
         self._poses: Dict[str, List[Optional[float]]] = {}  # by robot
         self._notices_due = node.WakeTimer(_HEALTH_PERIOD)  # a silent node's notices expire without a message
         self._told = NoticeListener(self._notices_due.set)
@@ -126,7 +120,7 @@ class PageNode:
         self._view.put("events", self._history.shown())
         self._recall_study()
         self._subscribe()
-        self._robots = OfferListener(self._show_robots)
+        self._robots = OfferListener()
         self._serve()
         # wall time goes on when simulated time stops
         looks = (
@@ -150,7 +144,6 @@ class PageNode:
         backend = Backend(
             self._actions.carry_out,
             self._actions.command,
-            self._on_wrong_code,
             self._bounds,
             self._camera_images.camera_jpeg,
             self._camera_images.floor_webp,
@@ -166,8 +159,6 @@ class PageNode:
         )
         self._server.start()
         self._addresses = addresses(params, self._server.port, _own_addresses())
-        if not local and params.show_code != "none":
-            self._invites = NoticePublisher()
         rospy.loginfo(
             "%s: the page is at %s%s",
             rospy.get_name(),
@@ -181,8 +172,6 @@ class PageNode:
             beat.close()
         self._maps.close()
         self._server.close()
-        if self._invites is not None:
-            self._invites.close()
 
     # ------------------------------------------------------------- inputs
     def _subscribe(self) -> None:
@@ -240,8 +229,8 @@ class PageNode:
         elif changed:
             self._view.put("offer", None)
             self._view.put("drives", {})
-        if changed and self._border_list is not None:
-            self._on_borders(self._border_list)
+        if changed:
+            self._show_borders()
 
     def _offer_to_browsers(self, message: RobotStatusArray, found: Offer) -> None:
         # a Stop does not go from under a finger because a driver is just being started again
@@ -251,23 +240,30 @@ class PageNode:
         self._view.put("drives", ros_view.drives_section(message))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._border_list = message
-        section = ros_view.borders_section(message, self._offer)
-        shown = {border["id"]: border for border in section["list"]}
+        known = {border.id: border for border in message.borders}
         with self._lock:
-            self._marks = mark_borders(self._marks, list(shown))
-            for key, border in shown.items():
-                border["mark"] = self._marks[key]
-            before, self._borders = self._borders, {border.id: border for border in message.borders}
-        self._view.put("borders", section)
-        for kind, border in border_changes(before, self._borders) if before is not None else ():
+            before, self._borders, self._border_list = self._borders, known, message
+        self._show_borders()
+        for kind, border in border_changes(before, known) if before is not None else ():
             self._tell(f"page_event_{kind}", {"border": border.name or border.id})
+
+    def _show_borders(self) -> None:
+        """Shows the newest list; from several threads, of which none can bring back an older one."""
+        with self._showing:
+            with self._lock:
+                message, known_offer = self._border_list, self._offer
+            if message is None:
+                return
+            section = ros_view.borders_section(message, known_offer)
+            self._marks = mark_borders(self._marks, [border["id"] for border in section["list"]])
+            for border in section["list"]:
+                border["mark"] = self._marks[border["id"]]
+            self._view.put("borders", section)
 
     def _on_state(self, message: InteractionState) -> None:
         section = ros_view.state_section(message)
         self._state_at = time.monotonic()
         self._view.put("state", section)
-        self._invite(section["name"] == DEFAULT.name)
         if section["name"] == DEFAULT.name:
             self._view.put("progress", None)
         last = section["last"]
@@ -281,12 +277,6 @@ class PageNode:
                 last["source"],
             )
         self._answered = answered
-
-    def _invite(self, idle: bool) -> None:
-        """Shows address and code on the smart display: people in the room may command by voice and pointer, too."""
-        if self._invites is not None and self._codes is not None:
-            values = {"address": self._addresses[0], "code": getattr(self._codes, self._params.show_code)}
-            self._invites.set([Notice(_INVITATION, values=values)] if idle else [])
 
     def _on_progress(self, message: BorderProgress) -> None:
         idle = (self._view.get("state") or {}).get("name", DEFAULT.name) == DEFAULT.name
@@ -305,9 +295,7 @@ class PageNode:
             self._view.put("spots", dict(self._spots))
 
     def _show_notices(self) -> None:
-        # a page's code is for the room: a viewer must not read the operator's
-        held = [notice for notice in self._told.current() if notice.code != _INVITATION]
-        self._view.put("notices", ros_view.notices_section(held[:30]))
+        self._view.put("notices", ros_view.notices_section(self._told.current()[:30]))
 
     def _on_detector(self, message: DetectorStatus) -> None:
         publisher = message._connection_header.get("callerid", "")
@@ -329,8 +317,12 @@ class PageNode:
         with self._lock:
             frames = dict(self._frames)
         for robot, frame in frames.items():
+            stamp = self._transforms.newest(names.MAP_FRAME, frame)
+            if not stamp.is_zero() and (rospy.Time.now() - stamp).to_sec() > _SILENCE_TIMEOUT:
+                self._poses.pop(robot, None)  # nobody knows where it is by now
+                continue
             try:
-                pose = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), 0.0)
+                pose = self._transforms.lookup(names.MAP_FRAME, frame, stamp, 0.0)
             except CodedError:
                 continue
             x, y, yaw = pose2d_from_transform(pose)
@@ -385,12 +377,6 @@ class PageNode:
         self._view.put("study", {"participant": self._actions.participant, "condition": self._actions.condition})
 
     # ------------------------------------------------------------- for the server
-    def _on_wrong_code(self, address: str) -> None:
-        self._wrong_codes += 1
-        if self._wrong_codes == self._wrong_told:
-            self._wrong_told *= 2
-            self._tell("page_event_wrong_codes", {"count": str(self._wrong_codes), "address": address})
-
     def _bounds(self) -> Optional[Bounds]:
         grid = self._grid
         if grid is None:

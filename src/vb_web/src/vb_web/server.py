@@ -90,7 +90,6 @@ class Backend:
         act: carries a request of somebody out; its answer has ok, code, values, message. A `CodedError` is the
             same as an answer that is not ok.
         command: does so with a command, without a thread.
-        on_wrong_code: told the address of somebody who gave one.
         bounds: where points may be; None without a map.
         camera_jpeg: the newest image of a camera with its detections; None if there is none. The name is not checked.
         floor_webp: the floor as the ceiling cameras see it; None if none does.
@@ -98,7 +97,6 @@ class Backend:
 
     act: Callable[[action_requests.Request, str], Dict[str, Any]]
     command: Callable[[action_requests.Request, str], Awaitable[Dict[str, Any]]]
-    on_wrong_code: Callable[[str], None]
     bounds: Callable[[], Optional[action_requests.Bounds]]
     camera_jpeg: Callable[[str], Optional[bytes]]
     floor_webp: Callable[[], Optional[bytes]]

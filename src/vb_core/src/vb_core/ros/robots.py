@@ -25,6 +25,7 @@ def robot_from_status(message: RobotStatus) -> ConnectedRobot:
         message.obeys_speed,
         tuple(message.maps),
         tuple(message.missing_maps),
+        tuple(message.unheard),
     )
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_laser_detect.detection.exposure import TOO_BRIGHT, saturated_share
+from vb_laser_detect.camera.exposure import TOO_BRIGHT, saturated_share
 from vb_sim.cameras.camera_node import CameraNode, SimulatedCamera
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.cameras.robot_view import RobotView

@@ -54,14 +54,14 @@ def person(study: Study, outcomes: List[bool]) -> Callable[[NextRun], Callable[[
 def write_recording(result: Result, folder: Path) -> None:
     """Writes what the nodes leave: interactions, maps with their borders, and how the system was started."""
     maps = MapRecording(folder / MAPS)
-    maps.record(result.prior, [], 0.0, {})
+    maps.record(result.prior, [], 0.0)
     cameras = sorted(METHODS[result.task.method](result.world))
     for record in result.records:
         if record["border_id"] and result.border is not None:
             border = VirtualBorder(
                 result.border.points, result.border.seed, 1.0, result.border.closed, id=record["border_id"]
             )
-            maps.record(result.posterior, [border], record["ended"] - 0.05, {})
+            maps.record(result.posterior, [border], record["ended"] - 0.05)
         append_line(folder / LOG, json.dumps(record))
     session = {"method": result.task.method, "cameras": cameras, "revision": revision(), "rehearsal": True}
     (folder / SESSION).write_text(yaml.safe_dump(session), encoding="utf-8")

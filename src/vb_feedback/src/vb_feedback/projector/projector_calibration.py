@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
+from pathlib import Path
 from typing import Any, Dict, Mapping, Sequence, Tuple
 
 import cv2
@@ -11,9 +12,11 @@ import numpy as np
 import yaml
 
 from vb_core.errors import CodedError
+from vb_core.files import write_atomically
 
 # the markers' distance from the image's edges, as a share of its sides: near the corners, where they weigh most
 _INSET = 0.12
+MARKERS = 4
 # [m] a marker nearer than this to the line through its neighbours is a mistake: they are decimetres apart
 _MIN_DISTANCE = 0.10
 
@@ -115,7 +118,17 @@ def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> 
     return ProjectorCalibration(width, height, matrix / np.abs(matrix).max())
 
 
-def load(path: str) -> ProjectorCalibration:
+def save(calibration: ProjectorCalibration, path: Path) -> None:
+    """Writes a calibration's YAML file; inverse of `load`.
+
+    Raises:
+        CodedError: "cannot_write".
+    """
+    head = "# Written by floor_projector, which makes another one if this is deleted: map coordinates [m] to pixels.\n"
+    write_atomically(path, (head + yaml.safe_dump(calibration.to_mapping(), sort_keys=False)).encode("utf-8"))
+
+
+def load(path: Path) -> ProjectorCalibration:
     """Reads a calibration's YAML file.
 
     Raises:
@@ -125,9 +138,7 @@ def load(path: str) -> ProjectorCalibration:
         with open(path, encoding="utf-8") as file:
             return ProjectorCalibration.from_mapping(yaml.safe_load(file))
     except OSError as error:
-        raise CodedError(
-            "no_calibration", f"cannot read '{path}': {error.strerror}; calibrate_projector writes it"
-        ) from None
+        raise CodedError("no_calibration", f"cannot read '{path}': {error.strerror}") from None
     except yaml.YAMLError:
         raise CodedError("bad_calibration", f"'{path}' is not valid YAML") from None
 

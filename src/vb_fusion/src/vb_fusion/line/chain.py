@@ -14,7 +14,8 @@ from vb_core.errors import CodedError
 class ExtractionError(CodedError):
     """No chain or no seed can be extracted.
 
-    Codes: "no_spots", "too_few_spots", "no_line", "bad_spots", "line_self_intersects", "too_many_spots", "no_seed".
+    Codes: "no_spots", "too_few_spots", "no_line", "figure_too_small", "line_self_intersects",
+    "too_many_spots", "no_seed".
     """
 
 

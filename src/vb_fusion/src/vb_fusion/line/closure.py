@@ -10,13 +10,12 @@ its ends are. Ends that cross or run past each other are cut there; what is cut 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Dict, Tuple
 
 import numpy as np
-from scipy.spatial.distance import cdist
-from shapely.geometry import LineString, Polygon
+from scipy.spatial.distance import cdist, pdist
+from shapely.geometry import Polygon
 from shapely.validation import make_valid
 
 from vb_core import geometry
@@ -45,49 +44,36 @@ class Closure:
     values: Dict[str, str] = field(default_factory=dict)
 
 
-def classify_closure(points: np.ndarray, kind: str = "auto", tremor: float = TREMOR) -> Closure:
+def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     """Decides whether a line is a polygon or a separating curve.
 
     Args:
         points: (M, 2) [m], the line as drawn, M >= 2.
-        kind: "auto" for the rule, "polygon" or "curve" to override it.
         tremor: [m] what is narrower encloses nothing.
     """
     points = np.asarray(points, dtype=float)
     end = len(points) - 1
     length = geometry.chain_length(points)
     apart = float(np.linalg.norm(points[-1] - points[0]))
-    straight = len(points) < 3 or length == 0.0
-    if kind == "curve" or straight:
-        code = "open_requested" if kind == "curve" else "open_two_points"
-        return Closure(False, code, apart, 0, end, _values(apart, length))
+    if len(points) < 3 or length == 0.0:
+        return Closure(False, "open_two_points", apart, 0, end, _values(apart, length))
     first, last, opening = _without_overhang(points, length)
     cut = points[first : last + 1]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
     kept = geometry.chain_length(cut)
-    if kind == "polygon":
-        code = "closed_requested"
-    elif opening > MAX_OPENING_RATIO * _widest(cut):
+    # what is enclosed, also where the line crosses itself
+    width = 2.0 * make_valid(Polygon(cut)).area / (kept + gap) if len(cut) > 2 else 0.0
+    if opening > MAX_OPENING_RATIO * pdist(cut).max():
         code = "open_apart"
+    elif gap * _closing_turn(cut, 0.1 * kept) > width * 180.0:
+        code = "open_wide"
+    elif width < tremor:
+        code = "open_flat"
     else:
-        # what is enclosed, also where the line crosses itself
-        width = 2.0 * make_valid(Polygon(cut)).area / (kept + gap) if len(cut) > 2 else 0.0
-        if gap * _closing_turn(cut, gap, 0.1 * kept) > width * 180.0:
-            code = "open_wide"
-        elif width < tremor:
-            code = "open_flat"
-        else:
-            code = "closed_trimmed" if last - first < end else "closed_gap"
+        code = "closed_trimmed" if last - first < end else "closed_gap"
     if code.startswith("open"):
         return Closure(False, code, apart, 0, end, _values(apart, length))
     return Closure(True, code, gap, first, last, _values(gap, kept))
-
-
-def _widest(points: np.ndarray) -> float:
-    """Returns the greatest distance [m] between two of the points."""
-    hull = LineString(points).convex_hull
-    corners = np.asarray(getattr(hull, "exterior", hull).coords)
-    return float(cdist(corners, corners).max())
 
 
 def _values(gap: float, length: float) -> Dict[str, str]:
@@ -109,18 +95,13 @@ def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, floa
     return int(head[i]), int(tail[j]), float(cost[i, j])
 
 
-def _closing_turn(points: np.ndarray, gap: float, lever: float) -> float:
+def _closing_turn(points: np.ndarray, lever: float) -> float:
     """Returns the angle [deg] by which the line turns from its end to its start.
 
     Its directions there are those over a lever [m].
     """
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    inner = [np.array([np.interp(at, arc, axis) for axis in points.T]) for at in (lever, arc[-1] - lever)]
-    across = points[0] - points[-1]
-    if gap == 0.0:
-        return 0.0
-    return math.degrees(_angle(points[-1] - inner[1], across) + _angle(across, inner[0] - points[0]))
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> float:
-    return abs(math.atan2(a[0] * b[1] - a[1] * b[0], float(a @ b)))
+    line = points @ [1.0, 1.0j]
+    arc = np.append(0.0, np.cumsum(np.abs(np.diff(line))))
+    ahead, behind = np.interp([lever, arc[-1] - lever], arc, line)
+    across = line[0] - line[-1]
+    return float(np.degrees(np.abs(np.angle(np.conj([line[-1] - behind, across]) * [across, ahead - line[0]])).sum()))

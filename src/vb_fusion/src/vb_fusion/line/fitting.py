@@ -12,7 +12,7 @@ import numpy as np
 from vb_fusion.line.resampling import ResampledStroke
 
 CORNER_MISFIT = 1.5  # tremors^3: squared distance times length that a corner must explain
-LONGEST_BEND = 1.5  # of its chord is a curved side's way at most; half a circle's is 1.57
+LONGEST_BEND = 1.5  # chords: no curved side is longer; half a circle is 1.57
 LEAST_SPIKE = 2.0  # tremors that the pen goes there and back: what is shorter may be noise
 HELD = 0.3  # tremors of line that hold a vertex where it is; where its sides turn, the samples outweigh it
 
@@ -34,9 +34,7 @@ def fit_line(stroke: ResampledStroke, joined: bool) -> np.ndarray:
     if joined and len(starts) > 3:
         # the side in which the drawing began and ended is one side
         last, first = sums[:, -1] - sums[:, starts[-1]], sums[:, starts[1]]
-        away = np.linalg.norm(stroke.points[[-1, 0, starts[1] - 1]] - stroke.points[starts[-1]], axis=1)
-        goes_on = (np.diff(away) > -2.0 * stroke.tremor).all()
-        if goes_on and _misfit(last + first) < _misfit(last) + _misfit(first) + CORNER_MISFIT * stroke.tremor**3:
+        if _misfit(last + first) < _misfit(last) + _misfit(first) + CORNER_MISFIT * stroke.tremor**3:
             starts = starts[1:]
     return _fit_vertices(stroke, starts, joined and len(starts) > 2)
 

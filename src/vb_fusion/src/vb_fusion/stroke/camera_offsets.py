@@ -29,45 +29,25 @@ def remove_offsets(seen: Observations) -> Observations:
     An observation is the pointer's place in its time bin plus the offset of its camera. The places are eliminated: what
     is left are the differences from the mean of the bin.
     """
-    cameras = int(seen.cameras.max()) + 1
     moment = time_bins(seen.stamps)
-    # unknowns exist only where something was seen
-    seconds, index = np.unique(moment[seen.mobile] // 10, return_inverse=True)
-    second = np.zeros(len(moment), dtype=int)
-    second[seen.mobile] = 1 + index
-    offset = second * cameras + seen.cameras
-    unknown = (len(seconds) + 1) * cameras
+    # unknowns exist only where something was seen: second 0 of each camera that stands still, and some of each robot's
+    second = np.where(seen.mobile, 1 + moment // 10 - moment.min() // 10, 0)
+    span = int(second.max()) + 1
+    unknowns, index = np.unique(seen.cameras * span + second, return_inverse=True)
     # the observations of a moment follow one another
     row = np.cumsum(np.append(0, np.diff(moment) != 0))
-    in_moment = csr_matrix((np.ones(len(row)), (row, offset)), shape=(int(row[-1]) + 1, unknown))
+    in_moment = csr_matrix((np.ones(len(row)), (row, index)), shape=(int(row[-1]) + 1, len(unknowns)))
     share = diags(1.0 / np.bincount(row)) @ in_moment
-    # each equation in units of its deviation: a difference as a hand trembles, an offset as the camera is placed
-    robots = np.unique(seen.cameras[seen.mobile])
-    prior = _prior_weight(unknown, robots + cameras * np.arange(1, unknown // cameras)[:, None], np.diff(seconds))
-    equations = diags(np.bincount(offset, minlength=unknown).astype(float)) + prior - in_moment.T @ share
-    apart = np.column_stack(
-        [np.bincount(offset, axis, unknown) - share.T @ np.bincount(row, axis) for axis in seen.points.T]
-    )
+    # each equation in units of its deviation: a difference as a hand trembles, an offset as the camera is placed, a robot's
+    # as far as it is not the same as in the second before that it saw
+    camera, time = np.divmod(unknowns, span)
+    again = (np.diff(camera) == 0) & (time[:-1] > 0)
+    same = np.where(again, ERROR_CORRELATION ** np.diff(time), 0.0)
+    firmness = np.where(time > 0, (0.5 * TREMOR / LOCALIZATION_ERROR) ** 2, 1.0)
+    firmness[1:] /= 1.0 - same**2
+    change = diags([np.ones(len(time)), -same], [0, -1])
+    equations = diags(np.bincount(index).astype(float)) + change.T @ diags(firmness) @ change - in_moment.T @ share
+    apart = np.column_stack([np.bincount(index, axis) - share.T @ np.bincount(row, axis) for axis in seen.points.T])
     # in tenths of a millimetre: what was placed before stays where it is while more is seen
     found = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 4)
-    return replace(seen, points=seen.points - found[offset])
-
-
-def _prior_weight(unknown: int, seconds: np.ndarray, pauses: np.ndarray) -> csr_matrix:
-    """Weighs how firmly offsets are held: near zero, and a robot's near its values of the second before that it saw.
-
-    Args:
-        unknown: number of offsets.
-        seconds: (S, R) which of them are robots', one row per second.
-        pauses: (S - 1,) [s] from one of these seconds to the next.
-    """
-    before, after = seconds[:-1], seconds[1:]
-    prior = (0.5 * TREMOR / LOCALIZATION_ERROR) ** 2
-    same = np.broadcast_to(ERROR_CORRELATION ** pauses[:, None], before.shape)
-    tie = prior / (1.0 - same**2)  # of an offset to its correlated part of the second before
-    held = np.ones(unknown)
-    held[seconds[:1]] = prior
-    held[after] = tie
-    held[before] += tie * same**2
-    pairs = csr_matrix(((-tie * same).ravel(), (before.ravel(), after.ravel())), shape=(unknown, unknown))
-    return diags(held) + pairs + pairs.T
+    return replace(seen, points=seen.points - found[index])

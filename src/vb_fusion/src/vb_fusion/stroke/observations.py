@@ -12,12 +12,11 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-from vb_fusion.line.chain import ExtractionError
-
 TREMOR = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
 LOCALIZATION_ERROR = 0.15  # [m] what a robot's pose may be off, differently every second
 BIN_PHASE = 0.031  # of a bin: images come at round intervals, so that a bin must not begin at a round time
 TIME_BIN = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
+MAX_DROPOUTS = 3.0  # usual intervals between moments within which a moving pointer is seen again
 MAX_COORDINATE = 1e5  # [m] from the origin: no floor is larger
 
 
@@ -28,9 +27,9 @@ class Observations:
     Attributes:
         points: (N, 2) [m].
         stamps: (N,) [s] since the drawing began; zeros for bare points.
-        cameras: (N,) int, index of the camera.
+        cameras: (N,) int, index of the camera; of a place, how many cameras saw it.
         weights: (N,) > 0: how many spots, how confident, seen by which kind of camera.
-        mobile: (N,) bool, seen by a camera that moves.
+        mobile: (N,) bool, seen only by cameras that move.
         spots: (N,) how many spots each is made of.
     """
 
@@ -45,10 +44,25 @@ class Observations:
         """Returns the observations where rows (N,) is true, or those with these indices."""
         return Observations(*(getattr(self, column.name)[rows] for column in fields(self)))
 
+    def merge(self, group: np.ndarray) -> "Observations":
+        """Merges the observations of each group (N,), numbers from 0: one at their weighted mean, of one of the cameras."""
+        weights = np.bincount(group, self.weights)
+        x, y, times = (np.bincount(group, self.weights * one) / weights for one in (*self.points.T, self.stamps))
+        cameras = np.empty(len(weights), dtype=int)
+        cameras[group] = self.cameras
+        mobile, spots = np.bincount(group, ~self.mobile) == 0, np.bincount(group, self.spots).astype(int)
+        return Observations(np.column_stack([x, y]), times, cameras, weights, mobile, spots)
+
 
 def time_bins(stamps: np.ndarray) -> np.ndarray:
     """Returns the number (N,) int of the time bin of each stamp [s]."""
     return np.floor(stamps / TIME_BIN + BIN_PHASE).astype(np.int64)
+
+
+def find_dropout(stamps: np.ndarray) -> float:
+    """Finds the time [s] within which a moving pointer is seen again: some of the usual intervals between moments."""
+    pauses = np.diff(np.unique(time_bins(stamps)))
+    return MAX_DROPOUTS * TIME_BIN * (float(np.median(pauses)) if len(pauses) else 1.0)
 
 
 def make_observations(
@@ -62,23 +76,9 @@ def make_observations(
 
     What the clock said does not matter, only the time since the drawing began: the same drawing gives the same border
     at any hour.
-
-    Raises:
-        ExtractionError: "bad_spots" if the shapes do not fit.
     """
-    try:
-        array = np.asarray(points, dtype=float)
-    except (TypeError, ValueError):
-        raise ExtractionError("bad_spots", what="numbers") from None
-    if array.size == 0:
-        array = array.reshape(0, 2)
-    if array.ndim != 2 or array.shape[1] != 2:
-        raise ExtractionError("bad_spots", what=f"points of shape (N, 2) instead of {array.shape}")
+    array = np.asarray(points, dtype=float).reshape(-1, 2)
     count = len(array)
-    columns = {"stamps": stamps, "cameras": cameras, "confidences": confidences, "mobile": mobile}
-    for name, values in columns.items():
-        if values is not None and len(values) != count:
-            raise ExtractionError("bad_spots", what=f"{count} {name} instead of {len(values)}")
     known = np.zeros(count, dtype=int) if cameras is None else np.asarray(cameras)
     if known.dtype.kind not in "iu" or (count and not 0 <= known.min() <= known.max() < 256):
         known = np.unique(known, return_inverse=True)[1]
@@ -105,13 +105,8 @@ def merge_observations(spots: Observations) -> Observations:
     width, height = (int(size) for size in cell.max(axis=0) + 1)
     cameras = int(spots.cameras.max()) + 1
     key = ((moment - moment.min()) * cameras + spots.cameras) * width * height + cell[:, 0] * height + cell[:, 1]
-    keys, index = np.unique(key, return_inverse=True)
-    weights = np.bincount(index, spots.weights)
-    x, y, times = (np.bincount(index, spots.weights * values) / weights for values in (*spots.points.T, spots.stamps))
-    order = np.lexsort((y, x, times))
-    mobile, counts = np.bincount(index, spots.mobile) > 0, np.bincount(index, spots.spots).astype(int)
-    camera = keys // (width * height) % cameras
-    return Observations(np.column_stack([x, y]), times, camera, weights, mobile, counts).select(order)
+    merged = spots.merge(np.unique(key, return_inverse=True)[1])
+    return merged.select(np.lexsort((*merged.points.T[::-1], merged.stamps)))
 
 
 def estimate_tremor(stroke: Observations) -> float:

@@ -14,7 +14,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_fusion.line.chain import ExtractionError
-from vb_fusion.stroke.observations import TIME_BIN, TREMOR, make_observations, merge_observations
+from vb_fusion.stroke.observations import (
+    TIME_BIN,
+    TREMOR,
+    find_dropout,
+    make_observations,
+    merge_observations,
+    time_bins,
+)
 from vb_fusion.stroke.track import find_best_steps, find_places, trace_path
 
 HAND_RADIUS = 1.5 * TREMOR  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
@@ -22,7 +29,7 @@ SHORTEST_DWELL = 0.7  # [s] a hand that passes at 0.2 m/s, as slowly as people d
 LONGEST_BLINK = 0.5  # [s] light that stays is seen again within this: two images in a row missed at 5 a second
 MIN_SPOTS = 3
 NEW_PLACE_GAIN = 1.0  # weight of a place that was not seen before
-KNOWN_PLACE_GAIN = 0.2  # of one that was: a fifth, so that a second of new light outweighs five of old
+KNOWN_PLACE_GAIN = 0.2  # of one that was: one camera that sees new light counts more than two that see old
 
 
 @dataclass(frozen=True)
@@ -77,7 +84,7 @@ def find_dwells(
         before: (K, 2) [m] spots that were seen before the seed was requested: the border's.
 
     Raises:
-        ExtractionError: "no_spots", "no_seed" or "bad_spots".
+        ExtractionError: "no_spots" or "no_seed".
     """
     seen = make_observations(points, stamps, cameras, confidences, mobile)
     if len(seen.points) == 0:
@@ -94,11 +101,10 @@ def find_dwells(
         floor = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
         known = np.isfinite(floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
     gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * places.cameras / (1.0 + TIME_BIN * earlier)
-    gain, previous = find_best_steps(places, gains, NEW_PLACE_GAIN)
-    path = trace_path(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
+    path = trace_path(*find_best_steps(at, places.stamps, find_dropout(places.stamps), gains, NEW_PLACE_GAIN))
     steady = seen.points[~seen.mobile]
     dwells = []
-    for last, count in _find_stays(spot[path], places.bins[path]):
+    for last, count in _find_stays(spot[path], time_bins(places.stamps)[path]):
         point = _middle(at[path], last)
         of_steady = np.linalg.norm(steady - point, axis=1) <= HAND_RADIUS
         dwells.append(Dwell(point, TIME_BIN * count, bool(known[path[last]]), int(of_steady.sum()) >= MIN_SPOTS))

@@ -10,77 +10,50 @@ track is the sequence of places that explains the most floor with the least effo
             pause is free. Hands flick, too: beyond a TREMOR the cost grows with the logarithm only, as the likelihood
             of an error with heavy tails does. So a rest behind a flick belongs to the stroke, and a stray does not pay
 
-The best track is found by dynamic programming, place by place in the order of time. The branches that it leaves are
-the other strokes.
+The best track is found by dynamic programming, place by place in the order of time. It takes its moments and its floor
+with it; the best track of what is left is the next stroke.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import List, Tuple, Union
+from dataclasses import replace
+from typing import List, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.stroke.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, time_bins
+from vb_fusion.stroke.observations import LOCALIZATION_ERROR, TIME_BIN, TREMOR, Observations, find_dropout, time_bins
 
-PLACE_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a place covers
+PLACE_WIDTH = 2.0 * TREMOR  # [m] width of the floor that a place covers; a stroke explains at least one
 UNSEEN_SPEED = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
-MAX_DROPOUTS = 3.0  # usual intervals between moments within which a moving pointer is seen again
 MAX_DWELL = 20.0 * TIME_BIN  # [s] a hand seldom rests for longer; a bright thing stays
 MAX_CROWD = 3.0  # places of one moment that count in full: the pointer, a bright thing and a stray
-SHORTEST_STROKE = 1.5 * PLACE_WIDTH  # [m] of floor that a stroke explains
 # places between unseen steps that are more than a stray or a glint, which is seen for a third of a second
 LEAST_SEEN = 5
-SEEN = 0.04  # [m] what a place gains where light moves: a slow hand is seen there often, a stray once
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 # places of one moment, the strongest ones: looking back reaches further than a dropout, whatever glitters
 MAX_SIMULTANEOUS_PLACES = 10
 
 
-@dataclass(frozen=True)
-class Places:
-    """Candidate places of the pointer, ordered by time."""
-
-    points: np.ndarray  # (P, 2) [m]
-    stamps: np.ndarray  # (P,) [s]
-    bins: np.ndarray  # (P,) int
-    cameras: np.ndarray  # (P,) how many cameras saw each
-    mobile: np.ndarray  # (P,) bool, seen by no camera that stands still
-
-    @cached_property
-    def dropout(self) -> float:
-        """[s] within which a moving pointer is seen again: some of the intervals at which these cameras see anything."""
-        moments = np.unique(self.bins)
-        usual = float(np.median(np.diff(moments))) if len(moments) > 1 else 1.0
-        return MAX_DROPOUTS * TIME_BIN * usual
-
-
-def find_places(seen: Observations) -> Places:
-    """Finds the places of each time bin: where cameras saw most, at most MAX_SIMULTANEOUS_PLACES of them."""
-    moment_of = time_bins(seen.stamps)
-    group = moment_of.copy()
+def find_places(seen: Observations) -> Observations:
+    """Finds the places of each time bin, where cameras saw most, at most MAX_SIMULTANEOUS_PLACES; in the order of time."""
+    group = time_bins(seen.stamps)
     # apart where there is a gap along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((seen.points[:, axis], group))
         new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > PLACE_WIDTH)
         group[order] = np.concatenate([[0], np.cumsum(new)])
-    weights = np.bincount(group, seen.weights)
-    x, y, time = (np.bincount(group, seen.weights * values) / weights for values in (*seen.points.T, seen.stamps))
-    moment = np.empty(len(weights), dtype=np.int64)
-    moment[group] = moment_of
     witnesses = np.unique(np.column_stack([group, seen.cameras]), axis=0)[:, 0]
-    mobile = np.bincount(group, ~seen.mobile) == 0
+    places = replace(seen.merge(group), cameras=np.bincount(witnesses))
+    y_and_x, moment = places.points.T[::-1], time_bins(places.stamps)
     # equal weights are sums in another order elsewhere
-    order = np.lexsort((y, x, -np.round(weights, 6), moment))
+    order = np.lexsort((*y_and_x, -np.round(places.weights, 6), moment))
     order = order[np.arange(len(order)) - np.searchsorted(moment[order], moment[order]) < MAX_SIMULTANEOUS_PLACES]
-    order = order[np.lexsort((y[order], x[order], time[order], moment[order]))]
-    cameras = np.bincount(witnesses)
-    return Places(np.column_stack([x, y])[order], time[order], moment[order], cameras[order], mobile[order])
+    places = places.select(order)
+    return places.select(np.lexsort((*places.points.T[::-1], places.stamps)))
 
 
-def find_strokes(seen: Observations, places: Places, widest_gap: float) -> List[np.ndarray]:
+def find_strokes(seen: Observations, places: Observations, widest_gap: float) -> List[np.ndarray]:
     """Finds the strokes that were drawn; returns the indices of the observations of each, in order of time.
 
     Args:
@@ -88,29 +61,27 @@ def find_strokes(seen: Observations, places: Places, widest_gap: float) -> List[
         places: what is at one place in them.
         widest_gap: [m] that may be missing between two places of one stroke.
     """
-    points, stamps, dropout = places.points, places.stamps, places.dropout
-    _, moment, crowd = np.unique(places.bins, return_inverse=True, return_counts=True)
+    points, stamps, dropout = places.points, places.stamps, find_dropout(places.stamps)
+    moment = time_bins(stamps)
+    moment -= moment.min()
+    explained = floor_gains(points, stamps, dropout)
     # among many things seen at once, each is the less likely the pointer; and a camera that stands still knows better where
     # it is than one on a robot
-    trust = np.minimum(1.0, MAX_CROWD / crowd)[moment]
+    trust = np.minimum(1.0, MAX_CROWD / np.maximum(np.bincount(moment), 1.0))[moment]
     trust[places.mobile & (np.bincount(moment, ~places.mobile) > 0)[moment]] *= TREMOR / LOCALIZATION_ERROR
-    explained = floor_gains(points, stamps, dropout)
     floor = explained * trust
-    gain, previous = find_best_steps(places, floor, TREMOR)
     strokes: List[np.ndarray] = []
-    free = np.ones(len(points), dtype=bool)
-    worth = gain
-    while free.any():
-        end = int(np.argmax(np.where(free, worth, -np.inf)))
-        if worth[end] < SHORTEST_STROKE:
+    free = np.arange(len(points))
+    while floor[free].sum() >= PLACE_WIDTH:
+        gain, previous = find_best_steps(points[free], stamps[free], dropout, floor[free], TREMOR)
+        if gain.max() < PLACE_WIDTH:
             break
-        line = trace_path(end, previous, free)
-        free[line] = False
-        free[free] = cKDTree(points[line]).query(points[free])[0] > PLACE_WIDTH
-        for piece in _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR):
-            strokes.append(_beside(seen, places, piece))
-            free[_beside(places, places, piece)] = False
-        worth = gain - _before_branch(gain, floor, previous, free)
+        line = free[trace_path(gain, previous)]
+        pieces = _divide(line, points[line], stamps[line], explained[line], dropout, widest_gap + TREMOR)
+        strokes += [_beside(seen, places, piece) for piece in pieces]
+        # the pointer is at one place at a time, and floor is explained once
+        taken = np.isin(moment[free], moment[line])
+        free = free[~taken & (cKDTree(points[line]).query(points[free])[0] > PLACE_WIDTH)]
     return strokes
 
 
@@ -129,14 +100,10 @@ def _divide(
         if not runs or times[piece[0]] - times[piece[0] - 1] > dropout:
             runs.append([])
         runs[-1].append(piece)
-
-    def is_stray(piece: np.ndarray) -> bool:
-        return len(piece) < LEAST_SEEN and floor[piece].sum() < 0.5 * LEAST_SEEN * PLACE_WIDTH
-
     for number, run in enumerate(runs):
-        while number > 0 and run and is_stray(run[0]):
+        while number > 0 and run and len(run[0]) < LEAST_SEEN:
             del run[0]
-        while number < len(runs) - 1 and run and is_stray(run[-1]):
+        while number < len(runs) - 1 and run and len(run[-1]) < LEAST_SEEN:
             del run[-1]
     strokes: List[np.ndarray] = []
     for run in filter(None, runs):
@@ -148,10 +115,10 @@ def _divide(
     return [line[stroke] for stroke in strokes]
 
 
-def _beside(seen: Union[Observations, Places], places: Places, line: np.ndarray) -> np.ndarray:
+def _beside(seen: Observations, places: Observations, line: np.ndarray) -> np.ndarray:
     """Returns the indices of what was seen beside a line, the indices of its places, at its own time.
 
-    The pointer is at one place: what a robot sees as far from where others do as the robot may be lost is the pointer, too.
+    The pointer is in one place, so a robot's spot that is off by no more than its localisation error is still the pointer.
     """
     times = places.stamps[line]
     first, last = np.searchsorted(seen.stamps, (times[0] - TIME_BIN, times[-1] + TIME_BIN))
@@ -161,16 +128,6 @@ def _beside(seen: Union[Observations, Places], places: Places, line: np.ndarray)
     reach = PLACE_WIDTH + LOCALIZATION_ERROR * np.maximum(mobile, seen.mobile[first:last])
     off = np.hypot(*(seen.points[first:last] - np.column_stack([x, y])).T)
     return first + np.flatnonzero(off <= reach)
-
-
-def _before_branch(gain: np.ndarray, floor: np.ndarray, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Returns what (P,) the best track that ends at each place gained before its first free place in a row."""
-    root = np.zeros(len(gain))
-    for place, (before, is_free) in enumerate(zip(previous.tolist(), free.tolist())):
-        if is_free and before >= 0:
-            # the jump to another stroke is not that stroke's price
-            root[place] = root[before] if free[before] else gain[place] - floor[place]
-    return root
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.ndarray:
@@ -191,18 +148,19 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray, dropout: float) -> np.nd
     first = np.append(True, np.diff(nodes[order]) != 0)
     node = np.empty(len(order), dtype=np.int64)
     node[order] = np.cumsum(first) - 1
-    company = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0)
-    # along a line, company is on average two thirds of the places in a width: all of them add the line's length
-    new = PLACE_WIDTH / np.maximum(1.5 * company, 2.0)
+    # how many places there are at each, itself included, wherever it lies between the nodes
+    company = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0) / (shares**2).reshape(4, -1).sum(
+        axis=0
+    )
+    # along a line, these are on average half as many again as the places in a width: all of them add the line's length
+    new = PLACE_WIDTH / np.maximum(company / 1.5, 2.0)
     # a thing that is not seen for longer than a dropout was not there
     there = np.bincount(node[order], np.where(first, TIME_BIN, np.minimum(pause, dropout)))
     moved = np.minimum(1.0, (_moved(points, stamps, shares, node) / PLACE_WIDTH) ** 2)
     still = there * (1.0 - moved)
-    moving = SEEN * (moved[node] * shares).reshape(4, -1).sum(axis=0) * np.minimum(1.0, 0.5 * company)
     stay = still[node].reshape(4, -1).max(axis=0)
-    gains = (np.maximum(new, _swept(points, stamps, dropout)) + moving) * np.minimum(
-        1.0, MAX_DWELL / np.maximum(stay, TIME_BIN)
-    ) ** 2
+    fading = np.minimum(1.0, MAX_DWELL / np.maximum(stay, TIME_BIN)) ** 2
+    gains = np.maximum(new, _swept(points, stamps, dropout)) * fading
     # in tenths of a millimetre, so that equal places are equal on every computer; never quite nothing
     return np.round(gains, 4) + 1e-5
 
@@ -241,24 +199,24 @@ def _swept(points: np.ndarray, times: np.ndarray, dropout: float) -> np.ndarray:
     return swept
 
 
-def find_best_steps(places: Places, gains: np.ndarray, flick: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Finds the best track that ends at each of the places (P, 2) [m].
+def find_best_steps(
+    points: np.ndarray, stamps: np.ndarray, dropout: float, gains: np.ndarray, flick: float
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Finds the best track that ends at each of the places (P, 2) [m], which are in the order of time.
 
     The cost of a jump beyond a flick grows with its logarithm.
 
     Returns:
         (P,) what the track gains [m], and (P,) the place before; -1 where a track begins.
     """
-    points, stamps, dropout = places.points, places.stamps, places.dropout
     count = len(points)
     earlier = np.arange(count)[:, None] - np.arange(1, LOOK_BACK + 1)
     origin = np.maximum(earlier, 0)
     way = np.hypot(*(points[:, None] - points[origin]).transpose(2, 0, 1))
     time = stamps[:, None] - stamps[origin]
-    possible = (earlier >= 0) & (time > 0.0)
     effort = np.maximum(way - TREMOR, 0.0) ** 2 / (np.clip(time, 1e-9, dropout) * UNSEEN_SPEED)
     effort = flick * np.log1p(effort / flick)
-    effort[~possible] = np.inf
+    effort[(earlier < 0) | (time <= 0.0)] = np.inf
     best, previous = gains.copy(), np.full(count, -1)
     for place in range(count):
         value = best[origin[place]] - effort[place]
@@ -269,10 +227,9 @@ def find_best_steps(places: Places, gains: np.ndarray, flick: float) -> Tuple[np
     return best, previous
 
 
-def trace_path(end: int, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Returns the indices of the places of the track that ends at a place, as far as they are free."""
-    before = np.where(free[previous], previous, -1).tolist()
-    path = [end]
-    while before[path[-1]] >= 0:
-        path.append(before[path[-1]])
+def trace_path(gain: np.ndarray, previous: np.ndarray) -> np.ndarray:
+    """Returns the indices of the places of the track that gains most."""
+    path = [int(gain.argmax())]
+    while previous[path[-1]] >= 0:
+        path.append(int(previous[path[-1]]))
     return np.array(path[::-1])

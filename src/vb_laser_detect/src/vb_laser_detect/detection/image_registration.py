@@ -78,13 +78,9 @@ class ImageRegistration:
         good = good.ravel() > 0
         if good.sum() < _FEWEST:
             return None
+        # RANSAC, by default
         motion, agree = cv2.estimateAffinePartial2D(
-            self._corners[good],
-            found[good],
-            method=cv2.RANSAC,
-            ransacReprojThreshold=_AGREE_PX,
-            maxIters=200,
-            confidence=0.99,
+            self._corners[good], found[good], ransacReprojThreshold=_AGREE_PX, maxIters=200
         )
         if motion is None or agree.sum() < max(_FEWEST, _SHARE * good.sum()):
             return None

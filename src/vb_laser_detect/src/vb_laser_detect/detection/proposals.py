@@ -20,9 +20,12 @@ from vb_laser_detect.detection.image_registration import ImageRegistration
 from vb_laser_detect.detection.tracking import Expected, Spot
 
 _MIN_CHANGE = 0.15  # of what is bright in the room; what differs by less from the background becomes part of it
-_DARKEST, _BRIGHTEST = 64.0, 191.0  # [grey levels] in black and in white rooms too a spot is told by its light
+_DARKEST, _BRIGHTEST = (
+    64.0,
+    191.0,
+)  # [grey levels] the reference brightness stays within them in very dark and very bright rooms
 _MAX_REGIONS = 24  # people who walk leave fewer, and examining more would take longer than an image lasts
-_MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
+_MAX_CHANGE = 0.15  # of the image became brighter, or twice as much darker: the light was switched, so it starts again
 
 
 class SearchedImage(NamedTuple):

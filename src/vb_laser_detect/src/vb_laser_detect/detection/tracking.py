@@ -4,8 +4,8 @@ The only part of the detector that knows time. A track moves on at a constant ve
 pose is known, else in the image; every limit is given in seconds and holds for some images at least, so that a camera
 of two images a second works as one of sixty does. A track that is published stays so until it is lost.
 
-What shines at one place for long, in whatever rhythm, is a lamp and no pointer. How long places were lit knows no tracks:
-a blinking light, one that others cross, one that is lost and found again are all the same to it. A stroke lights each of
+What shines at one place for long, in whatever rhythm, is a lamp and no pointer. How long a place was lit is counted
+without tracks: a blinking light, one that others cross, one that is lost and found again are all the same to it. A stroke lights each of
 its places for a moment, and they are soon forgotten.
 """
 

@@ -89,7 +89,7 @@ class PlaceRecognizer:
 
         Args:
             before: the map before it, while this program has been running.
-            verdict: what that was recognised as; decides only where to look first.
+            recognition: what that was recognised as; decides only where to look first.
         """
         known = self._database.find_map(map_id)
         if known is not None:

@@ -168,7 +168,8 @@ class WallMap:
         if len(self.walls):
             far = cv2.distanceTransform(1 - surface, cv2.DIST_L2, 5)
             far *= self.grid.resolution / _UNIT
-            self._distance[:] = np.minimum(far, _FARTHEST, out=far) + 0.5
+            far += 0.5
+            self._distance = np.minimum(far, _FARTHEST, out=far).astype(np.uint16)
 
     def look_up(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Distances (N,) [m] to the nearest wall, at most 2, and their gradients (N, 2) in the map frame."""

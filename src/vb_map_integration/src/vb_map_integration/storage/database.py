@@ -1,6 +1,6 @@
 """The borders of all maps, with their history and their maps; `DurableValues` keeps them on the disk.
 
-By their keys: maps/FINGERPRINT, names/PLACE, borders/ID, changes/NUMBER (history), requests/ID, and `_PLACE`, `_NEXT`.
+By their keys: maps/FINGERPRINT, names/PLACE, borders/PLACE/ID, changes/NUMBER (history), requests/ID; `_PLACE`, `_NEXT`.
 """
 
 from __future__ import annotations
@@ -85,10 +85,9 @@ class Database:
 
     def __init__(self, folder: Optional[Path]) -> None:
         self._kept = DurableValues(folder)
-        self._borders: Dict[str, Tuple[int, VirtualBorder]] = {
-            key: (values["place"], border_from_mapping(values["border"]))
-            for key, values in self._kept.of_kind("borders").items()
-        }
+        pairs = (name.split("/") for name in self._kept.names("borders"))
+        self._places: Dict[str, int] = {border_id: int(place) for place, border_id in pairs}
+        self._read: Dict[str, VirtualBorder] = {}  # so that one that did not change is the same object
 
     def close(self) -> None:
         """Lets other processes have the files."""
@@ -120,7 +119,7 @@ class Database:
     def add_map(
         self, grid: GridMap, map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = ""
     ) -> int:
-        """Keeps a map, as a new place (place 0) or as another map of one; returns the place's number."""
+        """Keeps a map, as a new place (place 0) or as another map of one, which is the last in force; returns its number."""
         known = self.maps()
         number = next(
             (one.id for one in known if one.fingerprint == map_id), 1 + max((one.id for one in known), default=0)
@@ -140,6 +139,7 @@ class Database:
             "shape": grid.shape,
             "cells": base64.b64encode(zlib.compress(np.ascontiguousarray(grid.data), 1)).decode(),
         }
+        changes[_PLACE] = place
         if name:
             changes[f"names/{place}"] = name
         self._kept.change(changes)
@@ -179,8 +179,8 @@ class Database:
     # ------------------------------------------------------------- borders
     def borders(self, place: int) -> Tuple[VirtualBorder, ...]:
         """Returns the borders of a place in its frame, the oldest first."""
-        found = [border for where, border in self._borders.values() if where == place]
-        return tuple(sorted(found, key=lambda border: int(border.id[1:])))
+        found = (border_id for border_id, where in self._places.items() if where == place)
+        return tuple(self.find(border_id)[1] for border_id in sorted(found, key=lambda one: int(one[1:])))
 
     def find(self, border_id: str) -> Tuple[int, VirtualBorder]:
         """Finds (place, border) of an id, whichever map it belongs to.
@@ -188,9 +188,12 @@ class Database:
         Raises:
             CodedError: "unknown_border".
         """
-        if border_id not in self._borders:
+        if border_id not in self._places:
             raise CodedError("unknown_border", id=border_id)
-        return self._borders[border_id]
+        place = self._places[border_id]
+        if border_id not in self._read:
+            self._read[border_id] = border_from_mapping(self._kept.get(f"borders/{place}/{border_id}"))
+        return place, self._read[border_id]
 
     def new_border(self, border: VirtualBorder, now: float, place: int) -> VirtualBorder:
         """Gives a border of a place an id, which is spent once committed, a name that no other there has, and its times.
@@ -217,17 +220,16 @@ class Database:
         """
         changes = self._history(place, change, kind)
         for entry in change:
-            values = entry.after and {"place": place, "border": border_to_mapping(entry.after)}
-            changes[f"borders/{entry.id}"] = values
+            changes[f"borders/{place}/{entry.id}"] = _to_dict(entry.after)
         if request_id:
             changes[f"requests/{request_id}"] = change[0].id
-            changes.update({f"requests/{old}": None for old in list(self._kept.of_kind("requests"))[:-MAX_REQUESTS]})
+            changes.update({f"requests/{old}": None for old in self._kept.names("requests")[:-MAX_REQUESTS]})
         following = max(int(entry.id[1:]) + 1 for entry in change)
         self._kept.change({**changes, _NEXT: max(following, self._kept.get(_NEXT, 1))})
         for entry in change:
-            self._borders.pop(entry.id, None)
+            self._places.pop(entry.id, None)
             if entry.after is not None:
-                self._borders[entry.id] = place, entry.after
+                self._places[entry.id], self._read[entry.id] = place, entry.after
 
     def _history(self, place: int, change: Change, kind: str) -> Dict[str, Any]:
         known = self._kept.of_kind("changes")

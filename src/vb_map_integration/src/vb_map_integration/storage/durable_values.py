@@ -4,7 +4,7 @@ The idea: there is so little to keep that each change writes all of it again, be
 place. So a file is either whole or not there. Its first line is the checksum of the rest, and there is a second file with
 the same: at a start the sound one with the highest revision is read, and what is wrong with the other is put right.
 
-    borders.jsonl        its checksum; its format and revision; then a key with its value in each line
+    borders.jsonl        its checksum; its format and revision; then in each line a key, a tab and its value
     borders.twin.jsonl   the same
     borders*.damaged     what was not sound at a start
     copies/borders-YYYY-MM-DD.jsonl   of each of the last days with changes, as it was before the first of these
@@ -18,6 +18,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import fcntl
+import functools
 import hashlib
 import json
 import os
@@ -36,14 +37,14 @@ LOCK_TIMEOUT = 5.0  # [s] how long a new process waits for the one before to end
 
 
 class _Content(NamedTuple):
-    """What a sound file holds; the lines are those of the values, by their keys."""
+    """What a sound file holds; the values as JSON, by their keys."""
 
     revision: int
-    lines: Dict[str, str]
+    values: Dict[str, str]
 
 
 class DurableValues:
-    """Values that JSON can hold, by keys "kind/name", in the order in which the keys came.
+    """Values that JSON can hold, by keys "kind/name", in the order in which the keys came; none may be changed in place.
 
     Args:
         folder: where the files are; None keeps everything in memory.
@@ -54,15 +55,14 @@ class DurableValues:
         notices: what was wrong with the files, for people.
 
     Raises:
-        CodedError: "database_in_use", "database_newer".
+        CodedError: "database_in_use", "database_newer", "cannot_read".
     """
 
     def __init__(self, folder: Optional[Path], today: Any = datetime.date.today) -> None:
         self.revision = 0
         self.notices: List[Notice] = []
         self._folder, self._today = folder, today
-        self._lines: Dict[str, str] = {}
-        self._values: Dict[str, Any] = {}
+        self._values: Dict[str, str] = {}
         self._lock: Optional[int] = None
         if folder is None:
             return
@@ -83,12 +83,16 @@ class DurableValues:
             self._lock = None
 
     def get(self, key: str, default: Any = None) -> Any:
-        """Returns a value; it must not be changed in place."""
-        return self._values.get(key, default)
+        """Returns a value."""
+        return _parse(self._values[key]) if key in self._values else default
+
+    def names(self, kind: str) -> List[str]:
+        """Lists the names of one kind, the oldest first."""
+        return [key[len(kind) + 1 :] for key in self._values if key.startswith(f"{kind}/")]
 
     def of_kind(self, kind: str) -> Dict[str, Any]:
         """Returns the values of one kind by their names."""
-        return {key[len(kind) + 1 :]: value for key, value in self._values.items() if key.startswith(f"{kind}/")}
+        return {name: self.get(f"{kind}/{name}") for name in self.names(kind)}
 
     def change(self, changes: Mapping[str, Any]) -> None:
         """Sets values, all of them or none; those that are None are removed.
@@ -96,55 +100,68 @@ class DurableValues:
         Raises:
             CodedError: "cannot_write", "database_in_use"; then nothing was changed.
         """
-        lines, values = dict(self._lines), dict(self._values)
+        values = dict(self._values)
         for key, value in changes.items():
             if value is None:
-                lines.pop(key, None)
                 values.pop(key, None)
             else:
-                lines[key] = json.dumps([key, value], separators=(",", ":"))
-                values[key] = json.loads(lines[key])[1]  # as after a restart
-        content = _Content(self.revision + 1, lines)
+                values[key] = json.dumps(value, separators=(",", ":"))
+        content = _Content(self.revision + 1, values)
         if self._folder is not None:
             try:
                 self._take_folder(self._folder, 0.0)
             except OSError as error:
                 raise CodedError("cannot_write", what=FILES[0], reason=error.strerror or error) from None
-            self._write(self._folder, content)
-        self.revision, self._lines, self._values = content.revision, lines, values
+            try:
+                self._write(self._folder, content)
+            except CodedError:
+                with contextlib.suppress(CodedError):  # one of the files may be the new one already
+                    self._write(self._folder, _Content(self.revision, self._values))
+                raise
+        self.revision, self._values = content
 
     def _load(self, folder: Path) -> None:
-        found = {folder / name: _read(folder / name) for name in FILES}
+        found: Dict[Path, Optional[_Content]] = {}
+        refused: Optional[OSError] = None
+        for path in (folder / name for name in FILES):
+            try:
+                found[path] = _read(path)
+            except OSError as error:  # it may be sound, and readable at another time
+                refused = error
         damaged = [path for path, content in found.items() if content is None and path.exists()]
         best = max(filter(None, found.values()), key=lambda content: content.revision, default=None)
+        if best is None and refused is not None:
+            raise CodedError("cannot_read", file=refused.filename, reason=refused.strerror) from None
         if best is not None and damaged:
             self._report("database_repaired", Severity.WARNING, what=str(folder))
         elif best is None:
             # dates are only for people: clocks go wrong
-            copies = {
-                path: content for path in (folder / "copies").glob("*.jsonl") for content in [_read(path)] if content
-            }
+            copies = {}
+            for path in (folder / "copies").glob("*.jsonl"):
+                with contextlib.suppress(OSError):
+                    copies[path] = _read(path)
+            copies = {path: content for path, content in copies.items() if content is not None}
             if copies:
                 path, best = max(copies.items(), key=lambda item: item[1].revision)
                 self._report("borders_lost_since", Severity.ERROR, date=path.stem[-10:])
             elif damaged:
                 self._report("borders_lost", Severity.ERROR, what=str(folder))
         if best is not None:
-            self.revision, self._lines = best
-            self._values = dict(json.loads(line) for line in best.lines.values())
+            self.revision, self._values = best
         try:
             for path in damaged:
                 os.replace(str(path), f"{path}.damaged")
             for path in folder.glob(".borders*"):  # of a write that was cut off
                 path.unlink()
-            if best is not None and any(content != best for content in found.values()):
+            if best is not None and (refused or any(content != best for content in found.values())):
                 self._write(folder, best)
         except (OSError, CodedError) as error:
             self._report_read_only(str(error))
 
     def _write(self, folder: Path, content: _Content) -> None:
         main, twin = (folder / name for name in FILES)
-        rest = "\n".join([json.dumps([FORMAT, content.revision]), *content.lines.values(), ""]).encode()
+        lines = (f"{json.dumps(key)}\t{value}" for key, value in content.values.items())
+        rest = "\n".join([json.dumps([FORMAT, content.revision]), *lines, ""]).encode()
         whole = _checksum(rest) + b"\n" + rest
         copy = folder / "copies" / f"borders-{self._today().isoformat()}.jsonl"
         with contextlib.suppress(OSError, CodedError):  # without it everything is still kept twice
@@ -168,11 +185,15 @@ class DurableValues:
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 return
-            except BlockingIOError:
-                if time.monotonic() >= end:
-                    self.close()
+            except OSError as error:
+                busy = isinstance(error, BlockingIOError)
+                if busy and time.monotonic() < end:
+                    time.sleep(0.05)
+                    continue
+                self.close()
+                if busy:
                     raise CodedError("database_in_use", what=str(folder)) from None
-                time.sleep(0.05)
+                raise
 
     def _report(self, code: str, severity: Severity, **values: Any) -> None:
         self.notices.append(Notice.from_error(CodedError(code, **values), severity))
@@ -189,7 +210,7 @@ def _read(path: Path) -> Optional[_Content]:
     """
     try:
         checksum, _, rest = path.read_bytes().partition(b"\n")
-    except OSError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     if checksum != _checksum(rest):
         return None
@@ -197,7 +218,13 @@ def _read(path: Path) -> Optional[_Content]:
     version, revision = json.loads(head)[:2]
     if version != FORMAT:
         raise CodedError("database_newer", what=str(path))
-    return _Content(revision, {json.loads(line)[0]: line for line in lines})
+    pairs = (line.split("\t", 1) for line in lines)
+    return _Content(revision, {json.loads(key): value for key, value in pairs})
+
+
+@functools.lru_cache(maxsize=500)  # all but borders, which are read once
+def _parse(value: str) -> Any:
+    return json.loads(value)
 
 
 def _checksum(content: bytes) -> bytes:

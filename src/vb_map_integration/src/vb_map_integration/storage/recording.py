@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Mapping, Sequence
+from typing import Sequence
 
 from vb_core.errors import CodedError
 from vb_core.files import append_line, write_atomically
@@ -26,28 +26,15 @@ class MapRecording:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def record(
-        self, grid: GridMap, borders: Sequence[VirtualBorder], stamp: float, extra: Mapping[str, object]
-    ) -> Path:
-        """Writes one map.
-
-        Args:
-            stamp: [s] ROS time of the map.
-            extra: more for the index line.
-
-        Returns:
-            The map's YAML file.
-
-        Raises:
-            CodedError: "cannot_write".
-        """
+    def record(self, grid: GridMap, borders: Sequence[VirtualBorder], stamp: float) -> Path:
+        """Writes one map of a ROS time [s]; returns its YAML file. Raises CodedError "cannot_write"."""
         number = 1 + max((int(path.stem) for path in self.folder.glob("[0-9]*.yaml")), default=0)
         stem = self.folder / f"{number:04d}"
         soft = bool(((grid.data > 0) & (grid.data < 100)).any())
         _, path = write_map(stem, grid, raw=soft)
         beside = Path(f"{stem}.borders.geojson")
         write_atomically(beside, borders_to_geojson(borders).encode())
-        line = {"number": number, "stamp_s": stamp, "map": path.name, "borders": beside.name, **extra}
+        line = {"number": number, "stamp_s": stamp, "map": path.name, "borders": beside.name}
         try:
             append_line(self.folder / INDEX, json.dumps(line))
         except OSError as error:

@@ -46,28 +46,6 @@ class SentGoalState(enum.Enum):
 
 
 @dataclass(frozen=True)
-class DispatchInputs:
-    """Inputs that are the same for all robots.
-
-    Attributes:
-        now: [s].
-        wanted: whether a robot is wanted.
-        key: changes with interaction and state.
-        time_since_seen: [s] since a camera saw the spot.
-    """
-
-    now: float
-    wanted: bool
-    key: Hashable
-    time_since_seen: float = 0.0
-
-    @property
-    def lost(self) -> bool:
-        """Returns whether no camera sees the spot."""
-        return self.time_since_seen > LOST_TIMEOUT
-
-
-@dataclass(frozen=True)
 class RobotStatus:
     """A robot's current state.
 
@@ -89,24 +67,6 @@ class RobotStatus:
         return self.goal in (SentGoalState.SENT, SentGoalState.ACTIVE)
 
 
-class RobotRecord:
-    """What is remembered of one robot: places that failed and when [s], and until when it rests."""
-
-    def __init__(self) -> None:
-        self.rests_until = -math.inf
-        self._failed: List[Tuple[float, Place]] = []
-
-    def fail(self, now: float, pose: Pose) -> None:
-        """Records a place that failed."""
-        self._failed.append((now, (pose[0], pose[1], FAILED_RADIUS)))
-        self.rests_until = now + RETRY_AFTER * len(self._failed)
-
-    def avoided(self, now: float) -> List[Place]:
-        """Returns the places that have failed lately."""
-        self._failed = [failure for failure in self._failed if now - failure[0] < FAILED_MEMORY]
-        return [place for _, place in self._failed]
-
-
 class Fleet:
     """Decides which robot serves, and where it goes.
 
@@ -117,11 +77,12 @@ class Fleet:
 
     def __init__(self, robots) -> None:
         self._names = tuple(robots)
-        self._before = DispatchInputs(-math.inf, False, None)
+        self._before: Tuple[float, Hashable] = (-math.inf, None)
         self._forget()
 
     def _forget(self) -> None:
-        self._records: Dict[str, RobotRecord] = {name: RobotRecord() for name in self._names}
+        self._failed: List[Tuple[str, float, Place]] = []  # whose place failed, when [s], and where
+        self._rests_until: Dict[str, float] = {}  # [s] by robot
         self.serving: Optional[str] = None
         self.goal: Optional[Viewpoint] = None
         self._sent = -math.inf
@@ -130,20 +91,27 @@ class Fleet:
         self._blind: List[Place] = []  # from where no camera saw the spot that is lost now
 
     def step(
-        self, inputs: DispatchInputs, robots: Mapping[str, Tuple[RobotStatus, Optional[ViewpointPlanner]]]
+        self,
+        now: float,
+        key: Hashable,
+        unseen: float,
+        robots: Mapping[str, Tuple[RobotStatus, Optional[ViewpointPlanner]]],
     ) -> Dict[str, Optional[Viewpoint]]:
         """Decides where each robot should be going now, or where it went last; None: nowhere.
 
         A goal that differs from the one before is to be sent; when there is none any more the last is to be cancelled.
 
         Args:
+            now: [s]; key: changes with interaction and state; None: no robot is wanted.
+            unseen: [s] since a camera saw the spot.
             robots: how each one is, and what it can see; None before anything is known of that.
         """
-        before, self._before = self._before, inputs
-        self._blind = self._blind if inputs.lost else []
-        if not inputs.wanted or inputs.now < before.now - 1.0:
+        before, self._before = self._before, (now, key)
+        self._failed = [failure for failure in self._failed if now - failure[1] < FAILED_MEMORY]
+        self._blind = self._blind if unseen > LOST_TIMEOUT else []
+        if key is None or now < before[0] - 1.0:
             self._forget()  # also when time has jumped back: what was remembered is about another run
-        elif inputs.key != before.key:
+        elif key != before[1]:
             kept = self.serving, self.goal, self._sent, self._awaited
             running = self.serving is not None and self.goal is not None and robots[self.serving][0].running
             self._forget()
@@ -152,39 +120,40 @@ class Fleet:
         able = {
             name: (status, planner)
             for name, (status, planner) in robots.items()
-            if inputs.wanted and status.server and status.pose is not None
+            if key is not None and status.server and status.pose is not None
         }
         if self.serving not in able:
             self.serving = self.goal = None
-        if self.serving is None or self._must_move(inputs, *able[self.serving]):
-            self._choose(inputs.now, {name: known for name, known in able.items() if known[1] is not None})
+        if self.serving is None or self._must_move(now, unseen, *able[self.serving]):
+            self._choose(now, {name: known for name, known in able.items() if known[1] is not None})
         return {name: self.goal if name == self.serving else None for name in self._names}
 
-    def _must_move(self, inputs: DispatchInputs, status: RobotStatus, planner: Optional[ViewpointPlanner]) -> bool:
+    def _must_move(self, now: float, unseen: float, status: RobotStatus, planner: Optional[ViewpointPlanner]) -> bool:
         """Returns whether another place is to be chosen for the robot that serves, or another robot."""
-        now, record, pose = inputs.now, self._records[self.serving], status.pose
+        pose = status.pose
         if self.goal is not None:
             what = status.goal.value
             late = status.running and self._awaits(now, what, pose) > PROGRESS_TIMEOUTS[what]
             if status.goal is SentGoalState.FAILED or late:
-                record.fail(now, self.goal.pose)
+                self._failed.append((self.serving, now, (*self.goal.pose[:2], FAILED_RADIUS)))
+                self._rests_until[self.serving] = now + RETRY_AFTER * len(self._failures_of(self.serving))
                 self.goal = None
                 return True
             if status.goal is SentGoalState.PREEMPTED:
-                record.rests_until = now + PREEMPTION_PAUSE
+                self._rests_until[self.serving] = now + PREEMPTION_PAUSE
                 self.goal = None
                 return True
         if planner is None:
             return False
         under_way = self.goal if status.running else None
         place = under_way.pose if under_way is not None else pose
-        avoided = [*self._blind, *record.avoided(now)]
+        avoided = [*self._blind, *self._failures_of(self.serving)]
         fits = planner.shows_target(place) and (under_way is None or planner.has_room_at(place))
         fits = fits and all(math.dist(place[:2], (x, y)) >= radius for x, y, radius in avoided)
         # on its way off the seed's side it goes on: the border would lock it in
         if fits or (under_way is not None and not under_way.sees_spot):
             self._unfit_since = None
-            waited = 0.0 if under_way is not None else min(inputs.time_since_seen, self._awaits(now, "seen", pose))
+            waited = 0.0 if under_way is not None else min(unseen, self._awaits(now, "seen", pose))
             if waited < PROGRESS_TIMEOUTS["seen"] or len(self._blind) >= BLIND_TRIES:
                 return False
             self._blind.append((pose[0], pose[1], FAILED_RADIUS))  # something hides the spot from there
@@ -194,9 +163,12 @@ class Fleet:
         if self.goal is None:
             return True
         self._unfit_since = now if self._unfit_since is None else self._unfit_since
-        if inputs.lost:
+        if unseen > LOST_TIMEOUT:
             return now >= self._sent + LOST_INTERVAL
         return now >= self._sent + MIN_INTERVAL and now >= self._unfit_since + UNFIT_TIMEOUT
+
+    def _failures_of(self, name: str) -> List[Place]:
+        return [place for robot, _, place in self._failed if robot == name]
 
     def _awaits(self, now: float, what: str, pose: Pose) -> float:
         """Measures for how long [s] the same has been awaited without the robot getting anywhere."""
@@ -209,19 +181,18 @@ class Fleet:
         """Takes the best offer; without one everything stays."""
         offers: Dict[str, Tuple[tuple, Optional[Viewpoint]]] = {}
         for name, (status, planner) in able.items():
-            record, serves = self._records[name], name == self.serving
-            avoided = record.avoided(now)
-            if now < record.rests_until:
+            failures, serves = self._failures_of(name), name == self.serving
+            if now < self._rests_until.get(name, -math.inf):
                 continue
             if not serves and not status.busy and planner.shows_target(status.pose):
-                offers[name] = (False, len(avoided), False, 0.0), None
+                offers[name] = (False, len(failures), False, 0.0), None
                 continue
-            found = planner.best_viewpoint(status.pose, [*self._blind, *avoided])
+            found = planner.best_viewpoint(status.pose, [*self._blind, *failures])
             if found is None:
-                record.rests_until = now + MIN_INTERVAL  # asking again at once would give the same answer
+                self._rests_until[name] = now + MIN_INTERVAL  # asking again at once would give the same answer
                 continue
             cost = found.cost - (SWITCH_GAIN if serves else 0.0)
-            offers[name] = (not found.sees_spot, len(avoided), status.busy and not serves, cost), found
+            offers[name] = (not found.sees_spot, len(failures), status.busy and not serves, cost), found
         if not offers:
             return
         best = min(offers, key=lambda name: offers[name][0])

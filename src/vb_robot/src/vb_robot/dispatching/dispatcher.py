@@ -14,7 +14,7 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.vocabulary import BORDER, SEED
 from vb_robot.clearance_map import ClearanceMap, bounding_window
-from vb_robot.dispatching.dispatch_policy import DispatchInputs, Fleet, RobotStatus
+from vb_robot.dispatching.dispatch_policy import Fleet, RobotStatus
 from vb_robot.dispatching.drawing import NO_POINTS, DrawingState
 from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 from vb_robot.floor_view import FloorView
@@ -108,7 +108,7 @@ class Dispatcher:
             others = [its.pose[:2] for other, its in robots.items() if other != name and its.pose is not None]
             planner = self.maps[name].make_planner(drawing, status, others) if drawing is not None else None
             seeing[name] = (status, planner)
-        goals = self._fleet.step(DispatchInputs(now, wanted, known.key, time_since_seen), seeing)
+        goals = self._fleet.step(now, known.key if wanted else None, time_since_seen, seeing)
         newest = known.newest()
         lost = drawing is not None and known.state == BORDER and (newest is None or now - newest.stamp > LOST_TIMEOUT)
         self._tell(now, lost)

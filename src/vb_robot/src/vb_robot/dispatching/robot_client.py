@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Callable, List, Optional
+from typing import Optional
 
 import actionlib
 import rospy
-from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from sensor_msgs.msg import CameraInfo
 
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.names import MAP_FRAME
 from vb_core.poses import Pose
 from vb_core.robot_profile import RobotProfile
+from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.messages import message_from_pose2d
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatching.dispatch_policy import RobotStatus, SentGoalState
 from vb_robot.dispatching.viewpoint import Viewpoint
 from vb_robot.floor_view import FloorView
-from vb_robot.inputs import FloorViewListener
 
 # without a status message for this long navigation counts as gone: it sends five a second
 SILENCE = rospy.Duration(2.0)
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE)
 OUTCOMES = {
+    GoalStatus.PENDING: SentGoalState.SENT,
     GoalStatus.SUCCEEDED: SentGoalState.REACHED,
     GoalStatus.PREEMPTED: SentGoalState.PREEMPTED,
     GoalStatus.RECALLED: SentGoalState.PREEMPTED,
@@ -42,23 +43,33 @@ class RobotClient:
 
     Action client:
         [<name>/]move_base (move_base_msgs/MoveBaseAction)
+
+    Attributes:
+        view: what its camera sees of the floor, once that is known.
     """
 
-    def __init__(
-        self, name: str, profile: RobotProfile, transforms: TransformLookup, take_view: Callable[[FloorView], None]
-    ) -> None:
+    def __init__(self, name: str, profile: RobotProfile, transforms: TransformLookup) -> None:
         prefix = f"{name}/" if name else ""
         self.name = name
         self._who = f"robot {name}" if name else "the robot"
         self._base_frame, self._transforms = prefix + profile.frames.base, transforms
-        self._camera = FloorViewListener(
-            prefix + profile.camera.info, self._base_frame, profile.camera.max_range, transforms, take_view
-        )
+        self._max_range = profile.camera.max_range
+        self.view: Optional[FloorView] = None
+        self._camera = rospy.Subscriber(prefix + profile.camera.info, CameraInfo, self._on_info, queue_size=1)
         self._goal: Optional[Viewpoint] = None
         self._client = actionlib.ActionClient(f"{prefix}move_base", MoveBaseAction)
         self._handle: Optional[actionlib.ClientGoalHandle] = None
         self._status_seen: Optional[object] = None
         self._heard = rospy.Time(0)
+
+    def _on_info(self, message: CameraInfo) -> None:
+        if self.view is not None:
+            return  # lens and mount stay
+        try:
+            T = self._transforms.lookup(self._base_frame, message.header.frame_id, rospy.Time(0), timeout=0.0)
+            self.view = FloorView(camera_from_info(message), T, self._max_range)
+        except CodedError as error:
+            rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: the view of {self._who}'s camera is not known: {error}")
 
     def set_goal(self, goal: Optional[Viewpoint]) -> None:
         """Sends it to a new goal, which replaces the one before; without one the last is cancelled if it still runs."""
@@ -79,8 +90,13 @@ class RobotClient:
     # ------------------------------------------------------------- how it is
     def status(self, wanted: bool) -> RobotStatus:
         """Returns how the robot is now; its pose only if a robot is wanted. To be called regularly."""
-        own = f"{rospy.get_name()}-"  # as actionlib begins the ids of a node's goals
-        busy = any(not goal.startswith(own) for goal in self._running())
+        goals, own = (
+            self._client.last_status_msg,
+            f"{rospy.get_name()}-",
+        )  # as actionlib begins the ids of a node's goals
+        busy = goals is not None and any(
+            goal.status in RUNNING and not goal.goal_id.id.startswith(own) for goal in goals.status_list
+        )
         return RobotStatus(self._pose() if wanted else None, self._alive(), self._goal_status(), busy)
 
     def _pose(self) -> Optional[Pose]:
@@ -101,20 +117,9 @@ class RobotClient:
         self._heard = min(self._heard, now)  # time may jump back
         return status is not None and now - self._heard < SILENCE and self._client.pub_goal.get_num_connections() > 0
 
-    def _running(self) -> List[str]:
-        """Returns the ids of the goals that navigation works on, no matter who gave them."""
-        status = self._client.last_status_msg
-        return [
-            entry.goal_id.id for entry in (status.status_list if status is not None else []) if entry.status in RUNNING
-        ]
-
     def _goal_status(self) -> SentGoalState:
         """Returns the state of the goal that was sent last."""
         if self._handle is None:
             return SentGoalState.NONE
-        state = self._handle.get_comm_state()
-        if state == CommState.WAITING_FOR_GOAL_ACK:
-            return SentGoalState.SENT
-        # the terminal status is known before the result arrives, and the result may be lost with the server
-        code = self._handle.get_terminal_state() if state == CommState.DONE else self._handle.get_goal_status()
-        return OUTCOMES.get(code, SentGoalState.ACTIVE)
+        # known before the result arrives, which may be lost with the server
+        return OUTCOMES.get(self._handle.get_goal_status(), SentGoalState.ACTIVE)

@@ -30,7 +30,6 @@ START_ZEROS = 3.0
 GOAL_TIMEOUT = 1.0  # [s] after navigation's last status, which comes five times a second, it has no goal any more
 CANCEL_PERIOD = 1.0  # [s] how often navigation's goals are cancelled while another one drives
 STILL = 0.1  # [rad/s] a robot that turns more slowly stands: navigation's slowest turn is twice as fast
-ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of following and escaping: gentle beside people
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class Arbiter:
 
     Attributes:
         gate: what every command passes; it takes the inputs that decide how fast the robot may drive.
-        follower: the spot's source of commands; it takes the camera's view.
+        follower: the spot's source of commands.
         stops: that hold; while there is one, nothing else drives.
     """
 
@@ -88,7 +87,6 @@ class Arbiter:
         self._cancelled_at = -math.inf
         self._commands: Dict[str, VelocityRequest] = {}
         self._last = Command()
-        self._stepped_at: Optional[float] = None
 
     # ------------------------------------------------------------- inputs
     def set_state(self, state: State, interaction: str, entered: float, stamp: float) -> None:
@@ -140,12 +138,11 @@ class Arbiter:
     def step(self, now: float, listeners: int = 1) -> Command:
         """Decides the command for a time [s]; called once in 1 / RATE. `listeners`: how many hear the commands now."""
         with self._lock:
-            dt = 0.0 if self._stepped_at is None else min(max(now - self._stepped_at, 0.0), 0.2)
             if listeners > self._listeners:
                 self._silent_after = now + START_ZEROS
-            self._stepped_at, self._listeners = now, listeners
+            self._listeners = listeners
             goal = 0.0 <= now - self._goal_at <= GOAL_TIMEOUT
-            source, request = self._choose(now, dt, goal)
+            source, request = self._choose(now, goal)
             if source != FOLLOW:
                 self.follower.stop()
             if source in (STOP, TELEOP, FOLLOW):
@@ -161,7 +158,7 @@ class Arbiter:
             self._last = Command(v, w, source, code, publish, cancel)
             return self._last
 
-    def _choose(self, now: float, dt: float, goal: bool) -> Tuple[str, VelocityRequest]:
+    def _choose(self, now: float, goal: bool) -> Tuple[str, VelocityRequest]:
         """Chooses who drives; returns the source and its request."""
         if self.stops.stopped:
             return STOP, VelocityRequest(0.0, 0.0, "stopped")
@@ -170,10 +167,10 @@ class Arbiter:
             return TELEOP, teleop
         # a robot that a person guides stays theirs when the state is lost: the gate then stops it
         if self._spots.should_follow(self._camera, now):
-            return FOLLOW, self._ramped(dt, self.follower.compute_request(self.gate.pose(now)))
+            return FOLLOW, self.follower.compute_request(self.gate.pose(now))
         request = self._compute_escape(now, goal)
         if request is not None:
-            return ESCAPE, self._ramped(dt, request)
+            return ESCAPE, request
         navigation = self._command(NAVIGATION, now)
         if navigation is not None:
             return NAVIGATION, self._rotation_shim.align(navigation, self.gate.pose(now), now)
@@ -193,15 +190,3 @@ class Arbiter:
         granted = self._last.source != NAVIGATION or self._last.v != 0.0 or abs(self._last.w) > STILL
         moves = last is not None and (last.v != 0.0 or last.w != 0.0) and granted
         return self._escape.compute_request(now, pose, workspace, goal and self._spots.state == DEFAULT, moves)
-
-    def _ramped(self, dt: float, request: VelocityRequest) -> VelocityRequest:
-        """Bounds the accelerations of a request; slowing down is bounded by the deceleration only."""
-        deceleration = self.gate.profile.limits.deceleration
-        speed = ACCELERATION if abs(request.v) > abs(self._last.v) and request.v * self._last.v >= 0 else deceleration
-        v = _towards(self._last.v, request.v, speed * dt)
-        turn = TURN_ACCELERATION if abs(request.w) > abs(self._last.w) else 4.0 * TURN_ACCELERATION
-        return VelocityRequest(v, _towards(self._last.w, request.w, turn * dt), request.code)
-
-
-def _towards(value: float, target: float, step: float) -> float:
-    return min(max(target, value - step), value + step)

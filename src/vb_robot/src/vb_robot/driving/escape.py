@@ -19,7 +19,7 @@ from vb_robot.driving.workspace import Workspace
 
 NEAR, FREE = PATH_MARGIN + 0.02, PATH_MARGIN + 0.04  # [m] beyond the radius: it begins, it ends; cells tremble
 ROOM = FREE + 0.05  # [m] beyond the radius: a robot that stops a few centimetres short, or one cell away, is free
-REACH = 0.5  # [m] to such a place: who is farther from one is not pinched but caught
+REACH = 0.5  # [m] to such a place: a robot that is farther from any is caught, not pinched
 PINCHED_AFTER = 1.5  # [s] for which navigation has a goal and moves nothing
 TRIES_FOR, RESTS_FOR = 10.0, 20.0  # [s]: what is in the way may have gone
 
@@ -27,7 +27,7 @@ TRIES_FOR, RESTS_FOR = 10.0, 20.0  # [s]: what is in the way may have gone
 class Escape:
     """Helps a pinched robot: one that has a goal, is not moved by navigation, and stands too near to something.
 
-    A robot whose centre is within a border is no such one: somebody drew the border there, or took the robot into it.
+    A robot whose centre is within a border does not count as pinched: somebody drew the border there, or took the robot into it.
 
     Args:
         radius: [m] of the robot.

@@ -1,8 +1,8 @@
 """Follows the laser spot with the robot's own camera (paper, Sect. 5.1: visual servoing).
 
 Position-based: the error is the spot's place in the robot's base frame, measured through the camera. The robot
-moves only when the spot is about to leave the inner zone of the image or the good distance, and then until the spot
-is well inside again, so that small strokes do not make it restless. The spot stays in its place on the floor while the
+moves only when the spot is about to leave the zone ahead or the good distance, and then until the spot is well
+inside again, so that small strokes do not make it restless. The spot stays in its place on the floor while the
 robot moves; how old it is, and whether the localisation has jumped, is the gate's business.
 """
 
@@ -15,7 +15,6 @@ from typing import Optional, Tuple
 import numpy as np
 
 from vb_core.poses import Pose, to_base
-from vb_robot.floor_view import FloorView
 
 MAX_SPEED = 0.2  # [m/s] the paper's limit while a person guides the robot; also backwards, as fast as a spot is drawn
 MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves sideways at 0.5 m/s needs 0.5
@@ -23,7 +22,8 @@ MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves sideways at 0.5 m/s needs 0
 # drawn towards the robot slips under it.
 GOOD_DISTANCE, FAR_DISTANCE = 1.0, 1.3  # beyond FAR it drives nearer, to GOOD
 NEAR_DISTANCE, BACK_TO_DISTANCE = 0.75, 0.9  # below NEAR it backs off, to BACK_TO
-INNER_ZONE, SETTLED_ZONE = 0.45, 0.12  # part of the image's width: outside of INNER it turns, until within SETTLED
+# bearings of the spot: outside of INNER, half of what usual cameras see, it turns, until within SETTLED
+INNER_ZONE, SETTLED_ZONE = math.radians(14.0), math.radians(4.0)
 DRIVE_CONE = math.radians(25.0)  # if the spot is farther off the axis, the robot only turns
 DISTANCE_GAIN, TURN_GAIN = 0.8, 1.8  # [1/s]
 
@@ -46,12 +46,10 @@ class SpotFollower:
     """Visual servoing on the spot that the robot's own camera sees.
 
     Attributes:
-        view: of that camera, once it is known.
         spot: (x, y) [m] where the spot is that the robot follows, map frame; None: there is none.
     """
 
     def __init__(self) -> None:
-        self.view: Optional[FloorView] = None
         self.spot: Optional[Tuple[float, float]] = None
         self.stop()
 
@@ -61,24 +59,19 @@ class SpotFollower:
 
     def compute_request(self, pose: Optional[Pose]) -> VelocityRequest:
         """Computes the motion that keeps the spot in view of the robot at a pose; None: the pose is not known."""
-        if self.view is None:
-            return VelocityRequest(0.0, 0.0, "no_camera")
         if pose is None or self.spot is None:
             self.stop()
             return VelocityRequest(0.0, 0.0, "spot_lost")
-        v, w = self._servo(to_base(np.array(self.spot), pose)[0], self.view)
+        v, w = self._servo(to_base(np.array(self.spot), pose)[0])
         return VelocityRequest(min(max(v, -MAX_SPEED), MAX_SPEED), w, "driving" if v or w else "spot_in_view")
 
-    def _servo(self, spot: np.ndarray, view: FloorView) -> Tuple[float, float]:
+    def _servo(self, spot: np.ndarray) -> Tuple[float, float]:
         """Computes (v, w) [m/s, rad/s] for a spot (2,) [m] in the base frame."""
         bearing = math.atan2(spot[1], spot[0])
         distance = float(np.hypot(*spot))
-        # share of half the image's width by which the spot is off-centre; 2 where it is behind the camera
-        column = float(view.pixels(spot[None])[0, 0])
-        off = 2.0 if not math.isfinite(column) else abs(2.0 * (column + 0.5) / view.camera.width - 1.0)
-        if off > INNER_ZONE:
+        if abs(bearing) > INNER_ZONE:
             self._turning = True
-        elif off < SETTLED_ZONE:
+        elif abs(bearing) < SETTLED_ZONE:
             self._turning = False
         if distance > FAR_DISTANCE:
             self._driving = 1

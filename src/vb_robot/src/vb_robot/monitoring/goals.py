@@ -98,7 +98,5 @@ class GoalReview:
 
 def _any_of(cells: np.ndarray, step: int) -> np.ndarray:
     """Returns whether any cell of each block of step x step is marked."""
-    rows, columns = (-(-size // step) for size in cells.shape)
-    padded = np.zeros((rows * step, columns * step), bool)
-    padded[: cells.shape[0], : cells.shape[1]] = cells
-    return padded.reshape(rows, step, columns, step).any(axis=(1, 3))
+    rows = np.logical_or.reduceat(cells, np.arange(0, cells.shape[0], step), axis=0)
+    return np.logical_or.reduceat(rows, np.arange(0, cells.shape[1], step), axis=1)

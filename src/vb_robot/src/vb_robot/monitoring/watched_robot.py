@@ -152,6 +152,7 @@ class WatchedRobot:
             move_base=seen.move_base,
             maps=seen.maps,
             missing_maps=seen.missing_maps,
+            unheard=seen.unheard,
             plans_round_borders=seen.plans_round_borders,
             driver=self._has_driver() and self._in_control,
             obeys_stop=cancels and bool(seen.move_base),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
+import cv2
 import numpy as np
 import yaml
 
@@ -12,6 +13,7 @@ from vb_core import names
 
 GRIDS = ("nav_msgs/OccupancyGrid",)
 PATHS = ("nav_msgs/Path",)
+VELOCITIES = ("geometry_msgs/Twist",)
 # local planners whose speed limit can be set while they run, with the values to lower: their limits, and what must
 # stay below these
 PLANNERS: Mapping[str, Tuple[str, ...]] = {
@@ -28,7 +30,7 @@ class Wiring:
     Attributes:
         move_base: its node; "": none is running.
         maps: those it subscribes to; missing_maps: those of them that it waits for in vain.
-        plans_round_borders: see vb_msgs/RobotStatus.
+        unheard, plans_round_borders: see vb_msgs/RobotStatus.
         path: the topic of its path; planner: the name of a local planner of PLANNERS; "": neither is known.
         radius: [m] of the robot's inscribed circle, by its costmap; None: not given.
     """
@@ -36,6 +38,7 @@ class Wiring:
     move_base: str = ""
     maps: Tuple[str, ...] = ()
     missing_maps: Tuple[str, ...] = ()
+    unheard: Tuple[str, ...] = ()
     plans_round_borders: bool = False
     path: str = ""
     planner: str = ""
@@ -72,6 +75,7 @@ def observe(graph: Any, robot: str, parameters: Mapping[str, Any]) -> Wiring:
         maps,
         # its action server starts once it has all maps: one that runs does not wait
         tuple(topic for topic in maps if not (serves or graph.publishers.get(topic))),
+        tuple(topic for topic in graph.publications(node, VELOCITIES) if not graph.subscribers.get(topic)),
         _plans_round_borders(robot, maps, parameters),
         _path_topic(graph.publications(node, PATHS)),
         planner,
@@ -109,15 +113,8 @@ def _radius(parameters: Mapping[str, Any]) -> Optional[float]:
     corners: List[Any] = footprint if isinstance(footprint, list) else []
     try:
         if len(corners) >= 3:
-            points = np.asarray(corners, float).reshape(-1, 2)
-            return float(_distance_to_edges(points).min())
+            edges = np.asarray(corners, np.float32).reshape(-1, 1, 2)
+            return abs(cv2.pointPolygonTest(edges, (0.0, 0.0), True))
         return float(costmap["robot_radius"])
     except (KeyError, TypeError, ValueError):
         return None
-
-
-def _distance_to_edges(corners: np.ndarray) -> np.ndarray:
-    """Returns the distances (N,) of the origin from the edges of a polygon (N, 2)."""
-    along = np.roll(corners, -1, axis=0) - corners
-    share = np.clip(-(corners * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
-    return np.linalg.norm(corners + share[:, None] * along, axis=1)

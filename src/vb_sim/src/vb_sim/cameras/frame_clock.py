@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Callable, Deque, List, Optional, Sequence, Tuple
+from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
 TICK = 0.025  # [s] how far time is extrapolated beyond the last step of /clock
 BEHIND = 3  # late frames that are still taken; older ones are dropped
@@ -48,7 +48,7 @@ class FrameSchedule:
         self._periods = [1.0 / rate for rate in rates]
         self._phases = [period * index / len(rates) for index, period in enumerate(self._periods)]
         self._latency_s = latency_s
-        self._next: List[Optional[int]] = [None] * len(rates)
+        self._next: Dict[int, int] = {}  # number of each camera's next image
         self.skipped = 0  # images that were left out
 
     def due(self, now: float) -> List[Tuple[int, float]]:
@@ -56,23 +56,18 @@ class FrameSchedule:
         images = []
         for index, (period, phase) in enumerate(zip(self._periods, self._phases)):
             newest = int((now - self._latency_s - phase) / period + 1e-6)
-            following = self._next[index]
-            if following is None:
-                following = newest
-            elif newest - following >= BEHIND:
+            following = self._next.get(index, newest)
+            if newest - following >= BEHIND:
                 self.skipped += newest - following
                 following = newest
-            for number in range(following, newest + 1):
-                # before its first frame the camera is not there yet
-                if number * period + phase > 0:
-                    images.append((index, number * period + phase))
+            images += [(index, number * period + phase) for number in range(following, newest + 1)]
             self._next[index] = max(following, newest + 1)
         return sorted(images, key=lambda image: image[1])
 
     def wait(self, now: float) -> float:
         """Returns how long [s] it is until the next image is due."""
         moments = [
-            (number if number is not None else 0) * period + phase + self._latency_s
-            for number, period, phase in zip(self._next, self._periods, self._phases)
+            self._next.get(index, 0) * period + phase + self._latency_s
+            for index, (period, phase) in enumerate(zip(self._periods, self._phases))
         ]
         return max(0.0, min(moments, default=now + 1.0) - now)

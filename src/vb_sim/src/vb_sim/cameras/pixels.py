@@ -8,8 +8,6 @@ import numpy as np
 
 def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
     """Encodes (H, W, 3) rgb as (H, W) or (H, W, 3) of an encoding of sensor_msgs; type kept. H and W even for Bayer."""
-    if encoding == "rgb8":
-        return rgb
     if encoding == "bgr8":
         return np.ascontiguousarray(rgb[..., ::-1])
     if encoding == "mono8":

@@ -187,9 +187,10 @@ class Person:
         """Perceives, acts for the time since the last percept, and goes on with the script."""
         self.dt = min(max(percept.now - self.percept.now, 0.0), 0.1) if self.percept.now else 0.0
         self.percept = percept
+        self.walker.robot = None if percept.robot is None else np.array(percept.robot[:2])
         self._command = ""
         next(script)
-        self.walker.step(self.dt, self.robot_place(), self.spot)
+        self.walker.step(self.dt, self.spot)
 
     def action(self, outcome: str) -> Action:
         """Returns what can be seen of the person now."""
@@ -209,10 +210,6 @@ class Person:
         return float(x), float(y)
 
     # ------------------------------------------------------------ perception
-    def robot_place(self) -> Optional[np.ndarray]:
-        """Returns where the robot is, (2,) [m]; None before that is known."""
-        return None if self.percept.robot is None else np.array(self.percept.robot[:2])
-
     def unseen_for(self, by_robot: bool = False) -> float:
         """Returns how long [s] it is since the spot was reported last."""
         return self.percept.now - (self.percept.last_seen_by_robot if by_robot else self.percept.last_seen)
@@ -230,23 +227,18 @@ class Person:
 
     def walk(self, place: np.ndarray) -> Step:
         """Walks somewhere and arrives."""
-        self.walker.go(place, self.robot_place())
+        self.walker.go(place)
         while self.walker.walking:
             yield
 
     def walk_within_reach(self, spot: np.ndarray, line: np.ndarray) -> None:
         """Begins to walk to where the spot can be pointed at, if it cannot from here."""
-        if self.walker.walking or np.linalg.norm(self.walker.here - spot) <= self.model.reach:
-            return
-        place = self.walker.find_standing_place(spot, line, self.robot_place())
-        if place is not None:
-            self.walker.go(place, self.robot_place())
+        if not self.walker.walking and np.linalg.norm(self.walker.here - spot) > self.model.reach:
+            self.walker.go_to_point_at(spot, line)
 
     def step_aside(self, spot: np.ndarray, line: np.ndarray) -> None:
         """Begins to walk to another side of the spot: perhaps the person's body is in the way."""
-        place = self.walker.find_standing_place(spot, line, self.robot_place(), self.walker.here)
-        if place is not None:
-            self.walker.go(place, self.robot_place())
+        self.walker.go_to_point_at(spot, line, self.walker.here)
 
     def give_command(self, command: str, source: str = "participant") -> Step:
         """Sends a command and waits for the answer, which is left in `last_answer`."""
@@ -397,7 +389,7 @@ class ParticipantScript:
         person.spot = None
         person.doing = "walks away"
         away = person.walker.find_place_near(person.walker.here, 0.8, 1.5, person.rng)
-        person.walker.go(away, person.robot_place())
+        person.walker.go(away)
         for _ in range(500):
             if not person.walker.walking:
                 break

@@ -35,12 +35,14 @@ class RobotOnlyScript(ParticipantScript):
         while person.percept.robot is None:
             yield
         # the buttons are on the robot
-        yield from self._come_near(self._before_robot())
+        person.walker.go_to_point_at(self._before_robot(), np.zeros((0, 2)))
+        while person.walker.walking:
+            yield
         yield from person.react()
         yield from person.repeat_command("guide_robot", self.source)
         person.spot = self._before_robot()
         guide = person.scenario.guide
-        from_here = guide[-1] if len(guide) else person.robot_place()
+        from_here = guide[-1] if len(guide) else person.walker.robot
         self._stroke = person.new_stroke(choose_order(person.scenario.border, person.scenario.closed, from_here))
         yield from self._lead([*guide, self._stroke.at(self._stroke.start)])
         yield from person.repeat_command("define_border", self.source)
@@ -196,12 +198,5 @@ class RobotOnlyScript(ParticipantScript):
         if person.walker.walking or person.spot is None or person.percept.now < self._look_again:
             return
         self._look_again = person.percept.now + 0.5
-        if not person.walker.is_good_place(person.walker.here, person.spot, line, person.robot_place()):
-            place = person.walker.find_standing_place(person.spot, line, person.robot_place())
-            if place is not None:
-                person.walker.go(place, person.robot_place())
-
-    def _come_near(self, spot: np.ndarray) -> Step:
-        place = self.person.walker.find_standing_place(spot, np.zeros((0, 2)), self.person.robot_place())
-        if place is not None:
-            yield from self.person.walk(place)
+        if not person.walker.is_good_place(person.walker.here, person.spot, line):
+            person.walker.go_to_point_at(person.spot, line)

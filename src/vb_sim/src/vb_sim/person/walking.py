@@ -30,6 +30,9 @@ class Walker:
     Args:
         grid: the physical map.
         here: (2,) [m] where the person is.
+
+    Attributes:
+        robot: (2,) [m] where the robot is, which the person sees; None before it is known.
     """
 
     def __init__(self, grid: GridMap, model: ParticipantModel, here: np.ndarray) -> None:
@@ -42,6 +45,7 @@ class Walker:
         self._planner_with_robot: Optional[Tuple[np.ndarray, Planner]] = None
         self.here = np.asarray(here, dtype=float)
         self.yaw = 0.0
+        self.robot: Optional[np.ndarray] = None
 
     @property
     def walking(self) -> bool:
@@ -60,19 +64,24 @@ class Walker:
                 return candidate
         return np.asarray(place, dtype=float)
 
-    def go(self, place: np.ndarray, robot: Optional[np.ndarray] = None) -> bool:
-        """Begins to walk; returns whether there is a path. A place that is too narrow is approached within 0.4 m."""
-        way = self._plan(self.here, np.asarray(place, dtype=float), robot, 0.4)
+    def go(self, place: np.ndarray) -> None:
+        """Begins to walk, if there is a path. A place that is too narrow is approached within 0.4 m."""
+        way = self._plan(self.here, np.asarray(place, dtype=float), self.robot, 0.4)
         self._way = way if way is not None else np.zeros((0, 2))
         self._waited = 0.0
-        return way is not None
+
+    def go_to_point_at(self, spot: np.ndarray, line: np.ndarray, away_from: Optional[np.ndarray] = None) -> None:
+        """Begins to walk to the nearest good place for pointing at a spot, if there is one; see `find_standing_place`."""
+        place = self.find_standing_place(spot, line, away_from)
+        if place is not None:
+            self.go(place)
 
     def stop(self) -> None:
         """Stops the person."""
         self._way = np.zeros((0, 2))
 
-    def step(self, dt: float, robot: Optional[np.ndarray], look_at: Optional[np.ndarray]) -> None:
-        """Walks on for `dt` [s]; does not walk into the robot at (2,) [m]; turns to what it looks at."""
+    def step(self, dt: float, look_at: Optional[np.ndarray]) -> None:
+        """Walks on for `dt` [s]; does not walk into the robot; turns to what it looks at."""
         left = self._model.walking_speed * dt
         facing = look_at
         while left > 0.0 and len(self._way):
@@ -80,8 +89,10 @@ class Walker:
             distance = float(np.linalg.norm(to_next))
             stride = min(left, distance)
             after = self.here + to_next / distance * stride if distance > 1e-9 else self._way[0]
-            if robot is not None and self._runs_into(after, robot):
-                self._wait_for_robot(dt, robot)
+            if self._runs_into(after):
+                self._waited += dt
+                if self._waited > 1.0:
+                    self.go(self._way[-1])
                 break
             self.here = after
             facing = self._way[-1] if look_at is None else look_at
@@ -95,32 +106,31 @@ class Walker:
             self.yaw = geometry.wrap_angle(self.yaw + min(max(turn, -limit), limit))
 
     def find_standing_place(
-        self, spot: np.ndarray, line: np.ndarray, robot: Optional[np.ndarray], away_from: Optional[np.ndarray] = None
+        self, spot: np.ndarray, line: np.ndarray, away_from: Optional[np.ndarray] = None
     ) -> Optional[np.ndarray]:
         """Finds the nearest good place (2,) [m] for pointing at `spot`; None if there is none.
 
         Args:
             line: (N, 2) [m] what is being drawn: the person does not stand on it.
-            robot: (2,) [m]; the person stands neither at it nor in its view of the spot.
             away_from: (2,) [m] a place to leave, since the body hides the spot from there.
         """
         angles = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
         places = [
             spot + radius * np.array([math.cos(a), math.sin(a)]) for radius in (1.0, 1.4, 1.8, 2.2) for a in angles
         ]
-        places = [place for place in places if self.is_good_place(place, spot, line, robot)]
+        places = [place for place in places if self.is_good_place(place, spot, line)]
         if away_from is not None:
             places = [place for place in places if np.linalg.norm(place - away_from) > 0.7]
         places.sort(key=lambda place: float(np.linalg.norm(place - self.here)))
         for place in places[:6]:
-            way = self._plan(self.here, place, robot)
+            way = self._plan(self.here, place, self.robot)
             # the other side of a wall is near as the crow flies only
             if way is not None and geometry.chain_length(way) < 2.0 * np.linalg.norm(place - self.here) + 1.0:
                 return place
         return None
 
-    def is_good_place(self, place: np.ndarray, spot: np.ndarray, line: np.ndarray, robot: Optional[np.ndarray]) -> bool:
-        """Returns whether a place (2,) [m] is good for pointing at the spot."""
+    def is_good_place(self, place: np.ndarray, spot: np.ndarray, line: np.ndarray) -> bool:
+        """Returns whether a place (2,) [m] is good for pointing at the spot: neither at the robot nor in its view of it."""
         distance = float(np.linalg.norm(place - spot))
         if not NEAREST_STAND <= distance <= self._model.reach:
             return False
@@ -128,21 +138,18 @@ class Walker:
             return False
         if len(line) and distance_to_chain(place, line) < 0.4:
             return False
-        if robot is None:
+        if self.robot is None:
             return True
         return bool(
-            np.linalg.norm(place - robot) >= ROBOT_DISTANCE + 0.1
-            and distance_to_chain(place, np.array([robot, spot])) >= 0.45
+            np.linalg.norm(place - self.robot) >= ROBOT_DISTANCE + 0.1
+            and distance_to_chain(place, np.array([self.robot, spot])) >= 0.45
         )
 
-    def _runs_into(self, after: np.ndarray, robot: np.ndarray) -> bool:
-        near = float(np.linalg.norm(after - robot))
-        return near < ROBOT_DISTANCE and near < float(np.linalg.norm(self.here - robot))
-
-    def _wait_for_robot(self, dt: float, robot: np.ndarray) -> None:
-        self._waited += dt
-        if self._waited > 1.0:
-            self.go(self._way[-1], robot)
+    def _runs_into(self, after: np.ndarray) -> bool:
+        if self.robot is None:
+            return False
+        near = float(np.linalg.norm(after - self.robot))
+        return near < ROBOT_DISTANCE and near < float(np.linalg.norm(self.here - self.robot))
 
     def _plan(
         self, start: np.ndarray, goal: np.ndarray, robot: Optional[np.ndarray] = None, tolerance: float = 0.0

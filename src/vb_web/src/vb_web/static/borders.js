@@ -194,7 +194,7 @@ function scheduleDialog(border, schedule = parseSchedule(border.schedule)) {
     });
     return element("label", {}, element("span", {}, say(code)), made);
   });
-  // whoever says when a border is in force wants it switched on
+  // people who say when a border is in force want it switched on
   const put = async (text) => {
     if (text === border.schedule && border.enabled) {
       toast(say("page_saved"));

@@ -30,8 +30,8 @@ import {
   words,
 } from "./ui.js";
 
-export let draft = null,
-  taps = [],
+export let draft = null;
+let taps = [],
   chosenCorner = null,
   check = null,
   checking = null; // the question that has no answer yet

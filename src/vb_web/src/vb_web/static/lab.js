@@ -18,8 +18,8 @@ import {
   words,
 } from "./ui.js";
 
-export let floorOn = false,
-  floorSeers = "";
+export let floorOn = false;
+let floorSeers = "";
 export const watched = new Map(); // camera: its picture, while somebody looks at it
 
 // Where robots are going, each with its own stop beside it.
@@ -67,7 +67,7 @@ export function drawNotices() {
 export function drawHealth() {
   const cameras = view.cameras || [],
     drivers = view.drivers || {};
-  // each camera and robot with a problem once, whoever tells it; a notice about the only robot has its name in a value
+  // each camera and robot with a problem once, no matter who tells it; a notice about the only robot has its name in a value
   const about = (one) =>
     one.camera ? `camera ${one.camera}` : one.robot || one.values.who ? `robot ${one.robot || one.values.who}` : "";
   const told = [...(view.offer ? view.offer.lines : []), ...(view.notices || [])].filter((one) => one.severity);

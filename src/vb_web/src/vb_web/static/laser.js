@@ -132,7 +132,7 @@ export function drawBanners() {
     list.push(element("p", { class: kind }, element("span", {}, sentence), ...(operator() ? buttons : [])));
   if (!page.online) put("bad", say("page_offline"));
   else {
-    // whoever draws is told by the state alone
+    // the person who draws is told by the state alone
     if (state && state.stopped && page.mode === "look")
       put("bad", say("page_stopped", { who: sourceName(state.stopped_by) }));
     // a manager that hangs is there and says nothing: what is shown is as old as that

@@ -29,15 +29,17 @@ export class Link {
   async connect() {
     if (this.socket || this.connecting) return;
     this.connecting = true;
+    let session = null;
     try {
-      const session = await (await fetch("session", { cache: "no-store" })).json();
-      this.onSession(session);
-      if (session.role !== "nobody") this.open();
+      session = await (await fetch("session", { cache: "no-store" })).json();
     } catch (_) {
-      this.down();
+      // no server, or none of ours
     } finally {
       this.connecting = false;
     }
+    if (session === null) return this.down();
+    this.onSession(session);
+    if (session.role !== "nobody") this.open();
   }
 
   open() {
@@ -125,65 +127,5 @@ export class Link {
             this.settle(id, { ok: false, code: "page_offline", values: {}, message: "" });
         }, 1500);
     });
-  }
-}
-
-// Sentences by code, in the language of whoever reads them.
-export class Words {
-  constructor() {
-    this.table = {};
-    this.language = "";
-  }
-
-  // Returns whether the language is known; if not, the words stay as they are.
-  async load(language) {
-    const found = await fetch(`words/${language}.json`);
-    if (!found.ok) return false;
-    this.table = await found.json();
-    this.language = language;
-    document.documentElement.lang = language;
-    for (const element of document.querySelectorAll("[data-word]"))
-      element.textContent = this.say(element.dataset.word);
-    for (const element of document.querySelectorAll("[data-label]")) this.label(element, element.dataset.label);
-    document.title = this.say("page_title");
-    return true;
-  }
-
-  label(element, code, values) {
-    element.setAttribute("aria-label", this.say(code, values));
-    if (element.tagName === "BUTTON") element.title = this.say(code, values);
-  }
-
-  has(code) {
-    return code in this.table;
-  }
-
-  say(code, values = {}, otherwise = "") {
-    const sentence = this.table[code] || otherwise || String(code).replaceAll("_", " ");
-    return sentence.replace(/\{(\w+)\}/g, (_, name, at) =>
-      name in values ? this.value(name, values, at) : `(${name})`,
-    );
-  }
-
-  // A value that begins with $ is itself a code, with the sentence's other values; where a sentence begins with it, so with a capital.
-  value(name, { [name]: text, ...others }, at) {
-    if (name === "border" || name === "borders") return this.border(text);
-    if (!/^\$./.test(text)) return text;
-    const said = this.say(text.slice(1), others);
-    return at ? said : said.charAt(0).toUpperCase() + said.slice(1);
-  }
-
-  // A border or wall that nobody named is numbered in the reader's language.
-  border(name) {
-    return name.replace(/\b(border|wall) (\d+)\b/g, (_, kind, number) => this.say(`unnamed_${kind}`, { number }));
-  }
-
-  // Of anything that has code, values and message.
-  tell(said) {
-    return this.say(said.code, said.values, said.message);
-  }
-
-  number(value, digits = 1) {
-    return Number(value).toLocaleString(this.language, { maximumFractionDigits: digits, minimumFractionDigits: 0 });
   }
 }

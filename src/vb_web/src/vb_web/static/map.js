@@ -1,14 +1,14 @@
 // The map: pictures below, lines above, both moved by one view {x, y: metres in the middle, scale: pixels per metre}.
 // What is drawn in the world's metres (lines) scales with it; what is placed (robots, names, handles) keeps its size.
 "use strict";
-import { Fingers, HANDLE_PX } from "./fingers.js";
+import { Gestures, HANDLE_PX } from "./gestures.js";
 import { MARK_PX, layWriting } from "./map_writing.js";
 import { distance, mean, pairs } from "./shapes.js";
+import { $ } from "./ui.js";
 
 const SVG = "http://www.w3.org/2000/svg";
-const $ = (id) => document.getElementById(id);
 
-export function make(name, attributes = {}, parent = null) {
+function make(name, attributes = {}, parent = null) {
   const element = document.createElementNS(SVG, name);
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
   if (parent) parent.append(element);
@@ -38,9 +38,9 @@ export class MapView {
     this.handleGroup = $("handles");
     this.layers = {};
     for (const name of ["borders", "progress", "draft", "drives"]) this.layers[name] = { lines: [], placed: [] };
-    this.fingers = new Fingers(this);
+    this.gestures = new Gestures(this);
     new ResizeObserver(() => {
-      this.fingers.drop();
+      this.gestures.drop();
       if (!this.touched) this.fit();
       else this.update();
     }).observe(this.element);
@@ -305,6 +305,10 @@ export class MapView {
 
   setRobots(robots) {
     this.robots = this.robots || {};
+    for (const name of Object.keys(this.robots).filter((one) => !(one in robots))) {
+      this.robots[name].remove();
+      delete this.robots[name];
+    }
     for (const [name, pose] of Object.entries(robots)) {
       let group = this.robots[name];
       if (!group) {

@@ -1,10 +1,10 @@
 // What is written on the map: where lengths and names of borders stand, and how long the scale's bar is.
 "use strict";
 import { deepest, distance, middle } from "./shapes.js";
+import { $ } from "./ui.js";
 
 const SHORTEST_PX = 24; // of a side whose length is written
 export const MARK_PX = 10;
-const $ = (id) => document.getElementById(id);
 
 // Nothing that is written covers anything else that is. First lengths, then a mark for each border of which
 // something is in view, where it is; then its name instead of the mark, if there is room for it.

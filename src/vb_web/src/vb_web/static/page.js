@@ -169,8 +169,10 @@ page.link = new Link(
   },
   (found) => {
     Object.assign(hello, found);
+    for (const section of Object.keys(view)) delete view[section]; // a server that was started again may know less
     document.body.dataset.role = hello.role;
     page.online = true;
+    if (!words.language) speak().then(drawAll); // the server was away when the page was opened
     $("login").hidden = true;
     drawAll();
     if (page.mode === "review") examine();

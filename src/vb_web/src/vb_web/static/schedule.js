@@ -19,7 +19,8 @@ export function parseSchedule(text) {
     const [a, b] = part.split("-"),
       first = DAYS.indexOf(a),
       last = DAYS.indexOf(b || a);
-    for (let i = first; i !== (last + 1) % 7 || days.size === 0; i = (i + 1) % 7) {
+    if (first < 0 || last < 0) return { days: new Set(), from: "", to: "" };
+    for (let i = first; ; i = (i + 1) % 7) {
       days.add(DAYS[i]);
       if (i === last) break;
     }

@@ -1,6 +1,6 @@
 // What every part of the page uses: what the server's view says, words, elements, and requests.
 "use strict";
-import { Words } from "./link.js";
+import { Words } from "./words.js";
 
 export const $ = (id) => document.getElementById(id);
 const CHANGES = ["add", "update", "rename", "enable", "remove"]; // what undo takes back

@@ -1,4 +1,4 @@
-"""Finds an exposure time at which the floor is grey, so that a laser spot is the only white thing."""
+"""How much of an image is saturated, and an exposure time at which the floor is grey: then a spot is the only white thing."""
 
 from __future__ import annotations
 
@@ -8,14 +8,22 @@ from typing import Callable, List, NamedTuple
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_laser_detect.detection.exposure import saturated_share
 
+TOO_BRIGHT = 0.05  # share of an image that is saturated; no spot can be seen there
+_SATURATED = 250  # [grey levels]
+_STEP = 8  # [px] between the pixels that are read: the share is that of surfaces, not of points
 FLOOR = 90.0  # [grey levels] of the middle of all pixels: a spot rises far above it, and shadows are not black
 _SHORTEST, _LONGEST = 1, 2000  # [0.1 ms]; longer ones smear the spot and slow the camera down
 _NEAR = 10.0  # [grey levels]
 _STEPS = 12
 _WHITE_SHARE = 0.005  # of the image may be white
 WHITE = 245.0  # [grey levels] a spot's core
+
+
+def saturated_share(image: np.ndarray) -> float:
+    """Returns the share of an image's (H, W) or (H, W, C) values that are saturated; 0 for an empty one."""
+    sample = image[::_STEP, ::_STEP]
+    return float((sample >= _SATURATED).mean()) if sample.size else 0.0
 
 
 class Look(NamedTuple):
@@ -27,8 +35,7 @@ class Look(NamedTuple):
 
 def look_at(image: np.ndarray) -> Look:
     """Measures an image (H, W, 3) or (H, W) uint8."""
-    small = image[::8, ::8]
-    return Look(float(np.median(small)), saturated_share(image))
+    return Look(float(np.median(image[::_STEP, ::_STEP])), saturated_share(image))
 
 
 def find_exposure(try_exposure: Callable[[int], Look], tell: Callable[[str], None] = lambda text: None) -> int:

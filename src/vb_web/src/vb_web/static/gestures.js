@@ -4,7 +4,7 @@ import { distance, inside, toSegment } from "./shapes.js";
 
 export const HANDLE_PX = 24; // half of a finger
 
-export class Fingers {
+export class Gestures {
   constructor(map) {
     this.map = map;
     this.pointers = new Map();

@@ -1,0 +1,23 @@
+"""Files that are written whole, or not at all."""
+
+import pytest
+
+from vb_core.errors import CodedError
+from vb_core.files import write_atomically, write_together
+
+
+def test_files_are_written_together_or_none_is(tmp_path):
+    first, second = tmp_path / "a", tmp_path / "folder" / "b"
+    write_together({first: b"1", second: b"2"})
+    assert (first.read_bytes(), second.read_bytes()) == (b"1", b"2")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CodedError) as caught:
+        write_together({first: b"3", tmp_path / "file" / "c": b"4"})
+    assert caught.value.code == "cannot_write" and first.read_bytes() == b"1"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "file", "folder"]
+
+
+def test_a_private_file_is_its_owners(tmp_path):
+    for private, mode in ((True, 0o600), (False, 0o644)):
+        write_atomically(tmp_path / "a", b"1", private)
+        assert (tmp_path / "a").stat().st_mode & 0o777 == mode
