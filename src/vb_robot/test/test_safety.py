@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
@@ -37,6 +37,7 @@ def empty(width=8.0, height=5.0, resolution=0.025):
     return GridMap(np.zeros((int(height / resolution), int(width / resolution)), dtype=np.int8), resolution)
 
 
+@settings(deadline=None)
 @given(st.floats(0.0, 2.0))
 def test_safe_speed_stops_in_time(free):
     assert stop_distance(safe_speed(free, LIMITS), LIMITS) == pytest.approx(free, abs=1e-9)
