@@ -21,7 +21,7 @@ SAMPLES = {
     "extraction/model_hand.py": "--times 0.01",
     "extraction/stages.py": "{folder}",
     "lab/cameras.py": "--cameras 1 --seconds 1",
-    "lab/image_cost.py": "--spans 0",
+    "lab/image_cost.py": "",
     "lab/page.py": "--browsers 1 --seconds 1",
     "lab/page_hostile.py": "--seconds 1 --only nothing slow_headers",
     "maps/crashes.py": "--crashes 3",
