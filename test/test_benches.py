@@ -14,7 +14,7 @@ TOP = Path(__file__).resolve().parents[1]
 SAMPLES = {
     "detection/camera_kinds.py": "--rows '320 x 240'",
     "detection/clips.py": "{clips} --roles window",
-    "detection/constants.py": "--clips {clips} --share 0 --only proposals",
+    "detection/constants.py": "--clips {clips} --share 0 --only _MIN_LEVEL",
     "detection/frames.py": "--scenes 'held still' --share 0.02 --times robot --rounds 1",
     "extraction/accuracy.py": "--only usual speed --draws 1 --strokes 1 --spots 1000 --methods robust",
     "extraction/constants.py": "--times 0.03 --only CORNER_MISFIT",
