@@ -30,7 +30,8 @@ import numpy as np
 
 from bench.detection.clip_frames import ROLES, UNLABELED, frames_of, reach_in
 from bench.detection.finder import Finder
-from bench.detection.fitting import judges_of_clips, load_examples
+from bench.detection.examples import load_examples
+from bench.detection.fitting import judges_of_clips
 from bench.frame import Table, arguments
 from vb_evaluation.statistics import proportion
 

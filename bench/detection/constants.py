@@ -26,7 +26,8 @@ from bench import varied
 from bench.detection.augmentation import takes
 from bench.detection.clip_frames import is_clip, left_out_with, reach_in
 from bench.detection.finder import Finder
-from bench.detection.fitting import fit_without, judges_of_clips, load_examples
+from bench.detection.examples import load_examples
+from bench.detection.fitting import fit_without, judges_of_clips
 from bench.detection.hard_scenes import Camera, Outcome, course
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes

@@ -31,7 +31,7 @@ import numpy as np
 
 from bench.detection import clip_frames, fitting
 from bench.detection.augmentation import PAINT_EVERY, OtherCamera, Taken, takes
-from bench.detection.fitting import Examples, LabeledFrame, collect
+from bench.detection.examples import Examples, LabeledFrame, collect, load_examples, save_examples
 from bench.detection.hard_scenes import Camera, Scene, course
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
@@ -123,10 +123,10 @@ def main() -> int:
     for name, make in parts_of(given):
         file = given.examples / (re.sub(r"\W+", "_", name) + ".npz")
         if not file.exists():
-            fitting.save_examples(make(), file)
+            save_examples(make(), file)
             print(f"made {file.name}", flush=True)
         files.append(file)
-    examples = fitting.load_examples(files)
+    examples = load_examples(files)
     names = [str(name) for name in np.unique(examples.groups)]
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(names)} clips and scenes")
     table = Table(given.csv)

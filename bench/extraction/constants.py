@@ -17,8 +17,7 @@ from typing import Any, Callable, Iterator, List, Optional
 import numpy as np
 
 from bench import varied
-from bench.extraction import model_hand as hand
-from bench.extraction import samples
+from bench.extraction import hand, model_hand, samples
 from bench.extraction.accuracy import extracting, measure
 from bench.frame import Table, arguments, import_from, share
 
@@ -28,9 +27,9 @@ HARD = hand.Eyes(bias=0.06, tremor=0.02, dropped=0.5, bursts=1.5, strays=0.15)
 
 def hard_drawings(times: float) -> Iterator[IsBad]:
     """Yields the drawings; the same for every version."""
-    for number, (name, (make, _, _)) in enumerate(hand.ROWS.items()):
+    for number, (name, (make, _, _)) in enumerate(model_hand.ROWS.items()):
         for seed in range(int(30 * times)) if "clock" not in name else ():
-            judged = hand.judge_seed if make is hand.held else hand.judge
+            judged = model_hand.judge_seed if make is hand.held else model_hand.judge
 
             def is_bad(
                 modules: List[Any], judged: Any = judged, make: Any = make, seeds: Any = (seed, 500 + number)
@@ -68,7 +67,7 @@ def _stroke_is_bad(modules: List[Any], stroke: samples.Stroke, of_people: bool) 
 
 def judge(source: Optional[Path], drawings: List[IsBad]) -> np.ndarray:
     """Returns which of the drawings a version gets wrong, (N,) bool."""
-    modules = import_from(source, *hand.MODULES)
+    modules = import_from(source, *model_hand.MODULES)
     return np.array([is_bad(modules) for is_bad in drawings])
 
 
