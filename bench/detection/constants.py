@@ -103,8 +103,8 @@ def main() -> int:
     cv2.setNumThreads(1)
     judges: Dict[str, Any] = {}
     if given.left_out:
-        examples = load_examples(sorted(given.left_out.glob("*.npz")))
-        left_out = left_out_with([str(group) for group in np.unique(examples.groups)])
+        examples = load_examples(sorted(given.left_out.glob("*.csv")))
+        left_out = left_out_with(sorted(set(examples.index)))
         of_scenes = fit_without(examples, {group: out for group, out in left_out.items() if not is_clip(group)})
         judges = {**judges_of_clips(examples), **of_scenes}
     inputs = {

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
+import pandas
 
 from vb_core.image_format import Picture
 from vb_laser_detect.detection.features import Blob, SpotClassifier
@@ -33,33 +34,6 @@ class LabeledFrame(NamedTuple):
     spots: Sequence[Tuple[float, float]]
     unclear: Sequence[Tuple[float, float]] = ()
     geometry: Optional[ImageGeometry] = None
-
-
-class Examples(NamedTuple):
-    """N blobs: features (N, F) with NaN where one says nothing, truth (N,) bool, names of F features, group of each."""
-
-    values: np.ndarray
-    truth: np.ndarray
-    names: Tuple[str, ...]
-    groups: np.ndarray
-
-    def select(self, rows: np.ndarray) -> "Examples":
-        """Returns the examples of some rows, (N,) bool."""
-        return Examples(self.values[rows], self.truth[rows], self.names, self.groups[rows])
-
-    def exclude(self, *groups: str) -> "Examples":
-        """Returns all examples but those of some clips or scenes."""
-        return self.select(~np.isin(self.groups, groups))
-
-    @staticmethod
-    def join(parts: Sequence["Examples"]) -> "Examples":
-        """Joins the examples of several clips and scenes."""
-        return Examples(
-            np.concatenate([p.values for p in parts]),
-            np.concatenate([p.truth for p in parts]),
-            parts[0].names,
-            np.concatenate([p.groups for p in parts]),
-        )
 
 
 class Oracle(SpotClassifier):
@@ -87,38 +61,28 @@ class Oracle(SpotClassifier):
         return any(math.hypot(blob.u - u, blob.v - v) < self.reach for u, v in places)
 
 
-def save_examples(examples: Examples, path: Path) -> None:
-    """Keeps the examples of one clip or scene; the file is there once it is whole."""
-    part = path.with_suffix(".part")
-    with part.open("wb") as file:
-        np.savez_compressed(
-            file, values=examples.values, truth=examples.truth, names=np.array(examples.names), groups=examples.groups
-        )
-    part.replace(path)
+def load_examples(files: Iterable[Path]) -> pandas.DataFrame:
+    """Loads the examples of several clips and scenes, as `collect` makes those of each."""
+    parts = [pandas.read_csv(file, index_col=0, float_precision="round_trip") for file in files]
+    return pandas.concat([part for part in parts if len(part)])
 
 
-def load_examples(files: Iterable[Path]) -> Examples:
-    """Loads the examples of several clips and scenes; inverse of `save_examples` for each."""
-    parts = [
-        Examples(data["values"], data["truth"], tuple(data["names"].tolist()), data["groups"])
-        for data in map(np.load, files)
-    ]
-    return Examples.join([part for part in parts if len(part.truth)])
-
-
-def collect(frames: Iterable[LabeledFrame], params: DetectorParams, group: str, reach: float) -> Examples:
+def collect(frames: Iterable[LabeledFrame], params: DetectorParams, group: str, reach: float) -> pandas.DataFrame:
     """Collects the examples of one clip or scene.
 
     Args:
         reach: [px] a blob so near to a spot's place is the spot.
         group: its name; validation leaves whole groups out.
+
+    Returns:
+        A row for each blob: its features, NaN where one says nothing, and its truth; the group is the index.
     """
     oracle = Oracle(reach)
     detector = SpotDetector(params, oracle)
     for frame in frames:
         oracle.frame = frame
         detector.detect(frame.image, frame.stamp, frame.geometry)
-    names = tuple(oracle.rows[0]) if oracle.rows else ()
     # what OpenCV sums in single precision depends on where its memory begins, far behind these digits
     values = np.round(np.array([list(row.values()) for row in oracle.rows], float), 5)
-    return Examples(values, np.array(oracle.truth, bool), names, np.array([group] * len(values)))
+    names = list(oracle.rows[0]) if oracle.rows else None
+    return pandas.DataFrame(values, index=[group] * len(values), columns=names).assign(truth=oracle.truth)

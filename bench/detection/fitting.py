@@ -1,7 +1,7 @@
 """Learns the classifier's curves from examples.
 
-Each feature is cut into ramps
-between knots, a logistic regression finds the height of each ramp, and the ramps add up to the curve.
+Each feature is cut into ramps between knots, a logistic regression finds the height of each ramp, and the ramps add up to
+the curve. Examples are as `examples.collect` makes them.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
+import pandas
 
 from bench.detection.clip_frames import is_clip, left_out_with
-from bench.detection.examples import Examples
 from vb_laser_detect.detection.features import SpotClassifier
 
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others: where a curve may bend
@@ -26,7 +26,7 @@ _FOR = ("peak", "level", "edge", "chroma_mosaic")
 _UP_TO = {"diameter": math.log(0.01)}
 
 
-def fit(examples: Examples) -> SpotClassifier:
+def fit(examples: pandas.DataFrame) -> SpotClassifier:
     """Fits the curves: a logistic regression over ramps whose signs are fixed, one convex problem with one solution.
 
     Within a kind (clips; each kind of rendered scene, "kind: name") each example counts alike, a false spot
@@ -35,21 +35,22 @@ def fit(examples: Examples) -> SpotClassifier:
     """
     from scipy.optimize import minimize
 
-    truth = examples.truth
-    kinds = np.array([_kind(group) for group in examples.groups])
+    names, truth = examples.columns[:-1], examples.truth.to_numpy()
+    columns = examples[names].to_numpy().T
+    kinds = np.array([_kind(group) for group in examples.index])
     weights = np.where(truth, 1.0, _FALSE_COSTS)
     for kind in np.unique(kinds):
         of_kind = kinds == kind
         weights[of_kind] *= _WEIGHT / (np.count_nonzero(of_kind & truth) or np.count_nonzero(of_kind))
     # where a feature says nothing it counts as a usual spot's
-    known = [column[truth & ~np.isnan(column)] for column in examples.values.T]
+    known = [column[truth & ~np.isnan(column)] for column in columns]
     usual = np.array([np.median(column) if len(column) else np.nan for column in known])
-    values = np.where(np.isnan(examples.values), usual, examples.values)
+    values = np.where(np.isnan(columns.T), usual, columns.T)
     # what speaks against a spot counts from the usual one on: less of it is no merit, a still room lays down no paint
-    against = np.array([name not in _FOR and name not in _UP_TO for name in examples.names])
+    against = np.array([name not in _FOR and name not in _UP_TO for name in names])
     values = np.where(against, np.maximum(values, usual), values)
-    knots = [_knots(np.where(np.isnan(given), np.nan, x), truth) for given, x in zip(examples.values.T, values.T)]
-    signs = np.concatenate([_signs(name, x) for name, x in zip(examples.names, knots)] + [[1.0]])
+    knots = [_knots(np.where(np.isnan(given), np.nan, x), truth) for given, x in zip(columns, values.T)]
+    signs = np.concatenate([_signs(name, x) for name, x in zip(names, knots)] + [[1.0]])
     ramps = [_ramps(column, x) for column, x in zip(values.T, knots)]
     design = np.hstack(ramps + [np.ones((len(truth), 1))]) * signs * np.where(truth, 1.0, -1.0)[:, None]
     pull = np.full(len(signs), 1.0 / _STRENGTH)
@@ -75,7 +76,7 @@ def fit(examples: Examples) -> SpotClassifier:
     )
     heights = found.x * signs
     intercept, curves, first = float(heights[-1]), {}, 0
-    for name, x, middle in zip(examples.names, knots, usual):
+    for name, x, middle in zip(names, knots, usual):
         part = heights[first : first + max(0, len(x) - 1)]
         first += len(part)
         if np.abs(part).sum() < 0.01:
@@ -91,30 +92,29 @@ def _kind(group: str) -> str:
     return group.split(":")[0] if ":" in group else "clip"
 
 
-def logits(classifier: SpotClassifier, examples: Examples) -> np.ndarray:
+def logits(classifier: SpotClassifier, examples: pandas.DataFrame) -> np.ndarray:
     """Returns what (N,) the classifier says of each example, from all features."""
     total = np.full(len(examples.truth), classifier.intercept)
-    for name, column in zip(examples.names, examples.values.T):
-        if name in classifier.curves:
-            total += np.where(np.isnan(column), 0.0, np.interp(np.nan_to_num(column), *classifier.curves[name]))
+    for name, curve in classifier.curves.items():
+        column = examples[name].to_numpy()
+        total += np.where(np.isnan(column), 0.0, np.interp(np.nan_to_num(column), *curve))
     return total
 
 
-def fit_without(examples: Examples, left_out: Mapping[str, Sequence[str]]) -> Dict[str, SpotClassifier]:
+def fit_without(examples: pandas.DataFrame, left_out: Mapping[str, Sequence[str]]) -> Dict[str, SpotClassifier]:
     """Fits, for each of some clips or scenes, a classifier without those that are left out with it."""
     judges = {tuple(sorted(out)): SpotClassifier({}, 0.0) for out in left_out.values()}
     for out in judges:
-        judges[out] = fit(examples.exclude(*out))
+        judges[out] = fit(examples[~examples.index.isin(out)])
     return {group: judges[tuple(sorted(out))] for group, out in left_out.items()}
 
 
-def validate(examples: Examples, judges: Mapping[str, SpotClassifier]) -> List[Tuple[str, np.ndarray, np.ndarray]]:
+def validate(
+    examples: pandas.DataFrame, judges: Mapping[str, SpotClassifier]
+) -> List[Tuple[str, np.ndarray, np.ndarray]]:
     """Returns (group, truth, logits) of each group, by the classifier that was fitted without it."""
-    result = []
-    for group, judge in sorted(judges.items()):
-        own = examples.select(examples.groups == group)
-        result.append((str(group), own.truth, logits(judge, own)))
-    return result
+    own = {group: examples[examples.index == group] for group in sorted(judges)}
+    return [(group, some.truth.to_numpy(), logits(judges[group], some)) for group, some in own.items()]
 
 
 def calibrate(classifier: SpotClassifier, truth: np.ndarray, judged: np.ndarray) -> SpotClassifier:
@@ -134,9 +134,9 @@ def calibrate(classifier: SpotClassifier, truth: np.ndarray, judged: np.ndarray)
     return SpotClassifier(curves, float(scale * classifier.intercept + shift))
 
 
-def judges_of_clips(examples: Examples) -> Dict[str, SpotClassifier]:
+def judges_of_clips(examples: pandas.DataFrame) -> Dict[str, SpotClassifier]:
     """Fits a classifier for each clip without all of its camera and of its room, calibrated on what was left out."""
-    left_out = left_out_with([str(group) for group in np.unique(examples.groups)])
+    left_out = left_out_with(sorted(set(examples.index)))
     judges = fit_without(examples, {group: out for group, out in left_out.items() if is_clip(group)})
     judged = validate(examples, judges)
     scores = [np.concatenate([one[i] for one in judged]) for i in (1, 2)]
