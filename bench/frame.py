@@ -37,6 +37,11 @@ def arguments(doc: Optional[str], seed: Optional[int] = None, other: bool = Fals
     return parser
 
 
+def versions(given: argparse.Namespace) -> Dict[str, Optional[Path]]:
+    """Returns the folders `src` of what is compared: this version's (None), and another one's if there is one."""
+    return {"this": None, **({"other": given.other} if given.other else {})}
+
+
 class Table:
     """Rows of results: printed as they come, and appended to a CSV file with the revision if there is one."""
 

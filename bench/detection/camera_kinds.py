@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from bench.detection.finder import Finder
-from bench.frame import TOP, Table, arguments, share
+from bench.frame import TOP, Table, arguments, share, versions
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
@@ -105,10 +105,10 @@ def pictures(kind: Kind, moving: bool) -> Iterator[Tuple[float, np.ndarray, Opti
         yield i / kind.rate, SENT[kind.encoding](image) if kind.encoding else image, spot
 
 
-def measure(kind: Kind, preset: str, versions: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
+def measure(kind: Kind, preset: str, sources: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
     """Yields each version's figures."""
-    finders = {name: Finder(preset, source) for name, source in versions.items()}
-    told: Dict[str, List[Tuple[float, float, float]]] = {name: [] for name in versions}
+    finders = {name: Finder(preset, source) for name, source in sources.items()}
+    told: Dict[str, List[Tuple[float, float, float]]] = {name: [] for name in sources}
     encoding, truth = kind.encoding or ("bayer_rggb8" if kind.bayer else "bgr8"), {}
     for t, image, spot in pictures(kind, preset == "mobile"):
         truth[t] = spot
@@ -140,10 +140,10 @@ def main() -> int:
     parser.add_argument("--rows", nargs="+", default=[""], metavar="WORD", help="only rows with a WORD in their name")
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    table, versions = Table(given.csv), {"this": None, **({"other": given.other} if given.other else {})}
+    table = Table(given.csv)
     for kind in (kind for kind in kinds() if any(word in kind.name for word in given.rows)):
         for role, preset in (("ceiling", "stationary"), ("robot", "mobile"))[: 1 if kind.size[0] > 1920 else 2]:
-            for figures in measure(kind, preset, versions):
+            for figures in measure(kind, preset, versions(given)):
                 table.add(camera=kind.name, role=role, **figures)
     return 0
 

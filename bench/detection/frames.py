@@ -20,7 +20,7 @@ from bench.detection.finder import Finder
 from bench.detection.hard_scenes import RATE, Camera, play
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes
-from bench.frame import TOP, Table, arguments, in_turns
+from bench.frame import TOP, Table, arguments, in_turns, versions
 
 CASES = ("ceiling bgr8 1080p", "ceiling bayer_rggb8 1080p", "ceiling bgr8 4K", "robot, standing", "robot, turning")
 IMAGES = 10
@@ -46,9 +46,7 @@ def time_searches(given: Any, table: Table) -> None:
     for case in (case for case in CASES if any(word in case for word in given.times or [""])):
         role, encoding = "mobile" if "robot" in case else "stationary", "bayer_rggb8" if "bayer" in case else "bgr8"
         images, stamps = images_of(case), {}
-        finders = {"this": Finder(role)}
-        if given.other:
-            finders["other"] = Finder(role, given.other)
+        finders = {name: Finder(role, source) for name, source in versions(given).items()}
 
         def search(name: str) -> None:
             for image in (images[:2] if name not in stamps else []) + images[2:] + images[:1:-1]:
@@ -67,9 +65,7 @@ def play_scenes(given: Any, table: Table) -> None:
     for scene in scenes:
         if given.scenes and not any(word in scene.title for word in given.scenes):
             continue
-        cameras = {"this": Camera(scene, rooms)}
-        if given.other:
-            cameras["other"] = Camera(scene, rooms, given.other)
+        cameras = {name: Camera(scene, rooms, source) for name, source in versions(given).items()}
         for version, outcome in zip(cameras, play(scene, list(cameras.values()), given.share)):
             table.add(scene=scene.title, version=version, seed=given.seed, share=given.share, **outcome.summary())
 

@@ -10,7 +10,7 @@ Without --judge the developing half of people's strokes and seeds below 1,000 ar
 seeds from 100,000 or --seed. A stroke of the generator is bad if its chain is more than 0.25 m (Hausdorff distance)
 from the intended one, or if there is none. A person's stroke is bad if the line lies more than 0.25 m from what was
 drawn; where a polygon was meant, the distance is that from the extracted line to the drawn one, and a Jaccard index
-below 0.8 is bad too. *Speed* is processor time.
+below 0.8 is bad too. Times are processor time.
 """
 
 from __future__ import annotations
@@ -22,19 +22,9 @@ from typing import Any, Callable, Dict, Iterator, List
 import numpy as np
 from scipy.spatial import cKDTree
 
-from bench.extraction.samples import (
-    SETTINGS,
-    Stroke,
-    dense,
-    disturbed,
-    generated,
-    hausdorff,
-    jaccard,
-    strokes_of_people,
-)
-from bench.frame import Table, arguments, import_from
+from bench.extraction.samples import SETTINGS, Stroke, disturbed, generated, hausdorff, jaccard, strokes_of_people
+from bench.frame import Table, arguments, import_from, share
 from vb_core import geometry
-from vb_evaluation.statistics import proportion
 from vb_fusion import extraction
 
 BAD_M, BAD_JACCARD = 0.25, 0.8
@@ -85,16 +75,12 @@ def add_rows(table: Table, group: str, cell: str, strokes: Iterator[Stroke], too
         for method, extract in tools.items():
             found[method].append(measure(stroke, extract, group == "people"))
     for method, results in found.items():
-        bad, count = int(sum(r["bad"] for r in results)), len(results)
-        share = proportion(bad, count).scaled(100.0)
         index, distances = np.array([r["jaccard"] for r in results]), [r["distance"] for r in results]
         table.add(
             group=group,
             cell=cell,
             method=method,
-            strokes=count,
-            bad=bad,
-            bad_percent=f"{share.estimate:.2f} ({share.low:.2f} to {share.high:.2f})",
+            bad=share(int(sum(r["bad"] for r in results)), len(results)),
             kind_right_percent=100.0 * float(np.mean([r["kind"] for r in results])),
             distance_median_m=float(np.median(distances)),
             distance_p95_m=float(np.quantile(np.minimum(distances, 9.0), 0.95)),
@@ -104,7 +90,7 @@ def add_rows(table: Table, group: str, cell: str, strokes: Iterator[Stroke], too
 
 
 def main() -> int:
-    groups = ["people", *SETTINGS, "disturbances", "speed"]
+    groups = ["people", *SETTINGS, "disturbances"]
     parser = arguments(__doc__, other=True)
     parser.add_argument("--strokes", type=int, default=20, help="of the generator per cell")
     parser.add_argument("--draws", type=int, default=3, help="how often each person's stroke is seen")
@@ -112,7 +98,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, help="the first one; 0, or 100000 with --judge")
     parser.add_argument("--methods", nargs="*", help="only these")
     parser.add_argument("--only", nargs="*", choices=groups, default=groups)
-    parser.add_argument("--spots", type=int, default=1_000_000, help="at most, of the group speed")
     given = parser.parse_args()
     tools = {"robust": extracting(extraction, "robust", True), "paper": extracting(extraction, "paper", False)}
     if given.other:
@@ -123,16 +108,11 @@ def main() -> int:
     for group in given.only:
         if group == "people":
             cells = strokes_of_people(which, given.draws, base)
-        elif group == "speed":
-            counts = [count for count in (1000, 10_000, 100_000, 1_000_000) if count <= given.spots]
-            cells = ((f"{count} points", iter([dense(count)] * (5 if count <= 10_000 else 1))) for count in counts)
         else:
             make = disturbed if group == "disturbances" else lambda count, base: generated(group, count, base)
             cells = make(given.strokes, base)
         for cell, strokes in cells:
-            add_rows(
-                table, group if group in ("people", "disturbances", "speed") else "generator", cell, strokes, tools
-            )
+            add_rows(table, group if group in ("people", "disturbances") else "generator", cell, strokes, tools)
     return 0
 
 

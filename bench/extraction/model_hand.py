@@ -22,7 +22,7 @@ from typing import Any, Callable, Dict, List, Tuple
 import numpy as np
 
 from bench.extraction.hand import BOX, Eyes, held, hidden, lifted, look, polygon, ring, shapes, sides_apart, slow
-from bench.frame import TOP, Table, arguments, import_from, share
+from bench.frame import TOP, Table, arguments, import_from, share, versions
 
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
 from strokes import hausdorff  # noqa: E402
@@ -89,10 +89,9 @@ def main() -> None:
     parser.add_argument("--times", type=float, default=1.0, help="of each row's number of strokes")
     parser.add_argument("--only", nargs="*", default=[""], help="rows with one of these in their names")
     given = parser.parse_args()
-    versions = {"now": None, **({"other": given.other} if given.other else {})}
     table = Table(given.csv)
     for number, (name, (make, eyes, count)) in enumerate(ROWS.items()):
-        for version, source in versions.items() if any(part in name for part in given.only) else ():
+        for version, source in versions(given).items() if any(part in name for part in given.only) else ():
             modules, seeds = import_from(source, *MODULES), range(max(1, int(count * given.times)))
             look_at = judge_seed if make is held else judge
             found = [look_at(make, eyes, modules, np.random.default_rng([given.seed + k, number])) for k in seeds]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import Any, Iterator, Tuple
+from typing import Iterator, Tuple
 
 import numpy as np
 
@@ -90,9 +90,3 @@ def disturbed(count: int, base: int) -> Iterator[Group]:
                     for stroke in [timed(shape, base + k)]
                 ),
             )
-
-
-def dense(count: int, **more: Any) -> Stroke:
-    """Returns a rectangle of so many spots."""
-    rate = count / (6.5 / USUAL.speed * USUAL.cameras * (1 - USUAL.dropped))
-    return draw("rectangle", USUAL.replace(rate=rate, **more), np.random.default_rng(0))

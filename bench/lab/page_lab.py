@@ -20,6 +20,7 @@ from geometry_msgs.msg import Point
 
 from bench.frame import TOP
 from vb_core import names
+from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port
 from vb_msgs.msg import BorderProgress, LaserSpot
 
@@ -43,11 +44,8 @@ CERTIFICATE = (
 
 def wait(condition: Callable[[], Any], what: Union[str, Callable[[], str]], seconds: float = 60.0) -> None:
     """Waits for a condition; ends the bench, with what was waited for, if it does not come."""
-    end = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > end:
-            raise SystemExit(f"waited {seconds:g} s for {what if isinstance(what, str) else what()}")
-        time.sleep(0.05)
+    if not wait_until(condition, seconds):
+        raise SystemExit(f"waited {seconds:g} s for {what if isinstance(what, str) else what()}")
 
 
 def start(stack: ExitStack, network: bool = False) -> Tuple[int, Path]:

@@ -59,24 +59,22 @@ def change(keeper: MapIntegrator, random: np.random.Generator, now: float, out: 
     """Makes a random change, announced; one that is refused changes nothing."""
     ids = [border.id for border in keeper.borders]
     some = str(random.choice(ids)) if ids else "b0"
-    kinds = ["add", "rename", "enable", "update", "remove", "undo", "redo"]
-    kind = random.choice(kinds, p=[0.42, 0.13, 0.13, 0.1, 0.1, 0.08, 0.04])
-    os.write(out, f"try {kind}\n".encode())
     column, row = random.uniform(3, 130), random.uniform(3, 90)
     corners = GRID.grid_to_world([(column, row), (column + 20, row), (column + 20, row + 20), (column, row + 20)])
     border = VirtualBorder(corners, corners.mean(axis=0), closed=True)
-    if kind == "add":
-        keeper.add(border, now)
-    elif kind == "rename":
-        keeper.rename(some, f"name {random.integers(1e6)}", now)
-    elif kind == "enable":
-        keeper.set_enabled(some, bool(random.random() < 0.5), now)
-    elif kind == "update":
-        keeper.update(border.replace(id=some), now)
-    elif kind == "remove":
-        keeper.remove(some, now)
-    else:
-        getattr(keeper, str(kind))(now)
+    name, enabled = f"name {random.integers(1e6)}", bool(random.random() < 0.5)
+    changes = {
+        "add": (0.42, lambda: keeper.add(border, now)),
+        "rename": (0.13, lambda: keeper.rename(some, name, now)),
+        "enable": (0.13, lambda: keeper.set_enabled(some, enabled, now)),
+        "update": (0.1, lambda: keeper.update(border.replace(id=some), now)),
+        "remove": (0.1, lambda: keeper.remove(some, now)),
+        "undo": (0.08, lambda: keeper.undo(now)),
+        "redo": (0.04, lambda: keeper.redo(now)),
+    }
+    kind = str(random.choice(list(changes), p=[share for share, _ in changes.values()]))
+    os.write(out, f"try {kind}\n".encode())
+    changes[kind][1]()
 
 
 def child(folder: Path, out: int, seed: int, limit: Optional[int]) -> None:
@@ -96,8 +94,8 @@ def child(folder: Path, out: int, seed: int, limit: Optional[int]) -> None:
         os.write(out, f"{state(keeper)}\n".encode())
 
 
-def flip(folder: Path, random: np.random.Generator) -> str:
-    """Damages one of the files; gives its name."""
+def flip(folder: Path, random: np.random.Generator) -> None:
+    """Damages one of the files."""
     where = folder.glob("borders*") if random.random() < 0.7 else folder.rglob("*")
     files = [path for path in sorted(where) if path.is_file() and path.stat().st_size]
     path = files[random.integers(len(files))]
@@ -109,10 +107,9 @@ def flip(folder: Path, random: np.random.Generator) -> str:
         for _ in range(random.integers(1, 4)):
             content[random.integers(len(content))] ^= int(random.integers(1, 256))
     path.write_bytes(bytes(content))
-    return path.name
 
 
-def crash(kind: str, folder: Path, seed: int) -> Dict[str, Any]:
+def crash(kind: str, folder: Path, seed: int, before: str) -> Dict[str, Any]:
     """Crashes once on a folder that goes on; returns what came of it."""
     random = np.random.default_rng(seed)
     size = max([path.stat().st_size for path in folder.glob("borders*.jsonl")] or [0])
@@ -136,6 +133,8 @@ def crash(kind: str, folder: Path, seed: int) -> Dict[str, Any]:
             os.kill(process, signal.SIGKILL)
         said += stream.read().splitlines(keepends=True)
     os.waitpid(process, 0)
+    if kind == "flip":
+        flip(folder, random)
     whole = [line.decode().strip() for line in said if line.endswith(b"\n")]
     states = [line for line in whole if line.startswith("[")]
     changes = sum(one != other for one, other in zip(states, states[1:]))
@@ -143,15 +142,14 @@ def crash(kind: str, folder: Path, seed: int) -> Dict[str, Any]:
         "kind": kind,
         "changes": changes,
         "refused": whole.count("refused"),
-        "file": flip(folder, random) if kind == "flip" else "",
-        "acknowledged": states[-1] if states else None,
+        "acknowledged": states[-1] if states else before,
         "under_way": whole[-1][4:] if whole and whole[-1].startswith("try") else "",
     }
 
 
 def judge(row: Dict[str, Any], folder: Path, before: str) -> str:
     """Compares what came back with what was acknowledged; gives the present state."""
-    acknowledged = row.pop("acknowledged") or before
+    acknowledged = row.pop("acknowledged")
     try:
         keeper = start(folder)
     except Exception as error:  # the node would not have come up
@@ -175,15 +173,14 @@ def main() -> int:
     parser = arguments(__doc__, seed=1)
     parser.add_argument("--crashes", type=int, default=1000)
     given = parser.parse_args()
-    rows: List[Dict[str, Any]] = []
-    root = Path(tempfile.mkdtemp(prefix="border_crashes_"))
+    rows, root = [], Path(tempfile.mkdtemp(prefix="border_crashes_"))
     folder, before = root / "0", "[]"
     for number in range(given.crashes):
         if number % 60 == 0:  # from an empty folder now and then
             shutil.rmtree(str(folder), ignore_errors=True)
             folder, before = root / str(number), "[]"
         folder.mkdir(exist_ok=True)
-        rows.append(crash(KINDS[number % 3], folder, given.seed * 1_000_000 + number))
+        rows.append(crash(KINDS[number % 3], folder, given.seed * 1_000_000 + number, before))
         before = judge(rows[-1], folder, before)
         if rows[-1]["outcome"] in BAD:
             print(number, rows[-1], flush=True)

@@ -17,7 +17,7 @@ from typing import Any, Callable, Dict
 
 import numpy as np
 
-from bench.frame import Table, arguments, import_from, in_turns
+from bench.frame import Table, arguments, import_from, in_turns, versions
 from vb_core.grid_map import GridMap
 
 
@@ -115,10 +115,7 @@ def main() -> int:
     for size in given.sizes:
         grid = house(*map(int, size.split("x")))
         for there in given.borders:
-            versions = {"this": Version(None, grid, there)}
-            if given.other:
-                versions["other"] = Version(given.other, grid, there)
-            actions = {name: one.operations() for name, one in versions.items()}
+            actions = {name: Version(source, grid, there).operations() for name, source in versions(given).items()}
             for operation in actions["this"]:
                 each = {name: some[operation] for name, some in actions.items()}
                 table.add(cells=size, there=there, operation=operation, **in_turns(each, given.rounds))

@@ -13,126 +13,22 @@ beside our own sounds, and never reset. The last rows are what was taken for a c
 
 from __future__ import annotations
 
-import re
 import sys
-import zlib
 from collections import Counter, defaultdict
 from pathlib import Path
-from typing import Dict, Iterable, List, NamedTuple
+from typing import Dict, List
 
-import av
 import numpy as np
-import soxr
 
 from bench.frame import Table, arguments, share
+from bench.voice.room import HALVES, RATE, Clip, Room, load, read_people, trimmed
 from vb_core.sounds import SOUNDS
-from vb_feedback.sound.tone_synthesis import RATE as TONE_RATE
-from vb_feedback.sound.tone_synthesis import synthesize
 from vb_voice_wizard.confirmation import ANSWERS
 from vb_voice_wizard.recognizer import PHRASES, CommandRecognizer
-from vb_voice_wizard.voice.listener import CommandListener, Heard
+from vb_voice_wizard.voice.listener import Heard
 
-RATE = 16000
-PIECE = RATE // 20  # a microphone's samples come in such pieces
-PEAK = 8000.0  # of a voice's loudest sample
-SNR_DB = 10.0  # of the kitchen
-HALVES = ("development", "judging")
 # what would move a robot, change a map or lose a drawing, if it were done at once
 CONSEQUENT = tuple(command for command in PHRASES if command != "stop" and command not in ANSWERS)
-AFTER = 1.2  # [s] of quiet after each utterance: more than ends it
-
-
-class Clip(NamedTuple):
-    """One recording: (N,) float64 at 16 kHz."""
-
-    kind: str
-    name: str
-    speaker: str
-    pcm: np.ndarray
-
-
-def load(path: Path) -> np.ndarray:
-    """Reads a recording as (N,) float64 at 16 kHz."""
-    resampler = av.AudioResampler(format="s16", layout="mono", rate=RATE)
-    with av.open(str(path), format="g722" if path.suffix == ".g722" else None) as file:
-        frames = [one for frame in [*file.decode(audio=0), None] for one in resampler.resample(frame)]
-    return np.concatenate([frame.to_ndarray()[0] for frame in frames]).astype(float)
-
-
-def speaker(path: Path) -> str:
-    """Names who speaks, by the habits of Speech Commands (a checksum) and the digits (a first name), else the file itself."""
-    hashed = re.search(r"([0-9a-f]{8})_nohash", path.name)
-    named = re.fullmatch(r"\d_([a-z]+)_\d+", path.stem)
-    return hashed.group(1) if hashed else named.group(1) if named else path.name
-
-
-def read_people(folder: Path, half: str) -> List[Clip]:
-    """Reads the recordings of one half of the speakers."""
-    number = HALVES.index(half)
-    return [
-        Clip(path.parent.name, path.stem, speaker(path), load(path))
-        for path in sorted(folder.glob("*/*"))
-        if zlib.crc32(speaker(path).encode()) % 2 == number
-    ]
-
-
-def trimmed(pcm: np.ndarray) -> np.ndarray:
-    """Returns a recording without the silence before and after it."""
-    loudness = np.convolve(np.abs(pcm), np.ones(320) / 320, "same")
-    loud = np.flatnonzero(loudness > 0.08 * loudness.max())
-    return pcm[loud[0] : loud[-1] + 1]
-
-
-def power(pcm: np.ndarray) -> float:
-    """Computes the mean power of where there is speech: of frames that are not 15 dB below the loudest."""
-    frames = pcm[: len(pcm) // 320 * 320].reshape(-1, 320)
-    powers = np.mean(frames**2, axis=1)
-    return float(powers[powers >= 0.03 * powers.max()].mean()) if len(powers) else 1.0
-
-
-class Room:
-    """A place with a background, in which one listener hears one thing after the other."""
-
-    def __init__(self, recognizer: CommandRecognizer, noise: Iterable[np.ndarray] = (), seed: int = 1) -> None:
-        self._listener = CommandListener(recognizer)
-        self._noise = list(noise)
-        self._random = np.random.default_rng(seed)
-        self._now = self.seconds = 0.0  # of what was played, without pauses between
-
-    def hear(self, clips: Iterable[np.ndarray], before: float = 0.5, sound: str = "", at: float = 0.0) -> List[Heard]:
-        """Streams recordings without a pause between them, then quiet; returns what became of each utterance.
-
-        Args:
-            before: [s] of quiet before.
-            sound: one of ours that plays too, [s] `at` from the beginning of the recordings, half as loud as they are.
-        """
-        spoken = np.concatenate([clip * (PEAK / max(1.0, np.abs(clip).max())) for clip in clips])
-        self.seconds += len(spoken) / RATE
-        pcm = np.concatenate([np.zeros(int(before * RATE)), spoken, np.zeros(int(AFTER * RATE))])
-        pcm += self._background(len(pcm), power(spoken))
-        plays = {}
-        if sound:
-            begin = max(0, int((before + at) * RATE))
-            tone = soxr.resample(synthesize(sound).astype(float), TONE_RATE, RATE)[: len(pcm) - begin]
-            pcm[begin : begin + len(tone)] += tone * (0.5 * PEAK / np.abs(tone).max())
-            plays[begin // PIECE] = sound
-        found = []
-        whole = np.pad(pcm, (0, -len(pcm) % PIECE)).clip(-32768, 32767).astype(np.int16)
-        for number, piece in enumerate(whole.reshape(-1, PIECE)):
-            if number in plays:
-                self._listener.play(plays[number], self._now)
-            self._now += PIECE / RATE
-            found += self._listener.push(piece, self._now)
-        return found
-
-    def _background(self, count: int, loudness: float) -> np.ndarray:
-        sound = self._random.normal(size=count) * 12.0  # the microphone's own
-        if self._noise:
-            others = np.zeros(count)
-            for one in self._noise:
-                others += np.resize(np.roll(one, -int(self._random.integers(len(one)))), count) / one.std()
-            sound += others * np.sqrt(loudness / 10 ** (SNR_DB / 10) / np.mean(others**2))
-        return sound
 
 
 def commands(found: List[Heard]) -> List[str]:
