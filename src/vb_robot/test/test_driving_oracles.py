@@ -166,16 +166,6 @@ def test_halting_stops_what_drives_with_the_faults_code():
     assert (halted.v, halted.w, halted.source, halted.code, halted.publish) == (0.0, 0.0, "navigation", "fault", True)
 
 
-def test_a_stop_ends_an_escape_and_the_wait_begins_again():
-    rig = Rig(grid=with_border(empty(), 4.0, 0.0, 8.0, 5.0), pose=(4.0 - RADIUS - 0.02, 2.5, math.pi))
-    rig.goal = True
-    assert rig.step(1.8).source == "escape"
-    rig.latch.stop("a", "test")
-    assert rig.step(0.3).source == "stop"
-    rig.latch.resume(rig.latch.number)
-    assert rig.step(1.3).source == "none" and rig.step(0.5).source == "escape"
-
-
 # ------------------------------------------------------------ the scan
 def scan_of(ranges, first, step, mount=np.eye(4), radius=0.18, **given_):
     return Scan(np.asarray(ranges, float), first, step, 0.12, 8.0, mount, radius, **given_)
