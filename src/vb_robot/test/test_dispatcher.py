@@ -145,13 +145,13 @@ def test_what_people_are_told():
 
 def test_that_nobody_sees_the_spot_and_no_robot_comes_is_told_once_it_lasts():
     lab = Lab()
-    lab.dispatcher.maps[""].view = None  # so that none can be sent
+    lab.dispatcher.maps[""].view = None  # a robot whose camera is not known is not sent
     lab.draw_until(EDGE + 0.05, robot_sees=False)
     lost, told = lab.now, []
     while not told and lab.now < lost + 10.0:
         lab.step(robot_sees=False)
         told += [lab.now - lost] if lab.dispatcher.notice else []
-    assert lab.dispatcher.notice.code == "spot_not_seen_no_robot" and 2.0 <= told[0] <= 3.5
+    assert lab.dispatcher.notice.code == "spot_not_seen_no_robot" and 2.0 <= told[0] <= 3.5 and not lab.sent
 
 
 def look(grid, drawing, robot):
@@ -202,10 +202,3 @@ def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit(
     robots = {"large": RobotStatus((5.0, 1.0, 1.5)), "small": RobotStatus((7.0, 1.0, 3.1))}
     decisions = dispatcher.decide(101.0, robots)
     assert decisions["small"] is not None and decisions["large"] is None
-
-
-def test_a_robot_whose_camera_is_not_known_is_not_sent():
-    lab = Lab()
-    lab.dispatcher.maps[""].view = None
-    lab.draw_until(EDGE)
-    assert not lab.sent
