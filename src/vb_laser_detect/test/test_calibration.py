@@ -14,7 +14,7 @@ from vb_laser_detect.calibration.calibration_file import CameraPose
 from vb_laser_detect.calibration import pose as pose_module
 from vb_laser_detect.calibration.pose import Correspondences, PoseEstimationParams, estimate_pose
 from vb_laser_detect.calibration.calibration_session import CalibrationSession, HeldSpot, describe, parse_numbers
-from vb_laser_detect.detection.projection import floor_points, pixels_of
+from vb_laser_detect.detection.projection import floor_points
 
 GRID = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
 SPREAD = np.array(
@@ -265,10 +265,3 @@ def test_an_unwritable_folder_is_reported(tmp_path):
     with pytest.raises(CodedError) as raised:
         calibration_file.save(tmp_path / "file" / "red.yaml", CameraPose("red", "map", "f", np.eye(4)), [])
     assert raised.value.code == "cannot_write"
-
-
-def test_projection_of_the_estimate_goes_back_to_the_pixels():
-    observed = observe(np.random.default_rng(10), 8, 0.0, 0.0)
-    estimate = estimate_pose(CAMERA, observed)
-    floor = np.column_stack([observed.points, np.zeros(8)])
-    assert np.abs(pixels_of(CAMERA, estimate.T_map_camera, floor) - observed.pixels).max() < 0.05
