@@ -16,13 +16,6 @@ def test_worlds_of_the_package_are_sound(path):
     assert world.robots and world.cameras and world.scenarios
 
 
-def test_two_robots_are_in_the_same_lab_under_names_of_their_own():
-    lab, two = load_world(str(WORLDS / "lab.yaml")), load_world(str(WORLDS / "two_robots.yaml"))
-    assert two.name != lab.name and [robot.namespace for robot in two.robots] == ["robot1", "robot2"]
-    assert (two.room, two.walls, two.furniture, two.cameras) == (lab.room, lab.walls, lab.furniture, lab.cameras)
-    assert set(two.scenarios) == set(lab.scenarios)
-
-
 def test_like_replaces_whole_keys_and_its_mistakes_are_named(tmp_path):
     (tmp_path / "base.yaml").write_text("name: base\nroom: {size: [4.0, 3.0]}\nrobots: [{name: a}, {name: b}]\n")
     (tmp_path / "other.yaml").write_text("like: base.yaml\nrobots: [{name: c}]\n")
