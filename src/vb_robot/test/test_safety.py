@@ -33,10 +33,6 @@ def scan(ranges, fov=360.0, range_min=0.12, **how):
     return Scan(ranges, -0.5 * step * (len(ranges) - 1), step, range_min, 8.0, np.eye(4), RADIUS, **how)
 
 
-def empty(width=8.0, height=5.0, resolution=0.025):
-    return GridMap(np.zeros((int(height / resolution), int(width / resolution)), dtype=np.int8), resolution)
-
-
 @settings(deadline=None)
 @given(st.floats(0.0, 2.0))
 def test_safe_speed_stops_in_time(free):
