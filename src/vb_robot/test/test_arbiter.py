@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vb_core.grid_map import GridMap
+from plain_rooms import empty
+
 from vb_core.poses import to_base
 from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import HeldStops, StopLatch
@@ -28,10 +29,6 @@ from vb_robot.floor_view import FloorView
 from vb_robot.spots import Sighting, Sightings
 
 DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.usual()
-
-
-def empty(width=8.0, height=5.0, resolution=0.025):
-    return GridMap(np.zeros((int(height / resolution), int(width / resolution)), dtype=np.int8), resolution)
 
 
 def with_border(grid, x0, y0, x1, y1):

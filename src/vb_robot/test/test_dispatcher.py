@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from plain_rooms import room
+
 from vb_core.grid_map import GridMap
 from vb_core.poses import to_base
 from vb_core.vocabulary import BORDER, DEFAULT
@@ -23,10 +25,7 @@ class Lab:
     """8 m x 5 m, a ceiling camera that sees x < 5 m, a spot that moves along y = 2.5 m, a robot that jumps."""
 
     def __init__(self, robot=(7.0, 1.0, 0.0)):
-        data = np.zeros((100, 160), dtype=np.int8)
-        data[[0, -1]] = 100
-        data[:, [0, -1]] = 100
-        grid = GridMap(data, 0.05)
+        grid = room()
         self.dispatcher = Dispatcher({"": 0.18})
         self.dispatcher.maps[""].view = VIEW
         self.dispatcher.maps[""].set_map(grid)
@@ -187,14 +186,12 @@ def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
 
 
 def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit():
-    data = np.zeros((100, 160), dtype=np.int8)
-    data[[0, -1]] = 100
-    data[:, [0, -1]] = 100
-    data[:, 80] = 100
-    data[45:53, 80] = 0  # a gap of 0.4 m
+    parted = room()
+    parted.data[:, 80] = 100
+    parted.data[45:53, 80] = 0  # a gap of 0.4 m
     dispatcher = Dispatcher({"large": 0.18, "small": 0.10})
     for known in dispatcher.maps.values():
-        known.set_map(GridMap(data, 0.05))
+        known.set_map(parted)
         known.view = VIEW
     dispatcher.sightings.set_state(BORDER, "a", 100.0)
     for i in range(10):

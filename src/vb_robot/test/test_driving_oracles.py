@@ -7,7 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from test_arbiter import PROFILE, Rig, empty, with_border
+from plain_rooms import empty
+from test_arbiter import PROFILE, Rig, with_border
 
 from vb_core import geometry
 from vb_core.navigation_parameters import PATH_MARGIN

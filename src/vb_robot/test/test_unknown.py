@@ -9,7 +9,8 @@ import pytest
 import roslaunch
 import roslib.packages
 
-from test_arbiter import DT, PROFILE, Rig, empty
+from plain_rooms import empty
+from test_arbiter import DT, PROFILE, Rig
 
 from vb_core.errors import ParameterError
 from vb_core.robot_profile import KINDS, RobotProfile
