@@ -70,6 +70,14 @@ def test_what_stands_beside_its_way_is_passed_and_what_stands_in_it_is_not(v, si
         assert post.free_distance(v, wide, RADIUS, KEEP) == math.inf
 
 
+@pytest.mark.parametrize("w", [0.0, 0.2, -0.2])
+@pytest.mark.parametrize("v", [0.2, -0.2])
+def test_a_post_on_its_arc_is_as_far_as_the_arc_is_long(v, w):
+    (x, y) = arc((0.0, 0.0, 0.0), np.array([math.copysign(0.7, v)]), w / v)[0]
+    post = Scan([math.hypot(x, y)], math.atan2(y, x), 0.01, 0.1, 8.0, np.eye(4), RADIUS)
+    assert post.free_distance(v, w, RADIUS, KEEP) == pytest.approx(0.7 - RADIUS - KEEP.ahead, abs=1e-6)
+
+
 @pytest.mark.parametrize("room", [0.05, 0.1])
 @pytest.mark.parametrize("age", [0.0, 0.1, 0.25])
 def test_it_stops_before_what_it_saw_however_old_the_scan_is_and_uses_the_room_it_has(age, room):
