@@ -6,6 +6,7 @@ import signal
 import unittest
 from xmlrpc.client import ServerProxy
 
+import numpy as np
 import rosgraph
 import rospy
 import rostest
@@ -233,6 +234,24 @@ class DriverTest(unittest.TestCase):
 
         wait_until(stops, lambda: f"the robot to stop; {self.drivers}")
         navigation.unregister()
+
+    def test_the_active_source_and_its_code_are_reported_twice_a_second(self):
+        type(self).wish = (0.05, 0.2)
+        self.wait_driven()
+        said = []
+        listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
+
+        def newest():
+            return [one for one in said if one.robot == ""][-5:]
+
+        # on a busy computer an input may come late meanwhile, which is another report
+        wait_until(
+            lambda: [(one.source, one.code) for one in newest()] == 5 * [("navigation", "driving")],
+            lambda: f"five reports without a change; {newest()}",
+        )
+        listener.unregister()
+        gaps = np.diff([one.header.stamp.to_sec() for one in newest()])
+        self.assertTrue((gaps > 0.4).all(), gaps)  # at most twice; how late on a busy computer does not matter
 
     def test_notices_are_cleared_by_code_and_robot(self):
         self.publish_border()
