@@ -324,6 +324,20 @@ def test_a_code_has_one_sentence():
     assert own_sentences(ast.parse("Issue(WARNING, 'no_effect', 'it has none')")) == ["no_effect"]
 
 
+def test_a_code_that_comes_without_a_sentence_has_one_in_the_catalogue():
+    used = set()
+    for path in TOP.glob("src/*/src/**/*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+                name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+                if name in ("Notice", "warn", "warning") or name.endswith("Error") and len(node.args) == 1:
+                    used.add(node.args[0].value)
+            elif path.name == "lab_checks.py" and isinstance(node, ast.Constant) and str(node.value).startswith("lab_"):
+                used.add(node.value)
+    codes = {code for code in used if re.fullmatch("[a-z0-9]+(_[a-z0-9]+)+", str(code))}
+    assert len(codes) > 100 and codes <= set(sentences.catalog())
+
+
 def read_glossary():
     """Reads the words that docs/glossary.md replaces."""
     table = (TOP / "docs" / "glossary.md").read_text(encoding="utf-8").split("| not | but |")[1]

@@ -4,15 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from vb_core.sounds import SOUNDS
 from vb_core.vocabulary import STATES
 from vb_feedback import kobuki_feedback_node
 from vb_feedback.kobuki_feedback_node import KobukiFeedbackNode
 from vb_msgs.msg import InteractionState
-
-
-def test_answers_differ_and_a_tick_is_not_beeped():
-    assert SOUNDS["success"].beep != SOUNDS["error"].beep and not SOUNDS["tick"].beep
 
 
 @pytest.mark.parametrize("stopped, expected", [(False, "BLACK"), (True, "RED")])

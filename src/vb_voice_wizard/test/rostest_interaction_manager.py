@@ -207,17 +207,6 @@ class InteractionManagerTest(unittest.TestCase):
             self.stub.preview_answer = original
         self.preview.wait(lambda message: not message.interaction_id and not message.available, "the cleared preview")
 
-    def test_the_record_names_the_cameras(self):
-        def tried():
-            # nothing tells when the manager has heard the progress: try until it had before the end
-            self.command("define_border")
-            identity = self.state.wait(lambda message: message.interaction_id, "an interaction").interaction_id
-            self.progress.publish(interaction_id=identity, cameras=["red", "robot"])
-            self.command("cancel")
-            return self.records()[-1]["cameras"] == ["red", "robot"]
-
-        wait_until(tried, "the cameras in the record")
-
     def test_refusals_of_neighbours_reach_the_person(self):
         self.command("define_border")
         self.command("define_seed")
@@ -232,18 +221,6 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual((answer.code, answer.message), ("no_separation", sentences.translate("no_separation")))
         state = self.state.wait(lambda message: message.last_code == "no_separation", "the refusal in the state")
         self.assertEqual((state.name, state.interaction_id, state.last_success), ("seed", identity, False))
-
-    def test_neighbours_that_are_away_lose_nothing(self):
-        self.command("define_border")
-        self.command("define_seed")
-        self.stub.withdraw()
-        self.stub.offer(add=False)
-        answer = self.command("save")
-        self.assertEqual((answer.success, answer.code), (False, "no_service"))
-        self.assertIn("map integrator is not running", answer.message)
-        self.stub.withdraw()
-        self.stub.offer()
-        self.save()
 
     def hang_while_saving(self):
         """A save whose answer comes too late; gives what it was answered, and what lets the integrator go on."""
