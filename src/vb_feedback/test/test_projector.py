@@ -183,12 +183,6 @@ def test_whatever_is_drawn_nothing_breaks(chain):
     assert shown.shape == (400, 640, 3)
 
 
-def test_the_calibrations_own_pictures():
-    for number in range(len(markers(*SIZE))):
-        shown = floor_image.draw_calibration_image(*SIZE, number)
-        assert [shown[row, column].max() for column, row in np.rint(markers(*SIZE)).astype(int)].index(255) == number
-
-
 # ----------------------------------------------------------------- the window
 @pytest.fixture
 def screen():
