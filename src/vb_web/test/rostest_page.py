@@ -30,7 +30,7 @@ from vb_core.ros.notices import NoticePublisher
 from vb_evaluation.processes import free_port
 from vb_msgs.msg import DetectorStatus, DriverState, InteractionState, LaserSpot, StudyEvent
 from vb_msgs.msg import RobotStatus, RobotStatusArray, Stop, VirtualBorder, VirtualBorderArray
-from vb_msgs.srv import AddBorder
+from vb_msgs.srv import AddBorder, RemoveBorder
 
 CARPET = [[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]]
 
@@ -79,6 +79,11 @@ class PageTest(unittest.TestCase):
         if self.browser.run("return document.body.dataset.mode != 'look' || document.getElementById('dialog').open"):
             self.browser.driver.refresh()  # what failed before leaves nothing behind
         self.browser.wait_ready()
+        for border in self.borders():
+            rospy.ServiceProxy(names.REMOVE_BORDER, RemoveBorder)(id=border.id, source="test")
+        self.wait_borders(0)
+        self.browser.wait("!document.querySelector('#borders .name')", what="a page without borders")
+        self.browser.faults()  # of other tests
         # a banner that goes moves the map
         self.browser.wait("!document.getElementById('banners').textContent", what="a page with nothing to say")
 
@@ -116,16 +121,6 @@ class PageTest(unittest.TestCase):
         answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
         self.assertTrue(answer.success, answer.message)
         self.browser.wait_text("#borders", shown)
-
-    def remove_all(self):
-        while self.borders():
-            left = len(self.borders()) - 1  # counted before: the removal may be heard at once
-            self.browser.wait(
-                "document.querySelectorAll('#borders .name').length == arguments[0]", left + 1, what="the borders"
-            )
-            self.browser.click("#borders .name")
-            self.browser.click("#dialog button", "Remove")
-            self.wait_borders(left)
 
     def resume(self):
         self.browser.click("#resume", "Resume")
@@ -205,7 +200,9 @@ class PageTest(unittest.TestCase):
                 part,
                 what=f"'{part}' in the history",
             )
-        self.remove_all()
+        self.browser.click("#borders .name")
+        self.browser.click("#dialog button", "Remove")
+        self.wait_borders(0)
         self.assertEqual(self.browser.faults(), [])
 
     def test_2_corners_times_and_a_wall(self):
@@ -299,7 +296,6 @@ class PageTest(unittest.TestCase):
         wall = self.wait_borders(2)[-1]
         self.assertEqual(wall.kind, VirtualBorder.VIRTUAL_WALL)
         self.browser.wait_text("#borders", "Wall ")  # nobody named it
-        self.remove_all()
         self.assertEqual(self.browser.faults(), [])
 
     def test_2a_a_second_tap_a_second_finger_a_turned_phone_and_back(self):
@@ -363,7 +359,6 @@ class PageTest(unittest.TestCase):
             dialog.close()"""
         )
         self.assertIsNone(under)
-        self.remove_all()
         self.assertEqual(self.browser.faults(), [])
 
     # ------------------------------------------------------------- interaction
@@ -471,7 +466,6 @@ class PageTest(unittest.TestCase):
         self.browser.wait("!document.getElementById('resume').getClientRects().length", what="no Resume")
         self.assertEqual(self.browser.run("return document.querySelectorAll('#placed .knob').length"), 1)
         self.browser.click("#review button", "Cancel")
-        self.remove_all()
 
     def test_3ab_two_fingers_enlarge_the_page_and_stop_keeps_its_place_on_the_screen(self):
         with self.small_phone(mobile=True) as small:
@@ -627,7 +621,6 @@ class PageTest(unittest.TestCase):
                 properties.split(),
             )
             self.assertEqual((len(seen), len(set(seen))), (3, 3), f"{selector}: {seen}")
-        self.remove_all()
 
     def test_3b_a_manager_that_hangs_is_told_with_the_age_of_what_is_shown(self):
         with self.halted_manager(signal.SIGCONT):
@@ -654,7 +647,6 @@ class PageTest(unittest.TestCase):
         self.browser.click("#review button", "Save")
         self.wait_borders(1)
         self.browser.click("#zoom-fit")
-        self.remove_all()
 
     def test_4_stop_reaches_robots_without_the_manager_and_one_of_them_tells_it(self):
         self.heard.pop(names.STOP, None)
@@ -766,7 +758,6 @@ class PageTest(unittest.TestCase):
             small.resize((640, 360))
             small.click("#review button", "Abbrechen")
             self.assertEqual(small.faults(), [])
-        self.remove_all()
 
     def test_5b_each_robot_has_a_line_and_each_camera_its_picture_below_its_line(self):
         driver = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
@@ -800,7 +791,6 @@ class PageTest(unittest.TestCase):
         self.browser.wait_text("#drivers", "the program that drives it is not responding")
         self.browser.run("document.getElementById('health').open = false")
         self.browser.wait("!document.querySelector('#cameras img')", what="no picture in a closed list")
-        self.browser.faults()  # a picture that was asked for when its camera was gone
 
     def test_6_a_spot_is_seen_and_text_stays_text(self):
         spot = LaserSpot(camera="red")
@@ -828,7 +818,6 @@ class PageTest(unittest.TestCase):
             what="the second request",
         )
         self.browser.run("window.virtualBorders.map.picture('floor', '')")
-        self.browser.faults()  # the browser's console has each failed request
 
     def test_6c_a_robot_in_a_border_is_a_problem_and_a_monitor_that_fell_silent_is_told(self):
         self.restart_page()  # without the cameras and robots of other tests
