@@ -216,6 +216,15 @@ def test_pure_modules_load_without_ros(package):
     assert done.returncode == 0, done.stderr
 
 
+def test_every_module_loads():
+    modules = [
+        module_name(path) for path in sorted(TOP.glob("src/*/src/*/**/*.py")) if path.stem not in ("setup", "__main__")
+    ]
+    code = "import importlib, sys\nfor module in sys.argv[1:]: importlib.import_module(module)"
+    done = subprocess.run([sys.executable, "-c", code, *modules], stderr=subprocess.PIPE, universal_newlines=True)
+    assert done.returncode == 0, done.stderr
+
+
 # ------------------------------------------------------------ docs/explanation/architecture.md
 def test_what_was_removed_from_a_launch_file_is_gone_at_the_next_start():
     # parameters outlive their nodes on the ROS master: a misspelt one would kill its node until the master is restarted

@@ -116,7 +116,9 @@ def assert_ends_with_one_line(package, executable, cases, **options):
     """
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     started = [
-        spawn(["rosrun", package, executable, f"__name:=bad_{k}", *arguments], text=True, **pipes, **options)
+        spawn(
+            ["rosrun", package, executable, f"__name:=bad_{executable}_{k}", *arguments], text=True, **pipes, **options
+        )
         for k, (arguments, _word) in enumerate(cases)
     ]
     for process, (arguments, word) in zip(started, cases):
