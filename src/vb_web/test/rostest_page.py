@@ -108,16 +108,8 @@ class PageTest(unittest.TestCase):
 
     def store_carpet(self, name="Rug", shown="Rug", **fields):
         """A border that a test only needs to be there."""
-        border = VirtualBorder(
-            name=name,
-            kind=VirtualBorder.POLYGON,
-            enabled=True,
-            occupancy=1.0,
-            points=[Point(x, y, 0.0) for x, y in CARPET],
-            seed=Point(4.0, 1.5, 0.0),
-        )
-        for field, value in fields.items():
-            setattr(border, field, value)
+        border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0, **fields)
+        border.points, border.seed = [Point(x, y, 0.0) for x, y in CARPET], Point(4.0, 1.5, 0.0)
         answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
         self.assertTrue(answer.success, answer.message)
         self.browser.wait_text("#borders", shown)
