@@ -135,22 +135,7 @@ class InteractionManagerTest(unittest.TestCase):
             chain=[point(0, 0), point(1, 0), point(1, 1)],
         )
 
-    def test_save_saves_the_border_that_was_previewed(self):
-        self.command("define_border")
-        identity = self.in_state("border").interaction_id
-        self.progress.publish(interaction_id=identity, border_spots=5)
-        self.command("define_seed")
-        self.draw(identity)
-        shown = self.preview.wait(
-            lambda message: message.available and message.interaction_id == identity, "the preview"
-        )
-        asked = len(self.stub.candidates)
-        self.save()
-        self.assertEqual(self.stub.added[-1].border.points, shown.border.points)
-        self.assertEqual(self.stub.added[-1].border.seed, shown.border.seed)
-        self.assertEqual(len(self.stub.candidates), asked)  # it is not extracted again
-
-    def test_the_preview_follows_what_is_drawn(self):
+    def test_the_preview_follows_what_is_drawn_and_is_what_is_saved(self):
         self.command("define_border")
         identity = self.in_state("border").interaction_id
         nothing = self.preview.wait(lambda message: message.interaction_id == identity, "a preview of nothing yet")
@@ -181,8 +166,13 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertFalse(away.available)
         self.assertIn("is not running", away.message)
         self.stub.offer()
-        self.preview.wait(lambda message: message.available, "the neighbour that is back")
+        shown = self.preview.wait(lambda message: message.available, "the neighbour that is back")
+        asked = len(self.stub.candidates)
         self.save()
+        # the border that was shown is saved: it is not extracted again
+        saved = self.stub.added[-1].border
+        self.assertEqual((saved.points, saved.seed), (shown.border.points, shown.border.seed))
+        self.assertEqual(len(self.stub.candidates), asked)
         self.preview.wait(lambda message: not message.interaction_id and not message.available, "the cleared preview")
 
     def test_a_preview_without_an_answer_holds_nobody_up(self):
