@@ -10,14 +10,6 @@ WIDE = CameraModel(
 )
 
 
-@pytest.mark.parametrize("camera", [CameraModel.ideal(640, 480, 577.0), WIDE])
-def test_project_and_rays_are_inverse_over_the_whole_image(camera):
-    columns, rows = np.meshgrid(np.linspace(0, camera.width - 1, 25), np.linspace(0, camera.height - 1, 15))
-    pixels = np.column_stack([columns.ravel(), rows.ravel()])
-    rays = camera.rays(pixels)
-    assert np.abs(camera.project(rays * 3.7) - pixels).max() < 0.01
-
-
 @pytest.mark.parametrize(
     "distortion", [np.zeros(5), WIDE.distortion, [0.1, 0.02, 0, 0, 0.01, 0.05, 0.01, 0.003], np.full(12, 1e-3)]
 )

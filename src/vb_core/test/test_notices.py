@@ -42,12 +42,6 @@ def test_a_stop_of_all_robots_is_not_said_again_of_each_one():
     assert [notice.code for notice in book.current(0.0)] == ["stopped"]
 
 
-def test_a_sentence_by_language_or_else_the_message():
-    notice = Notice("no_response", values={"who": "lidar"}, message="of another version")
-    assert notice.sentence("de") == "lidar antwortet nicht."
-    assert Notice("unheard_of", message="It rains.").sentence("de") == "It rains."
-
-
 def test_that_a_camera_has_no_pose_is_told_once_if_its_calibration_says_why():
     book = ActiveNotices()
     book.update(

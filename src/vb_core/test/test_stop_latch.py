@@ -22,16 +22,6 @@ def test_a_resume_releases_only_the_stop_that_its_sender_saw():
     assert latch.resume(latch.number) and not latch.stopped
 
 
-def test_a_stop_that_was_forgotten_and_comes_again_does_not_make_an_old_resume_valid():
-    latch = StopLatch()
-    latch.stop("a", "page")
-    old = latch.number
-    for number in range(stop_latch.KEPT):
-        latch.stop(f"b{number}", "page")
-    latch.stop("a", "a robot that still holds it")
-    assert not latch.resume(old) and latch.stopped
-
-
 def test_one_press_that_comes_twice_is_one_stop_even_after_it_was_released():
     latch = StopLatch()
     assert latch.stop("a", "page") and not latch.stop("a", "page")
@@ -85,19 +75,6 @@ def test_a_disk_that_has_room_again_is_written(tmp_path, monkeypatch):
     assert not latch.store()
     monkeypatch.undo()
     assert latch.store() and StopLatch(path).stops[-1] == "a"
-
-
-def test_a_robot_keeps_a_stop_that_the_latch_does_not_know():
-    robot = HeldStops()
-    robot.hear("a")
-    robot.hear("b")
-    robot.follow(False, ["x", "b"])
-    assert robot.ids == ("a", "b") and robot.stopped
-    robot.follow(True, ["x", "b", "a"])
-    robot.follow(False, [])  # a manager that knows of nothing
-    assert robot.stopped
-    robot.follow(False, ["b", "a"])
-    assert not robot.stopped
 
 
 def full_disk(path, _content):

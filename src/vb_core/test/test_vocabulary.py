@@ -3,7 +3,7 @@
 import pytest
 
 from vb_core import sentences
-from vb_core.vocabulary import COMMANDS, STATES, normalize, spoken_form, state_of, tables
+from vb_core.vocabulary import COMMANDS, STATES, normalize, spoken_form, state_of
 
 
 def test_a_state_that_is_not_known_makes_nothing_happen():
@@ -35,9 +35,3 @@ def test_each_row_has_its_words(language):
     for name in COMMANDS:
         assert known[f"command_{name}"] and known[f"page_command_{name}"]
     assert {state.prompt for state in STATES.values()} - {""} <= set(known)
-
-
-def test_the_page_gets_plain_values():
-    page = tables()
-    assert [row["name"] for row in page["states"]] == list(STATES)
-    assert {row["name"]: row["spoken"] for row in page["commands"]} == {name: spoken_form(name) for name in COMMANDS}

@@ -4,7 +4,7 @@ import pytest
 
 from vb_core import sentences
 from vb_core.offer import ConnectedRobot
-from vb_core.zones import KEEP_OUT, ZONES, table, zone_of
+from vb_core.zones import KEEP_OUT, ZONES, zone_of
 from vb_msgs.msg import VirtualBorder
 
 
@@ -31,7 +31,3 @@ def test_a_zone_changes_the_map_or_limits_the_speed():
 def test_each_zone_has_its_words(language):
     known = sentences.catalog(language)
     assert all(known[f"page_zone_{name}"] and known[f"border_unkept_{name}"] for name in ZONES)
-
-
-def test_the_page_gets_plain_values_the_usual_zone_first():
-    assert [row["name"] for row in table()] == list(ZONES) and table()[0]["name"] == KEEP_OUT.name

@@ -13,7 +13,7 @@ from vb_laser_detect.calibration.board import BoardParams, BoardView
 from vb_laser_detect.calibration.lens import LensCalibration
 from vb_laser_detect.camera import controls, lens_file
 from vb_laser_detect.camera.delay import brightness, measure_delay
-from vb_laser_detect.camera.exposure import Look, find_exposure
+from vb_laser_detect.camera.exposure import TOO_BRIGHT, Look, find_exposure, saturated_share
 from vb_laser_detect.camera.settings_file import set_capture
 from vb_laser_detect.camera.source import CaptureParams
 
@@ -153,6 +153,15 @@ def test_a_window_in_the_image_keeps_the_exposure_short():
         return Look(min(255.0, 0.5 * exposure), 0.2 if exposure > 60 else 0.0)
 
     assert 40 < find_exposure(camera) <= 62
+
+
+def test_the_saturated_share_is_that_of_the_surface_and_a_spot_is_none():
+    image = np.full((480, 640, 3), 120, np.uint8)
+    image[100:104, 200:204] = 255  # a laser spot
+    assert saturated_share(image) <= 64 / (480 * 640)
+    image[:, :160] = 255
+    assert saturated_share(image) == saturated_share(image[:, :, 0]) == 0.25 > TOO_BRIGHT
+    assert saturated_share(np.zeros((0, 0), np.uint8)) == 0.0
 
 
 # ------------------------------------------------------------- controls

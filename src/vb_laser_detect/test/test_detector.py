@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from scenes import GREEN, RED, FlatFloor, ImageDetector, Scene, tinted
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import CodedError
 from vb_laser_detect.detection.features import SpotClassifier
 from vb_laser_detect.detector import DetectorParams
 
@@ -271,13 +271,6 @@ def test_a_doubtful_spot_that_stays_is_learnt():
 
 
 # ------------------------------------------------------------------ confirmation, sizes, places
-def test_one_flash_is_not_confirmed_but_a_drawn_spot_is():
-    scene, detector = Scene(), ImageDetector(DetectorParams.stationary(confirm_frames=3))
-    feed(detector, [scene.render() for _ in range(6)])
-    assert detector.detect(scene.render([(100, 100)]), 0.30) == []
-    assert detector.detect(scene.render(), 0.34) == []
-    found = feed(detector, [scene.render([(300 + 4 * i, 200)]) for i in range(6)], 1.0)
-    assert [len(spots) for spots in found] == [0, 0, 1, 1, 1, 1]
 
 
 def test_a_confirmed_stroke_gives_back_its_first_spots():
@@ -507,48 +500,6 @@ def test_time_that_jumps_back_and_images_that_change_size():
     assert len(detector.detect(small.render([(100, 100)]), 5.5)) == 1
     feed(detector, [large.render() for _ in range(5)], 6.0)
     assert len(detector.detect(large.render([(100, 100)]), 6.5)) == 1
-
-
-def test_bad_parameters_name_their_key():
-    with pytest.raises(ParameterError) as raised:
-        DetectorParams.from_mapping({"confirm_frames": 0})
-    assert raised.value.key == "confirm_frames"
-    with pytest.raises(ParameterError):
-        DetectorParams.from_mapping({"colour": "red"})
-
-
-def test_light_without_colour_counts_once_it_was_followed_for_longer_than_a_step_takes():
-    # what shines on a shoe is as round, bright and sudden as a spot; it goes along with the shoe for a part of a step
-    white, scene = (1.0, 1.0, 1.0), Scene()
-
-    def told(color, images):
-        detector = ImageDetector(DetectorParams.mobile())
-        feed(detector, [scene.render() for _ in range(8)])
-        places = [(100 + 8.0 * i, 150) for i in range(images)]
-        spots = feed(detector, [scene.render([place], color=color) for place in places], 8 * PERIOD)
-        return [bool(found) for found in spots], len(detector.earlier)
-
-    assert not any(told(white, 12)[0])
-    spots, backfilled = told(white, 17)
-    # what was drawn until then is not lost
-    assert spots == [False] * 15 + [True] * 2 or spots == [False] * 16 + [True] and backfilled >= 15
-    assert told(GREEN, 12)[0] == [False] * 2 + [True] * 10
-
-
-@pytest.mark.parametrize("bayer, weaker", [(False, True), (True, False)])
-def test_a_newcomer_does_not_take_the_drawn_spot_s_place(bayer, weaker):
-    # beside a moving laser a weaker white light on colour images, beside one that is held an equal red one on mosaics
-    scene, detector = tinted(Scene()), ImageDetector(DetectorParams.stationary())
-    detector.bayer = bayer
-    feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
-    color, power, found = ((1.0, 1.0, 1.0), 250.0, []) if weaker else (RED, 420.0, [])
-    for i in range(60):
-        place = (80 + (5.0 * i if weaker else 0.2 * (i % 5)), 200)
-        image = scene.render([place], bayer=bayer)
-        if i >= 15:
-            image = np.maximum(image, scene.render([(500, 80)], color=color, power=power, bayer=bayer))
-        found.append(detector.detect(image, 0.4 + PERIOD * i))
-    assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in found[4:])
 
 
 @pytest.mark.parametrize("bayer", [False, True])

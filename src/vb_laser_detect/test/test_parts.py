@@ -15,14 +15,7 @@ from vb_core.errors import CodedError
 from vb_core.image_format import PixelReader
 from vb_laser_detect.detection import features
 from vb_laser_detect.detector import DetectorParams, Spot
-from vb_laser_detect.detection.background import (
-    Background,
-    block_maxima,
-    blocks_around,
-    find_regions,
-    mask_of_blocks,
-    max_channel,
-)
+from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, find_regions, max_channel
 from vb_laser_detect.detection.debug_image import draw_candidates
 
 from vb_laser_detect.detection.projection import ProjectionParams
@@ -64,37 +57,6 @@ def test_a_background_in_new_light_keeps_its_texture_and_takes_no_spot_in(bayer)
     assert np.abs(relit.astype(int) - lit)[10:-10, 75:-10].max() < 10
     # on its dark side, too
     assert np.abs(relit.astype(int) - before)[10:-10, 10:45].max() < 5
-
-
-def test_mask_covers_its_blocks():
-    blocks = np.zeros((4, 5), bool)
-    blocks[1, 2] = True
-    mask = mask_of_blocks(blocks, 35, 43)
-    assert mask.sum() == 64 and mask[8:16, 16:24].all()
-
-
-def test_background_takes_in_what_stays_and_leaves_out_what_is_a_spot():
-    floor = np.full((64, 64), 100, np.uint8)
-    changed = floor.copy()
-    changed[8:16, 8:16] = 200
-    changed[32:40, 32:40] = 200
-    background = Background(floor)
-    spots = np.zeros((8, 8), bool)
-    spots[4, 4] = True
-    for _ in range(80):
-        maxima, _ = background.subtract_background(changed, None)
-        background.update(changed, maxima, maxima > 18, spots, 0.04)
-    assert (background.image[8:16, 8:16] == 200).all()
-    assert (background.image[32:40, 32:40] == 100).all()
-
-
-def test_background_follows_a_slow_drift():
-    background = Background(np.full((64, 64), 100, np.uint8))
-    for i in range(500):
-        image = np.full((64, 64), 100 + i // 25, np.uint8)
-        maxima, _ = background.subtract_background(image, None)
-        background.update(image, maxima, maxima > 18, np.zeros((8, 8), bool), 0.04)
-    assert abs(int(background.image.mean()) - 119) <= 4
 
 
 def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():

@@ -16,7 +16,6 @@ from vb_laser_detect.detection.projection import (
     GROUND_PLANE,
     GROUND_PLANE_FALLBACK,
     FloorProjection,
-    depth_at,
     floor_points,
     pixels_of,
 )
@@ -173,8 +172,3 @@ def test_points_above_and_below_the_floor_are_rejected():
         with pytest.raises(CodedError) as raised:
             FloorProjection().with_depth(ROBOT, T, 320, 300, scale * depth_image(T, small, "m"))
         assert raised.value.code == "not_on_floor"
-
-
-def test_depth_outside_its_image():
-    assert depth_at(np.ones((4, 4)), np.array([9.0, 1.0])) is None
-    assert depth_at(np.ones((4, 4)), np.array([np.nan, 1.0])) is None

@@ -1,17 +1,14 @@
 """What the nodes make of messages, without a master: descriptions of cameras, depth, other cameras."""
 
-import gc
 import threading
 import time
-import weakref
 from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 import rospy
-from sensor_msgs.msg import CompressedImage, Image
-from std_msgs.msg import Header
+from sensor_msgs.msg import CompressedImage
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
@@ -20,8 +17,7 @@ from vb_core.notices import Severity
 from vb_core.ros import cameras
 from vb_core.ros.images import compressed_encoding, array_from_compressed_image
 from vb_core.ros.node import Mailbox
-from vb_laser_detect import calibrate_camera_node, spot_detector_node
-from vb_laser_detect.detection.detector_counts import DetectorCounts
+from vb_laser_detect import calibrate_camera_node
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect import camera_feed, camera_geometry, detector_diagnostics
 from vb_laser_detect.camera.source import CameraSource, CaptureParams, Shot
@@ -83,18 +79,6 @@ def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
     assert report.codes == ["unsupported_camera"]
     with pytest.raises(CodedError):
         info.model_for((480, 640))
-
-
-def test_depth_of_another_frame_is_not_used():
-    report = Faults()
-    topic = camera_geometry.DepthTopic("/depth/image_raw", "/depth/camera_info", report)
-    depth = np.full((48, 64), 1500, np.uint16)
-    topic._images.append(
-        Image(Header(stamp=rospy.Time(5), frame_id="depth_frame"), 48, 64, "16UC1", 0, 128, depth.tobytes())
-    )
-    assert topic.nearest(rospy.Time(5), "color_frame") == (None, None)
-    assert report.codes == ["depth_not_registered"]
-    assert topic.nearest(rospy.Time(5), "depth_frame")[0].shape == (48, 64)
 
 
 def test_ceiling_cameras_that_share_a_frame_are_named():
@@ -199,16 +183,6 @@ def test_a_camera_that_the_detector_reads_says_why_it_is_silent_and_nothing_else
     assert red.told() == [("camera_silent", Severity.ERROR, "red")]
 
 
-def test_a_fault_is_told_for_as_long_as_it_is_met(report):
-    red = report()
-    play(red, 100.0, 108.0)
-    red.fault(CodedError("bad_image", "the image is empty"))
-    [told] = red.notices()
-    assert (told.code, told.severity, told.sentence()) == ("bad_image", Severity.WARNING, "the image is empty")
-    play(red, 108.0, 116.0)
-    assert red.told() == []
-
-
 def test_a_rate_that_varies_about_the_limit_is_told_throughout(report):
     red, told = report(), []
     for now in range(100, 160):
@@ -245,39 +219,6 @@ def test_a_robots_camera_is_not_to_be_calibrated_because_the_robot_is_lost(repor
         assert "red_frame" in red.notices()[0].sentence()
 
 
-def test_an_image_without_a_place_is_freed_at_once():
-    """Thirty megabytes a second would wait for the garbage collector otherwise."""
-
-    class Unplaced:
-        def geometry_of(self, *_arguments):
-            try:
-                raise KeyError("tf")
-            except KeyError:
-                raise CodedError("no_transform", "no pose") from None
-
-    node = spot_detector_node.SpotDetectorNode.__new__(spot_detector_node.SpotDetectorNode)
-    node._camera_geometry, node._report = Unplaced(), Faults()
-
-    def search():
-        image = np.zeros((4, 4), np.uint8)
-        frame, unplaced = node._place("red_frame", rospy.Time(5), Picture(image, "mono"), 1)
-        assert frame is None and unplaced.code == "no_transform" and unplaced.message == "no pose"
-        return weakref.ref(image)
-
-    gc.disable()
-    try:
-        assert search()() is None
-    finally:
-        gc.enable()
-
-
-def test_counts_are_the_status_s_fields():
-    counts = DetectorCounts()
-    counts.count_image(10.0, 9.98, 0.002, 1)
-    status = DetectorStatus(camera="red", **counts.summary(10.5))
-    assert (status.processed, status.spots, status.rejections) == (1, 1, []) and status.rate_hz > 0.0
-
-
 def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
     monkeypatch.setattr(
         rospy,
@@ -303,11 +244,3 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
 def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
     message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
     assert compressed_encoding(message, array_from_compressed_image(message)) == encoding
-
-
-def test_a_camera_info_that_others_of_the_process_get_too_is_left_as_it_came():
-    topic = camera_geometry.InfoTopic("camera_info", Faults())
-    message = cameras.info_from_camera(CameraModel.ideal(640, 480, 500.0), rospy.Time(5), "optical")
-    topic._on_info(message)
-    assert message.header.frame_id == "optical" and message.header.stamp == rospy.Time(5)
-    assert topic.model_for((480, 640)).width == 640

@@ -10,7 +10,8 @@ import rostest
 
 from faulty_move_base import FaultyMoveBase
 from move_base_msgs.msg import MoveBaseActionGoal
-from stimulus import Body, Stimulus, assert_bad_parameter_is_named, room
+from plain_rooms import room
+from stimulus import Body, Stimulus, assert_bad_parameter_is_named
 from vb_testing import wait_until
 
 from vb_core import names
@@ -44,7 +45,7 @@ class DispatcherTest(unittest.TestCase):
         self.stop_drawing()
         for base in self.bases.values():
             base.recover()
-        self.publish_maps(room())
+        self.publish_maps(room(6.0))
         self.ada.pose, self.bob.pose = (5.0, 2.5, 0.0), (5.4, 0.6, 0.0)
         self.stimulus.spot_frame = "map"
         self.words.clear()
@@ -144,7 +145,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertEqual(len(self.goals("bob")), 1, "a free robot comes first")
 
     def test_borders_for_one_robot_do_not_hold_the_other(self):
-        grid = room()
+        grid = room(6.0)
         data = grid.data.copy()
         data[:, 10:75] = 100  # bob is to keep out of where the spot is
         self.publish_maps(grid.with_data(data), "bob")

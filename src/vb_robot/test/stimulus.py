@@ -9,23 +9,16 @@ import tf2_ros
 from geometry_msgs.msg import Point
 from sensor_msgs.msg import CameraInfo, LaserScan
 
+from plain_rooms import room
+
 from vb_core import geometry, names
 from vb_core.errors import ParameterError
-from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, message_from_transform
 from vb_core.stop_latch import StopLatch
 from vb_core.vocabulary import DEFAULT
 from vb_msgs.msg import DriverState, InteractionState, LaserSpot
 from vb_robot.floor_view import FloorView
-
-
-def room(width=6.0, height=5.0, resolution=0.05):
-    """An empty room with walls of one cell, its origin at (0, 0)."""
-    data = np.zeros((int(round(height / resolution)), int(round(width / resolution))), dtype=np.int8)
-    data[[0, -1]] = 100
-    data[:, [0, -1]] = 100
-    return GridMap(data, resolution)
 
 
 class Body:
@@ -80,7 +73,7 @@ class Stimulus(Body):
         self._state_message, self._ticks = None, 0
         self._count = 0
         self._interaction = ""
-        self.publish_map(room())
+        self.publish_map(room(6.0))
         self.latch = StopLatch()  # the interaction manager's
         self._reports = rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver)
         self._timer = rospy.Timer(rospy.Duration(0.05), self._tick)

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vb_core.grid_map import GridMap
+from plain_rooms import empty
+
 from vb_core.poses import to_base
 from vb_core.robot_profile import RobotProfile
 from vb_core.stop_latch import HeldStops, StopLatch
@@ -16,7 +17,6 @@ from vb_robot.driving.arbiter import Arbiter
 from vb_robot.driving.gate import INPUT_TIMEOUT, NAVIGATION, TELEOP
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.spot_follower import (
-    BACK_TO_DISTANCE,
     FAR_DISTANCE,
     GOOD_DISTANCE,
     MAX_TURN,
@@ -29,10 +29,6 @@ from vb_robot.floor_view import FloorView
 from vb_robot.spots import Sighting, Sightings
 
 DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.usual()
-
-
-def empty(width=8.0, height=5.0, resolution=0.025):
-    return GridMap(np.zeros((int(height / resolution), int(width / resolution)), dtype=np.int8), resolution)
 
 
 def with_border(grid, x0, y0, x1, y1):
@@ -133,16 +129,6 @@ def test_the_first_that_wants_to_drives():
     assert (command.source, command.v, command.publish) == ("stop", 0.0, True)
 
 
-def test_navigation_that_falls_silent_is_told_to_stop_once():
-    rig = Rig()
-    rig.navigation = (0.3, 0.0)
-    rig.step(0.5)
-    rig.navigation = None
-    rig.step(0.6)
-    last = [command for command in rig.commands if command.source == "none" and command.publish]
-    assert len(last) == 1 and last[0].v == 0.0
-
-
 def test_two_never_drive_at_once_also_if_the_task_sends_its_goal_again():
     rig = Rig().follows()
     rig.navigation = (0.5, 1.0)
@@ -197,15 +183,6 @@ def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise(
 
 
 # ------------------------------------------------------------ the gate
-def test_what_comes_a_little_late_slows_it_and_does_not_stop_it():
-    rig = Rig()
-    rig.navigation = (0.5, 0.0)
-    assert rig.step(1.0).v > 0.45
-    rig.silent.add("state")
-    rig.step(0.2)
-    assert 0.05 < rig.commands[-1].v < 0.4 and rig.commands[-1].code == "driving"
-    rig.silent.clear()
-    assert rig.step(0.2).v > 0.45
 
 
 def test_what_is_dated_ahead_grows_old_all_the_same():
@@ -226,14 +203,6 @@ def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
     rig.step(1.0)
     assert (min(command.v for command in rig.commands) < -0.05) is backs
     assert backs or rig.commands[-1].code == "floor_not_scanned"
-
-
-def test_an_obstacle_nearer_than_the_scanner_can_measure_is_not_driven_into():
-    rig = Rig()
-    rig.ranges[170:190] = -math.inf
-    rig.navigation = (0.3, 0.0)
-    assert rig.step(1.0).code == "obstacle"
-    assert all(command.v == 0.0 for command in rig.commands)
 
 
 def test_within_a_border_a_person_may_drive_it_and_navigation_may_not():
@@ -414,34 +383,8 @@ def test_spot_stays_in_view(path, speed):
 def test_backs_off_from_a_spot_that_comes_near():
     run = drag([[4.0, 2.5], [1.5, 2.5]], 0.2, (3.0, 2.4, 0.0))
     assert run[:, 4].all(), "a stroke towards the robot at full speed does not slip out of the image below"
-    assert run[-1, 5] >= NEAR_DISTANCE and BACK_TO_DISTANCE > NEAR_DISTANCE
+    assert run[-1, 5] >= NEAR_DISTANCE
     assert run[:, 2].min() < -0.02
-
-
-def test_small_strokes_leave_it_stopped():
-    zigzag = [[2.0 + 0.05 * (i % 2), 2.5 + 0.1 * (i % 2)] for i in range(20)]
-    assert np.abs(drag(zigzag, 0.2, (1.0, 2.5, 0.0))[:, 2:4]).max() == 0.0
-
-
-def test_it_stops_when_the_spot_is_gone():
-    rig = Rig().follows()
-    rig.spot = None
-    assert rig.step(INPUT_TIMEOUT).v == 0.0 and rig.commands[-1].code == "spot_lost"
-
-
-@pytest.mark.parametrize(
-    "start, end", [(2.0, 1.0), (1.35, 1.0), (1.2, 1.2), (0.95, 0.95), (0.8, 0.8), (0.6, 0.9), (0.4, 0.9)]
-)
-def test_the_follower_brings_the_robot_to_a_good_distance_and_rests_there(start, end):
-    """In a closed loop, at most 0.2 m/s; from a good distance it does not move at all."""
-    follower, x = SpotFollower(), 0.0
-    follower.spot = (start, 0.0)
-    speeds = []
-    for _ in range(400):
-        speeds.append(follower.compute_request((x, 0.0, 0.0)).v)
-        x += 0.05 * speeds[-1]
-    assert speeds[-1] == 0.0 and start - x == pytest.approx(end, abs=0.02)
-    assert max(map(abs, speeds)) <= 0.2 and all(a * b >= 0.0 for a, b in zip(speeds, speeds[1:]))
 
 
 def test_a_follower_without_pose_or_spot_asks_for_no_motion_and_forgets_what_it_did():

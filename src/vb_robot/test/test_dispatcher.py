@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from plain_rooms import room
+
 from vb_core.grid_map import GridMap
 from vb_core.poses import to_base
 from vb_core.vocabulary import BORDER, DEFAULT
@@ -23,10 +25,7 @@ class Lab:
     """8 m x 5 m, a ceiling camera that sees x < 5 m, a spot that moves along y = 2.5 m, a robot that jumps."""
 
     def __init__(self, robot=(7.0, 1.0, 0.0)):
-        data = np.zeros((100, 160), dtype=np.int8)
-        data[[0, -1]] = 100
-        data[:, [0, -1]] = 100
-        grid = GridMap(data, 0.05)
+        grid = room()
         self.dispatcher = Dispatcher({"": 0.18})
         self.dispatcher.maps[""].view = VIEW
         self.dispatcher.maps[""].set_map(grid)
@@ -145,13 +144,13 @@ def test_what_people_are_told():
 
 def test_that_nobody_sees_the_spot_and_no_robot_comes_is_told_once_it_lasts():
     lab = Lab()
-    lab.dispatcher.maps[""].view = None  # so that none can be sent
+    lab.dispatcher.maps[""].view = None  # a robot whose camera is not known is not sent
     lab.draw_until(EDGE + 0.05, robot_sees=False)
     lost, told = lab.now, []
     while not told and lab.now < lost + 10.0:
         lab.step(robot_sees=False)
         told += [lab.now - lost] if lab.dispatcher.notice else []
-    assert lab.dispatcher.notice.code == "spot_not_seen_no_robot" and 2.0 <= told[0] <= 3.5
+    assert lab.dispatcher.notice.code == "spot_not_seen_no_robot" and 2.0 <= told[0] <= 3.5 and not lab.sent
 
 
 def look(grid, drawing, robot):
@@ -187,14 +186,12 @@ def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
 
 
 def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit():
-    data = np.zeros((100, 160), dtype=np.int8)
-    data[[0, -1]] = 100
-    data[:, [0, -1]] = 100
-    data[:, 80] = 100
-    data[45:53, 80] = 0  # a gap of 0.4 m
+    parted = room()
+    parted.data[:, 80] = 100
+    parted.data[45:53, 80] = 0  # a gap of 0.4 m
     dispatcher = Dispatcher({"large": 0.18, "small": 0.10})
     for known in dispatcher.maps.values():
-        known.set_map(GridMap(data, 0.05))
+        known.set_map(parted)
         known.view = VIEW
     dispatcher.sightings.set_state(BORDER, "a", 100.0)
     for i in range(10):
@@ -202,10 +199,3 @@ def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit(
     robots = {"large": RobotStatus((5.0, 1.0, 1.5)), "small": RobotStatus((7.0, 1.0, 3.1))}
     decisions = dispatcher.decide(101.0, robots)
     assert decisions["small"] is not None and decisions["large"] is None
-
-
-def test_a_robot_whose_camera_is_not_known_is_not_sent():
-    lab = Lab()
-    lab.dispatcher.maps[""].view = None
-    lab.draw_until(EDGE)
-    assert not lab.sent

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from test_arbiter import PROFILE, Rig, empty, with_border
+from plain_rooms import empty
+from test_arbiter import PROFILE, Rig, with_border
 
 from vb_core import geometry
 from vb_core.navigation_parameters import PATH_MARGIN
@@ -164,16 +165,6 @@ def test_halting_stops_what_drives_with_the_faults_code():
     rig.step(0.2)
     halted = rig.arbiter.halt("fault")
     assert (halted.v, halted.w, halted.source, halted.code, halted.publish) == (0.0, 0.0, "navigation", "fault", True)
-
-
-def test_a_stop_ends_an_escape_and_the_wait_begins_again():
-    rig = Rig(grid=with_border(empty(), 4.0, 0.0, 8.0, 5.0), pose=(4.0 - RADIUS - 0.02, 2.5, math.pi))
-    rig.goal = True
-    assert rig.step(1.8).source == "escape"
-    rig.latch.stop("a", "test")
-    assert rig.step(0.3).source == "stop"
-    rig.latch.resume(rig.latch.number)
-    assert rig.step(1.3).source == "none" and rig.step(0.5).source == "escape"
 
 
 # ------------------------------------------------------------ the scan

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from test_arbiter import PROFILE, Rig, empty, with_border
+from plain_rooms import empty
+from test_arbiter import PROFILE, Rig, with_border
 
-from vb_core.navigation_parameters import PATH_MARGIN
 from vb_core.vocabulary import BORDER, DEFAULT
-from vb_robot.driving.escape import FREE, PINCHED_AFTER, RESTS_FOR, TRIES_FOR
+from vb_robot.driving.escape import FREE, PINCHED_AFTER
 
 RADIUS = PROFILE.radius
 EDGE = 4.0  # [m] where the border begins, along x
@@ -48,40 +48,6 @@ def test_navigation_that_moves_nothing_because_of_the_gate_is_helped_away_too(wi
         rig.step()
         farthest = max(farthest, rig.pose[0])
     assert "escape" in {command.source for command in rig.commands} and farthest < EDGE - RADIUS + 0.03
-
-
-@pytest.mark.parametrize("gap, helped", [(PATH_MARGIN - 0.02, True), (PATH_MARGIN + 0.1, False)])
-def test_help_begins_where_a_planner_finds_no_path_and_not_where_it_finds_one(gap, helped):
-    """The planner's margin, and a cell to either side, say where; not this module's own limits."""
-    rig = beside(gap)
-    rig.step(PINCHED_AFTER + 1.0)
-    assert ("escape" in {command.source for command in rig.commands}) == helped
-
-
-def test_help_goes_on_until_a_cell_more_than_a_planner_needs_is_free():
-    rig = beside(0.0)
-    rig.step(12.0)
-    freed = EDGE - RADIUS - rig.pose[0]
-    assert PATH_MARGIN + 0.02 < freed < PATH_MARGIN + 0.16
-
-
-def test_it_gives_up_where_something_is_in_the_way_and_tries_again():
-    rig = beside(0.02)
-    rig.ranges = np.full(360, 0.25)
-    begin = rig.pose[:2]
-    rig.step(TRIES_FOR + 2.0)
-    assert rig.pose[:2] == begin and "obstacle" in {command.code for command in rig.commands}, "it only turns"
-    rig.commands.clear()
-    rig.step(0.8 * RESTS_FOR)
-    assert {command.source for command in rig.commands} == {"none"}, "navigation has its turn"
-    rig.ranges = np.full(360, math.inf)
-    rig.step(10.0)
-    assert rig.pose[0] < EDGE - RADIUS - FREE + 0.03
-
-
-def test_a_driver_that_was_started_again_gives_navigation_its_time_first():
-    rig = beside(0.02)
-    assert rig.step(PINCHED_AFTER - 0.1).source == "none" and rig.step(0.2).source == "escape"
 
 
 def test_it_does_not_drive_into_the_unknown():

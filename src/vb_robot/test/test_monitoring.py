@@ -8,10 +8,10 @@ import pytest
 from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import ReconfigureResponse
 
+from plain_rooms import room
 from vb_testing import wait_until
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import GridMap
 from vb_core.node_graph import NodeGraph
 from vb_robot.driving.workspace import KnownBorder
 from vb_robot.monitoring import navigation_limits, wiring
@@ -105,16 +105,9 @@ def test_the_robots_size_is_that_of_its_costmap(costmap, radius):
 
 
 # ------------------------------------------------------------ goals
-def floor(rows=80, columns=160):
-    """8 m x 4 m of free floor with a wall round it."""
-    data = np.zeros((rows, columns), np.int8)
-    data[[0, -1]], data[:, [0, -1]] = 100, 100
-    return GridMap(data, 0.05)
-
-
 def reviewed(areas, radius=0.2, physical=None):
     """A review with borders that restrict rectangles (x0, y0, x1, y1) [m] by name."""
-    physical = physical or floor()
+    physical = physical or room(8.0, 4.0)
     data, known = physical.data.copy(), []
     for name, (x0, y0, x1, y1) in areas.items():
         data[round(y0 / 0.05) : round(y1 / 0.05), round(x0 / 0.05) : round(x1 / 0.05)] = 100
@@ -155,7 +148,7 @@ def test_a_border_that_can_be_gone_round_is_not_blamed():
 
 
 def test_what_walls_cut_off_is_not_laid_to_a_border():
-    walled = floor()
+    walled = room(8.0, 4.0)
     walled.data[:, 80:82] = 100
     assert reviewed(RUG, physical=walled).review(START, np.array((7.0, 2.0))) == ("goal_out_of_reach", "")
 

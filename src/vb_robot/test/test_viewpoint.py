@@ -8,12 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Point, Polygon
 
+from plain_rooms import room
+
 from vb_core import geometry
 from vb_core.grid_layers import clearance_grid
-from vb_core.grid_map import GridMap
 from vb_core.poses import to_base, to_map
 from vb_robot.clearance_map import STOP_MARGIN, ClearanceMap
-from vb_robot.dispatching.drawing import NO_POINTS, DrawingState
+from vb_robot.dispatching.drawing import MAX_LOOKAHEAD, MIN_LOOKAHEAD, NO_POINTS, REACTION, DrawingState
 from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, ViewpointPlanner
 from vb_robot.floor_view import FloorView
 
@@ -22,14 +23,12 @@ VIEW = FloorView.usual()
 
 def two_rooms(door=True):
     """8 m x 5 m, parted at x = 4 m by a wall with a doorway of 0.7 m at y = 4 m, a table in the left room."""
-    data = np.zeros((200, 320), dtype=np.int8)
-    data[[0, -1]] = 100
-    data[:, [0, -1]] = 100
-    data[:, 158:162] = 100
+    grid = room(resolution=0.025)
+    grid.data[:, 158:162] = 100
     if door:
-        data[146:174, 158:162] = 0
-    data[60:80, 60:80] = 100
-    return GridMap(data, 0.025)
+        grid.data[146:174, 158:162] = 0
+    grid.data[60:80, 60:80] = 100
+    return grid
 
 
 CLEARANCE_MAP = ClearanceMap(two_rooms(), 0.18)
@@ -107,6 +106,32 @@ def test_sides_of_polygon_and_curve():
     assert left[40, 40] and not left[40, 280]
     # a line in the middle of a room whose prolongation ends at walls on both ends parts that room
     assert CLEARANCE_MAP.side_of((5.5, 1.5), np.zeros((0, 2)), False) is None
+
+
+# ------------------------------------------------------------------ what it looks at
+RIGHTWARDS = np.array([0.3, 0.0])  # [m/s]
+
+
+@pytest.mark.parametrize(
+    "x, velocity, seeding, expected",
+    [
+        (4.5, None, False, 4.5),
+        (4.5, RIGHTWARDS, True, 4.5),
+        (4.5, RIGHTWARDS, False, 4.5 + MIN_LOOKAHEAD),
+        (4.5, 3.0 * RIGHTWARDS, False, 4.5 + 0.45 * REACTION),
+        (4.5, 9.0 * RIGHTWARDS, False, 4.5 + MAX_LOOKAHEAD),
+        (4.5, -RIGHTWARDS, False, 4.5 - MIN_LOOKAHEAD),
+        (7.8, RIGHTWARDS, False, 7.9),
+        (7.94, RIGHTWARDS, False, 7.94),
+    ],
+    ids="rests seed slow quick very_quick left to_a_wall at_a_wall".split(),
+)
+def test_looks_ahead_of_a_spot_that_moves_and_not_into_a_wall(x, velocity, seeding, expected):
+    clearance_map = ClearanceMap(room(), 0.18)
+    drawing = DrawingState(np.array([x, 2.5]), velocity=velocity, seeding=seeding)
+    ahead = drawing.line_ahead(clearance_map)
+    assert drawing.look_at(ahead) == pytest.approx((expected, 2.5), abs=0.06)
+    assert ahead[0] == pytest.approx((x, 2.5)) and ahead[:, 0].max() <= 7.95
 
 
 # ------------------------------------------------------------------ viewpoints

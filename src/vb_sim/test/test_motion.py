@@ -22,7 +22,6 @@ from vb_sim.room.world import world_from_mapping
 WORLDS = Path(__file__).resolve().parents[1] / "worlds"
 
 DT = 0.02
-SURE = LocalizationModel(position_sigma=0.0, yaw_sigma=0.0)
 EXACT = RobotModel(
     odometry_scale_sigma=0.0, odometry_distance_noise=0.0, odometry_turn_noise=0.0, odometry_drift_noise=0.0
 )

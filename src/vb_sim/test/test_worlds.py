@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from vb_core.errors import CodedError, ParameterError
+from vb_core.robot_profile import RobotProfile
+from vb_sim.room.bodies import piece_outlines, robot_pieces
 from vb_sim.room.world import load_world
 
 WORLDS = Path(__file__).resolve().parents[1] / "worlds"
@@ -14,13 +17,6 @@ WORLDS = Path(__file__).resolve().parents[1] / "worlds"
 def test_worlds_of_the_package_are_sound(path):
     world = load_world(str(path))
     assert world.robots and world.cameras and world.scenarios
-
-
-def test_two_robots_are_in_the_same_lab_under_names_of_their_own():
-    lab, two = load_world(str(WORLDS / "lab.yaml")), load_world(str(WORLDS / "two_robots.yaml"))
-    assert two.name != lab.name and [robot.namespace for robot in two.robots] == ["robot1", "robot2"]
-    assert (two.room, two.walls, two.furniture, two.cameras) == (lab.room, lab.walls, lab.furniture, lab.cameras)
-    assert set(two.scenarios) == set(lab.scenarios)
 
 
 def test_like_replaces_whole_keys_and_its_mistakes_are_named(tmp_path):
@@ -35,3 +31,12 @@ def test_like_replaces_whole_keys_and_its_mistakes_are_named(tmp_path):
     with pytest.raises(CodedError) as caught:
         load_world(str(tmp_path / "lost.yaml"))
     assert caught.value.code == "no_world"
+
+
+@pytest.mark.parametrize("robot, world", [("turtlebot2", "lab"), ("turtlebot3_burger", "burger")])
+def test_a_robot_is_drawn_within_the_cylinder_that_its_profile_describes(robot, world):
+    # else simulated cameras see parts of it that no detector takes for a robot's
+    shape = RobotProfile.load(WORLDS.parents[2] / "robots" / f"{robot}.yaml").shape
+    (drawn,) = load_world(WORLDS / f"{world}.yaml").robots
+    points = piece_outlines(robot_pieces((2.0, 1.0, 0.4), drawn.radius)).reshape(-1, 3)
+    assert points[:, 2].max() <= shape.height and np.hypot(*(points[:, :2] - (2.0, 1.0)).T).max() <= shape.radius + 1e-6
