@@ -83,7 +83,7 @@ class Scenes:
         """Returns as `Clips.count`."""
         total = Outcome()
         for scene, camera, judge, images in self._scenes:
-            camera.finder = Finder("mobile" if scene.mobile else "stationary", source, judge)
+            camera.search_with(Finder("mobile" if scene.mobile else "stationary", source, judge))
             for t, image, frame, view in images:
                 camera.look(t, image, frame, view, total)
         return total.found, len(total.false)

@@ -96,7 +96,6 @@ class Camera:
 
     def __init__(self, scene: Scene, rooms: Rooms, source: Optional[Path] = None) -> None:
         self._mobile, role = scene.mobile, "mobile" if scene.mobile else "stationary"
-        self.finder = Finder(role, source)
         self.encoding = "bgr8" if scene.mobile else scene.worlds[0].camera(scene.camera).encoding
         config = yaml.safe_load((TOP / f"src/vb_laser_detect/config/{role}.yaml").read_text())
         floor = physical_map(scene.worlds[0])
@@ -108,6 +107,11 @@ class Camera:
             view.draw_from(make_generator(rooms.seed, f"scene {scene.name}"))
             if not scene.mobile:
                 view.frame(first)
+        self.search_with(Finder(role, source))
+
+    def search_with(self, finder: Finder) -> None:
+        """Begins again, with a detector."""
+        self._finder = finder
         self._lasers: Dict[float, Optional[Place]] = {}
         self._missed: Set[float] = set()  # times [s] at which nothing was seen, until a later frame recalls it
 
@@ -123,7 +127,7 @@ class Camera:
         snapshot, hit = frame.snapshot, False
         self._lasers[t] = snapshot.laser
         outcome.frames += 1
-        for spot in self.finder.find(image, t, frame, self.encoding):
+        for spot in self._finder.find(image, t, frame, self.encoding):
             right = self._count(spot, self._lasers[spot.stamp], outcome)
             hit |= right and spot.stamp == t
             if right and spot.stamp in self._missed:
