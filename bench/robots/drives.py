@@ -66,6 +66,8 @@ def main() -> int:
     given = parser.parse_args()
     table, counts = Table(given.csv), Counter()
     todo = [task for task in tasks(given.seed) if task[0] in given.kinds][given.first :][: given.drives]
+    if not todo:
+        parser.error("no drives are left")
     folder = Path(tempfile.mkdtemp(prefix="drives_"))
     lab = Lab(given.robot, todo[0][3], folder, given.seed)
 
