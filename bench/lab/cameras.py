@@ -9,14 +9,13 @@ network of a real camera come on top.
 
 from __future__ import annotations
 
-import os
+import multiprocessing
 import signal
 import sys
 import time
-import traceback
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -127,27 +126,11 @@ def many(count: int, seconds: float, jpegs: List[bytes], half_size: bool) -> Lis
     return [{**row, **{f"{name}_cores": share for name, share in shares.items()}} for row in (*rows, of_all)]
 
 
-def in_processes(counts: Iterable[int], measure: Callable[[int], Iterable[Dict[str, Any]]], csv: Optional[Path]) -> int:
-    """Adds the rows of each number of cameras, each in a separate process: a node cannot be started twice in one."""
-    # a shell that starts it in the background has interrupts ignored, and the nodes would ignore them too
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    cv2.setNumThreads(1)
-    failed = 0
-    for count in counts:
-        child = os.fork()
-        if not child:
-            status = 1
-            try:
-                table = Table(csv)
-                for row in measure(count):
-                    table.add(**row)
-                status = 0
-            except BaseException:  # what would end this process: its parent goes on with the next one
-                traceback.print_exc()
-            finally:
-                os._exit(status)
-        failed += os.waitpid(child, 0)[1] != 0
-    return int(failed > 0)
+def add_rows(csv: Optional[Path], *given: Any) -> None:
+    """Measures for one number of cameras, and adds its rows to a table."""
+    table = Table(csv)
+    for row in many(*given):
+        table.add(**row)
 
 
 def main() -> int:
@@ -156,8 +139,17 @@ def main() -> int:
     parser.add_argument("--half-size", action="store_true", help="search images at half their size")
     parser.add_argument("--seconds", type=float, default=20.0, help="that are measured; 20 is the whole clip")
     given = parser.parse_args()
-    jpegs = clip()
-    return in_processes(given.cameras, lambda count: many(count, given.seconds, jpegs, given.half_size), given.csv)
+    # a shell that starts it in the background has interrupts ignored, and the nodes would ignore them too
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    cv2.setNumThreads(1)
+    jpegs, failed = clip(), 0
+    for count in given.cameras:  # each in a separate process: a node cannot be started twice in one
+        work = (given.csv, count, given.seconds, jpegs, given.half_size)
+        child = multiprocessing.get_context("fork").Process(target=add_rows, args=work)
+        child.start()
+        child.join()
+        failed += child.exitcode != 0
+    return int(failed > 0)
 
 
 if __name__ == "__main__":
