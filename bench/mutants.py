@@ -16,6 +16,7 @@ file's; the files stay as they are.
 
 import ast
 import copy
+import importlib
 import importlib.machinery
 import importlib.util
 import os
@@ -26,19 +27,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Iterator, List, Tuple
 
-import hypothesis.strategies  # noqa: F401  (what tests need is imported once, not by every fork)
-import matplotlib.pyplot  # noqa: F401
 import numpy as np
-import pandas  # noqa: F401
 import pytest
-import scipy.ndimage  # noqa: F401
-import scipy.optimize  # noqa: F401
-import scipy.spatial  # noqa: F401
-import scipy.stats  # noqa: F401
-import shapely  # noqa: F401
 
 from bench.frame import TOP, Table, arguments, share
 
+# what tests need is imported once, not by every fork
+NEEDED = "hypothesis.strategies matplotlib.pyplot pandas scipy.ndimage scipy.optimize scipy.spatial scipy.stats shapely"
 ROUNDING = 1e-6
 PATIENCE = 5  # times as long as the tests of the original
 MODULES = (
@@ -181,6 +176,8 @@ def main() -> int:
     parser.add_argument("--each", type=int, default=8, help="mutants of each module")
     given = parser.parse_args()
     table, total = Table(given.csv), 0
+    for needed in NEEDED.split():
+        importlib.import_module(needed)
     for name in given.modules:
         path = TOP / "src" / name.partition(".")[0] / "src" / Path(*name.split(".")).with_suffix(".py")
         source, tests, began = path.read_text(encoding="utf-8"), tests_of(name), time.monotonic()

@@ -18,8 +18,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from vb_testing import wait_until
 
 from vb_core import names
-from vb_core.notices import Notice, Severity
-from vb_core.ros.notices import NoticeListener, NoticePublisher
+from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import LaserSpot, VirtualBorder, VirtualBorderArray
 
 
@@ -96,28 +95,12 @@ class CheckLab(unittest.TestCase):
         for node, code in (("/camera_poses", "detector_missing"), ("/spot_detector_north", "camera_no_lens")):
             self.wait(lambda: [1 for name, text in self.logged if name == node and f"[{code}]" in text])
 
-    def test_people_read_what_cures_it(self):
-        self.wait(lambda: ("camera_not_calibrated", "south") in self.told())
-        status, text = self.check("--language", "de")
-        self.assertEqual(status, 1)
-        self.assertIn("calibrate_camera spots south", " ".join(text.split()))
-
     def test_nothing_listens_beyond_this_machine(self):
         nodes = rosnode.get_node_names()
         for name in nodes:
             pid = xmlrpc.client.ServerProxy(rosgraph.Master("/check_lab").lookupNode(name)).getPid("/check_lab")[2]
             self.assertEqual(listening_beyond_loopback(pid), [], name)
         self.assertGreaterEqual(len(nodes), 4)
-
-    def test_what_a_node_of_another_version_tells_is_in_the_result(self):
-        notices = NoticePublisher()
-        self.addCleanup(notices.close)
-        notices.set([Notice("page_full_of_rain", Severity.ERROR, message="It rains.")])
-        status, text = self.check("--json")
-        self.assertEqual(status, 1)
-        self.assertIn(
-            ("lab", "error", "It rains."), [(x["subject"], x["state"], x["message"]) for x in json.loads(text)]
-        )
 
     def test_cameras_that_disagree_are_told(self):
         spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)

@@ -11,7 +11,6 @@ import importlib
 import json
 import os
 import shutil
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import cv2
@@ -199,37 +198,6 @@ def test_parameters():
             assert isinstance(found.describe(), str) and set(mapping) <= set(names)
 
     check()
-
-
-LAUNCH_FILES = sorted(TOP.glob("launch/*.launch"))
-
-
-@pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.stem)
-def test_launch_arguments(path):
-    import roslaunch
-
-    names = [
-        one.get("name") for one in ElementTree.parse(str(path)).getroot().findall("arg") if one.get("value") is None
-    ]
-
-    @bounded(0.1)
-    @given(
-        st.dictionaries(
-            st.sampled_from(names),
-            st.sampled_from(["", "true", "false", "none", "a b", "x=y", "7", "/no/such", "ä"]),
-            max_size=3,
-        )
-    )
-    def check(values):
-        loader = roslaunch.xmlloader.XmlLoader(resolve_anon=False)
-        config = roslaunch.config.ROSLaunchConfig()
-        try:
-            loader.load(str(path), config, argv=[f"{name}:={value}" for name, value in values.items()], verbose=False)
-        except (roslaunch.core.RLException, roslaunch.xmlloader.XmlParseException, ValueError) as error:
-            assert str(error)  # one line that roslaunch prints, no traceback
-
-    if names:
-        check()
 
 
 # ---------------------------------------------------------------------- files

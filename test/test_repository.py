@@ -12,7 +12,6 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-import yaml
 
 from vb_core import names, sentences
 
@@ -133,15 +132,6 @@ def test_requirements_are_pinned():
     assert set(asked) <= {line.split("==")[0] for line in wanted}
 
 
-def test_hooks_before_a_commit_are_the_linters_of_the_tests():
-    hooks = yaml.safe_load((TOP / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
-    pinned = (TOP / "requirements.txt").read_text(encoding="utf-8")
-    assert {hook["id"] for repository in hooks for hook in repository["hooks"]} == {"ruff", "ruff-format", "codespell"}
-    for repository in hooks:
-        name = repository["hooks"][0]["id"]
-        assert re.search(rf"^{name}=={re.escape(repository['rev'].lstrip('v'))}( ;|$)", pinned, re.M)
-
-
 def test_all_nodes_have_the_same_entry_point():
     """A node's module has `build`, which its script runs; `main` is for a program that ends by itself."""
     count = 0
@@ -223,6 +213,15 @@ def test_pure_modules_load_without_ros(package):
         stderr=subprocess.PIPE,
         universal_newlines=True,
     )
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_module_loads():
+    modules = [
+        module_name(path) for path in sorted(TOP.glob("src/*/src/*/**/*.py")) if path.stem not in ("setup", "__main__")
+    ]
+    code = "import importlib, sys\nfor module in sys.argv[1:]: importlib.import_module(module)"
+    done = subprocess.run([sys.executable, "-c", code, *modules], stderr=subprocess.PIPE, universal_newlines=True)
     assert done.returncode == 0, done.stderr
 
 
@@ -322,6 +321,20 @@ def test_a_code_has_one_sentence():
     assert not found, "\n".join(["the sentence for a code stands in vb_core/languages; pass its values", *found])
     assert own_sentences(ast.parse("raise CodedError('no_map', f'no map in {folder}')")) == ["no_map"]
     assert own_sentences(ast.parse("Issue(WARNING, 'no_effect', 'it has none')")) == ["no_effect"]
+
+
+def test_a_code_that_comes_without_a_sentence_has_one_in_the_catalogue():
+    used = set()
+    for path in TOP.glob("src/*/src/**/*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+                name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+                if name in ("Notice", "warn", "warning") or name.endswith("Error") and len(node.args) == 1:
+                    used.add(node.args[0].value)
+            elif path.name == "lab_checks.py" and isinstance(node, ast.Constant) and str(node.value).startswith("lab_"):
+                used.add(node.value)
+    codes = {code for code in used if re.fullmatch("[a-z0-9]+(_[a-z0-9]+)+", str(code))}
+    assert len(codes) > 100 and codes <= set(sentences.catalog())
 
 
 def read_glossary():

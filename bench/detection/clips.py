@@ -30,7 +30,8 @@ import numpy as np
 
 from bench.detection.clip_frames import ROLES, UNLABELED, frames_of, reach_in
 from bench.detection.finder import Finder
-from bench.detection.fitting import judges_of_clips, load_examples
+from bench.detection.examples import load_examples
+from bench.detection.fitting import judges_of_clips
 from bench.frame import Table, arguments
 from vb_evaluation.statistics import proportion
 
@@ -96,7 +97,7 @@ def main() -> int:
     given = parser.parse_args()
     cv2.setNumThreads(1)
     videos = json.loads((given.folder / "labels.json").read_text())["videos"]
-    judges = judges_of_clips(load_examples(sorted(given.left_out.glob("*.npz")))) if given.left_out else {}
+    judges = judges_of_clips(load_examples(sorted(given.left_out.glob("*.csv")))) if given.left_out else {}
     table = Table(given.csv)
     for role in given.roles:
         preset, counts = "stationary" if role == "stationary" else "mobile", {}

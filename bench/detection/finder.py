@@ -46,8 +46,3 @@ class Finder:
         if self._other and geometry is not None:
             geometry = _TheirGeometry(geometry, self._errors.CodedError)
         return self._detector.detect(self._reader.read(image, encoding), stamp, geometry)
-
-    def why_not(self, u: float, v: float, reach: float = 25.0) -> str:
-        """Returns why nothing near a pixel was taken for a spot in the last image."""
-        near = [one for one in self._detector.candidates if np.hypot(one.u - u, one.v - v) < reach]
-        return near[0].rejection or "another_spot" if near else "no_candidate"

@@ -1,8 +1,7 @@
-"""Learns the classifier's curves from images in which the spots are known.
+"""Learns the classifier's curves from examples.
 
-The detector itself proposes and measures; an oracle that knows the truth judges, so that the background adopts what a
-right classifier would leave to it. What was measured, and the truth, are the examples. Each feature is cut into ramps
-between knots, a logistic regression finds the height of each ramp, and the ramps add up to the curve.
+Each feature is cut into ramps between knots, a logistic regression finds the height of each ramp, and the ramps add up to
+the curve. Examples are as `examples.collect` makes them.
 """
 
 from __future__ import annotations
@@ -10,15 +9,13 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
+import pandas
 
 from bench.detection.clip_frames import is_clip, left_out_with
-from vb_core.image_format import Picture
-from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.detection.features import Blob, SpotClassifier
-from vb_laser_detect.detection.projection import ImageGeometry
+from vb_laser_detect.detection.features import SpotClassifier
 
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others: where a curve may bend
 _WEIGHT = 1500.0  # of the spots of a kind
@@ -29,113 +26,7 @@ _FOR = ("peak", "level", "edge", "chroma_mosaic")
 _UP_TO = {"diameter": math.log(0.01)}
 
 
-class LabeledFrame(NamedTuple):
-    """One image of a clip or scene.
-
-    Attributes:
-        spots: (u, v) [px] of those in it.
-        unclear: (u, v) [px] of what is neither asked for nor wrong: a pulse's first or last light.
-        image: as `SpotDetector.detect` takes it.
-        geometry: where its pixels are on the floor, or None.
-    """
-
-    stamp: float
-    image: Union[np.ndarray, Picture]
-    spots: Sequence[Tuple[float, float]]
-    unclear: Sequence[Tuple[float, float]] = ()
-    geometry: Optional[ImageGeometry] = None
-
-
-class Examples(NamedTuple):
-    """N blobs: features (N, F) with NaN where one says nothing, truth (N,) bool, names of F features, group of each."""
-
-    values: np.ndarray
-    truth: np.ndarray
-    names: Tuple[str, ...]
-    groups: np.ndarray
-
-    def select(self, rows: np.ndarray) -> "Examples":
-        """Returns the examples of some rows, (N,) bool."""
-        return Examples(self.values[rows], self.truth[rows], self.names, self.groups[rows])
-
-    def exclude(self, *groups: str) -> "Examples":
-        """Returns all examples but those of some clips or scenes."""
-        return self.select(~np.isin(self.groups, groups))
-
-    @staticmethod
-    def join(parts: Sequence["Examples"]) -> "Examples":
-        """Joins the examples of several clips and scenes."""
-        return Examples(
-            np.concatenate([p.values for p in parts]),
-            np.concatenate([p.truth for p in parts]),
-            parts[0].names,
-            np.concatenate([p.groups for p in parts]),
-        )
-
-
-class Oracle(SpotClassifier):
-    """Stands in for the classifier: answers from the current frame's labels, and records the candidates.
-
-    What is beside a labelled spot is not recorded: in each image it is much the same, and would count many times.
-    """
-
-    def __init__(self, reach: float) -> None:
-        super().__init__({}, 0.0)
-        self.reach = reach
-        self.frame: Optional[LabeledFrame] = None
-        self.rows: List[Dict[str, float]] = []
-        self.truth: List[bool] = []
-
-    def classify(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Tuple[float, str]:
-        """Returns the truth."""
-        right = self._near(blob, self.frame.spots)
-        if right or not (self.frame.spots or self._near(blob, self.frame.unclear)):
-            self.rows.append(dict(features))
-            self.truth.append(right)
-        return float(right), "known"
-
-    def _near(self, blob: Blob, places: Iterable[Tuple[float, float]]) -> bool:
-        return any(math.hypot(blob.u - u, blob.v - v) < self.reach for u, v in places)
-
-
-def save_examples(examples: Examples, path: Path) -> None:
-    """Keeps the examples of one clip or scene; the file is there once it is whole."""
-    part = path.with_suffix(".part")
-    with part.open("wb") as file:
-        np.savez_compressed(
-            file, values=examples.values, truth=examples.truth, names=np.array(examples.names), groups=examples.groups
-        )
-    part.replace(path)
-
-
-def load_examples(files: Iterable[Path]) -> Examples:
-    """Loads the examples of several clips and scenes; inverse of `save_examples` for each."""
-    parts = [
-        Examples(data["values"], data["truth"], tuple(data["names"].tolist()), data["groups"])
-        for data in map(np.load, files)
-    ]
-    return Examples.join([part for part in parts if len(part.truth)])
-
-
-def collect(frames: Iterable[LabeledFrame], params: DetectorParams, group: str, reach: float) -> Examples:
-    """Collects the examples of one clip or scene.
-
-    Args:
-        reach: [px] a blob so near to a spot's place is the spot.
-        group: its name; validation leaves whole groups out.
-    """
-    oracle = Oracle(reach)
-    detector = SpotDetector(params, oracle)
-    for frame in frames:
-        oracle.frame = frame
-        detector.detect(frame.image, frame.stamp, frame.geometry)
-    names = tuple(oracle.rows[0]) if oracle.rows else ()
-    # what OpenCV sums in single precision depends on where its memory begins, far behind these digits
-    values = np.round(np.array([list(row.values()) for row in oracle.rows], float), 5)
-    return Examples(values, np.array(oracle.truth, bool), names, np.array([group] * len(values)))
-
-
-def fit(examples: Examples) -> SpotClassifier:
+def fit(examples: pandas.DataFrame) -> SpotClassifier:
     """Fits the curves: a logistic regression over ramps whose signs are fixed, one convex problem with one solution.
 
     Within a kind (clips; each kind of rendered scene, "kind: name") each example counts alike, a false spot
@@ -144,21 +35,22 @@ def fit(examples: Examples) -> SpotClassifier:
     """
     from scipy.optimize import minimize
 
-    truth = examples.truth
-    kinds = np.array([_kind(group) for group in examples.groups])
+    names, truth = examples.columns[:-1], examples.truth.to_numpy()
+    columns = examples[names].to_numpy().T
+    kinds = np.array([_kind(group) for group in examples.index])
     weights = np.where(truth, 1.0, _FALSE_COSTS)
     for kind in np.unique(kinds):
         of_kind = kinds == kind
         weights[of_kind] *= _WEIGHT / (np.count_nonzero(of_kind & truth) or np.count_nonzero(of_kind))
     # where a feature says nothing it counts as a usual spot's
-    known = [column[truth & ~np.isnan(column)] for column in examples.values.T]
+    known = [column[truth & ~np.isnan(column)] for column in columns]
     usual = np.array([np.median(column) if len(column) else np.nan for column in known])
-    values = np.where(np.isnan(examples.values), usual, examples.values)
+    values = np.where(np.isnan(columns.T), usual, columns.T)
     # what speaks against a spot counts from the usual one on: less of it is no merit, a still room lays down no paint
-    against = np.array([name not in _FOR and name not in _UP_TO for name in examples.names])
+    against = np.array([name not in _FOR and name not in _UP_TO for name in names])
     values = np.where(against, np.maximum(values, usual), values)
-    knots = [_knots(np.where(np.isnan(given), np.nan, x), truth) for given, x in zip(examples.values.T, values.T)]
-    signs = np.concatenate([_signs(name, x) for name, x in zip(examples.names, knots)] + [[1.0]])
+    knots = [_knots(np.where(np.isnan(given), np.nan, x), truth) for given, x in zip(columns, values.T)]
+    signs = np.concatenate([_signs(name, x) for name, x in zip(names, knots)] + [[1.0]])
     ramps = [_ramps(column, x) for column, x in zip(values.T, knots)]
     design = np.hstack(ramps + [np.ones((len(truth), 1))]) * signs * np.where(truth, 1.0, -1.0)[:, None]
     pull = np.full(len(signs), 1.0 / _STRENGTH)
@@ -184,7 +76,7 @@ def fit(examples: Examples) -> SpotClassifier:
     )
     heights = found.x * signs
     intercept, curves, first = float(heights[-1]), {}, 0
-    for name, x, middle in zip(examples.names, knots, usual):
+    for name, x, middle in zip(names, knots, usual):
         part = heights[first : first + max(0, len(x) - 1)]
         first += len(part)
         if np.abs(part).sum() < 0.01:
@@ -200,30 +92,29 @@ def _kind(group: str) -> str:
     return group.split(":")[0] if ":" in group else "clip"
 
 
-def logits(classifier: SpotClassifier, examples: Examples) -> np.ndarray:
+def logits(classifier: SpotClassifier, examples: pandas.DataFrame) -> np.ndarray:
     """Returns what (N,) the classifier says of each example, from all features."""
     total = np.full(len(examples.truth), classifier.intercept)
-    for name, column in zip(examples.names, examples.values.T):
-        if name in classifier.curves:
-            total += np.where(np.isnan(column), 0.0, np.interp(np.nan_to_num(column), *classifier.curves[name]))
+    for name, curve in classifier.curves.items():
+        column = examples[name].to_numpy()
+        total += np.where(np.isnan(column), 0.0, np.interp(np.nan_to_num(column), *curve))
     return total
 
 
-def fit_without(examples: Examples, left_out: Mapping[str, Sequence[str]]) -> Dict[str, SpotClassifier]:
+def fit_without(examples: pandas.DataFrame, left_out: Mapping[str, Sequence[str]]) -> Dict[str, SpotClassifier]:
     """Fits, for each of some clips or scenes, a classifier without those that are left out with it."""
     judges = {tuple(sorted(out)): SpotClassifier({}, 0.0) for out in left_out.values()}
     for out in judges:
-        judges[out] = fit(examples.exclude(*out))
+        judges[out] = fit(examples[~examples.index.isin(out)])
     return {group: judges[tuple(sorted(out))] for group, out in left_out.items()}
 
 
-def validate(examples: Examples, judges: Mapping[str, SpotClassifier]) -> List[Tuple[str, np.ndarray, np.ndarray]]:
+def validate(
+    examples: pandas.DataFrame, judges: Mapping[str, SpotClassifier]
+) -> List[Tuple[str, np.ndarray, np.ndarray]]:
     """Returns (group, truth, logits) of each group, by the classifier that was fitted without it."""
-    result = []
-    for group, judge in sorted(judges.items()):
-        own = examples.select(examples.groups == group)
-        result.append((str(group), own.truth, logits(judge, own)))
-    return result
+    own = {group: examples[examples.index == group] for group in sorted(judges)}
+    return [(group, some.truth.to_numpy(), logits(judges[group], some)) for group, some in own.items()]
 
 
 def calibrate(classifier: SpotClassifier, truth: np.ndarray, judged: np.ndarray) -> SpotClassifier:
@@ -243,9 +134,9 @@ def calibrate(classifier: SpotClassifier, truth: np.ndarray, judged: np.ndarray)
     return SpotClassifier(curves, float(scale * classifier.intercept + shift))
 
 
-def judges_of_clips(examples: Examples) -> Dict[str, SpotClassifier]:
+def judges_of_clips(examples: pandas.DataFrame) -> Dict[str, SpotClassifier]:
     """Fits a classifier for each clip without all of its camera and of its room, calibrated on what was left out."""
-    left_out = left_out_with([str(group) for group in np.unique(examples.groups)])
+    left_out = left_out_with(sorted(set(examples.index)))
     judges = fit_without(examples, {group: out for group, out in left_out.items() if is_clip(group)})
     judged = validate(examples, judges)
     scores = [np.concatenate([one[i] for one in judged]) for i in (1, 2)]

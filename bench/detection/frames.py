@@ -4,7 +4,6 @@
     python3 bench/detection/frames.py --scenes [WORD ...]      every hard case (scene_list.py), or those with a WORD in the name
     python3 bench/detection/frames.py --times [WORD ...]       time of a search
     ... --other REVISION|SRC                                   also another version, on the same images in turns
-    ... --left-out EXAMPLES                                    also classifiers that were fitted without the scene
 
 Times are a thread's own, [ms] per image; only the ratios count on a busy computer.
 """
@@ -12,15 +11,12 @@ Times are a thread's own, [ms] per image; only the ratios count on a busy comput
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Any, List
 
 import cv2
 import numpy as np
 
-from bench.detection.clip_frames import left_out_with
 from bench.detection.finder import Finder
-from bench.detection.fitting import fit_without, load_examples
 from bench.detection.hard_scenes import RATE, Camera, play
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes
@@ -68,15 +64,10 @@ def play_scenes(given: Any, table: Table) -> None:
     """Plays the scenes, each to every version."""
     room, rooms = lab(), Rooms(given.seed)
     scenes = ceiling_scenes(room) + mobile_scenes(room)
-    examples = load_examples(sorted(given.left_out.glob("*.npz"))) if given.left_out else None
-    judges = fit_without(examples, left_out_with([scene.title for scene in scenes])) if examples else {}
     for scene in scenes:
-        wanted = not given.scenes or any(word in scene.title for word in given.scenes)
-        if not wanted or any(word in scene.title for word in given.without):
+        if given.scenes and not any(word in scene.title for word in given.scenes):
             continue
         cameras = {"this": Camera(scene, rooms)}
-        if judges:
-            cameras["left out"] = Camera(scene, rooms, judge=judges[scene.title])
         if given.other:
             cameras["other"] = Camera(scene, rooms, given.other)
         for version, outcome in zip(cameras, play(scene, list(cameras.values()), given.share)):
@@ -86,9 +77,7 @@ def play_scenes(given: Any, table: Table) -> None:
 def main() -> int:
     parser = arguments(__doc__, seed=1, other=True)
     parser.add_argument("--scenes", nargs="*", metavar="WORD")
-    parser.add_argument("--without", nargs="+", default=[], metavar="WORD", help="no scenes with a WORD in their name")
     parser.add_argument("--share", type=float, default=1.0, help="of each scene's time")
-    parser.add_argument("--left-out", type=Path, metavar="EXAMPLES", help="what training.py kept")
     parser.add_argument("--times", nargs="*", metavar="WORD")
     parser.add_argument("--rounds", type=int, default=6, help="of --times")
     given = parser.parse_args()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import yaml
@@ -67,7 +67,6 @@ class Outcome:
     visible: int = 0
     found: int = 0
     false: List[Tuple[float, float, float]] = field(default_factory=list)  # time [s], u, v [px]
-    missed: Dict[str, int] = field(default_factory=dict)
     errors: List[float] = field(default_factory=list)  # [m] on the floor
 
     def summary(self) -> Dict[str, Any]:
@@ -80,7 +79,6 @@ class Outcome:
             "false_spots": len(self.false),
             "error_median_mm": float(np.median(errors)),
             "error_p95_mm": float(np.percentile(errors, 95)),
-            "missed_because": " ".join(f"{why}:{n}" for why, n in self.missed.items() if n),
             "false_at": self.false[:12],
         }
 
@@ -94,11 +92,11 @@ class SeenFrame(ImageGeometry):
 
 
 class Camera:
-    """A rendered camera and its detector. Arguments as of `Finder`."""
+    """A rendered camera and its detector, of this or another version (`source`)."""
 
-    def __init__(self, scene: Scene, rooms: Rooms, source: Optional[Path] = None, judge: Any = None) -> None:
+    def __init__(self, scene: Scene, rooms: Rooms, source: Optional[Path] = None) -> None:
         self._mobile, role = scene.mobile, "mobile" if scene.mobile else "stationary"
-        self.finder = Finder(role, source, judge)
+        self.finder = Finder(role, source)
         self.encoding = "bgr8" if scene.mobile else scene.worlds[0].camera(scene.camera).encoding
         config = yaml.safe_load((TOP / f"src/vb_laser_detect/config/{role}.yaml").read_text())
         floor = physical_map(scene.worlds[0])
@@ -111,7 +109,7 @@ class Camera:
             if not scene.mobile:
                 view.frame(first)
         self._lasers: Dict[float, Optional[Place]] = {}
-        self._missed: Dict[float, str] = {}  # why nothing was seen at a time [s], until a later frame recalls it
+        self._missed: Set[float] = set()  # times [s] at which nothing was seen, until a later frame recalls it
 
     def picture(self, index: int, snapshot: DisturbedSnapshot) -> Tuple[np.ndarray, SeenFrame, Any]:
         """Renders one frame: the image, its geometry, and the view that drew it."""
@@ -129,15 +127,14 @@ class Camera:
             right = self._count(spot, self._lasers[spot.stamp], outcome)
             hit |= right and spot.stamp == t
             if right and spot.stamp in self._missed:
-                outcome.missed[self._missed.pop(spot.stamp)] -= 1
+                self._missed.remove(spot.stamp)
                 outcome.found += 1
         if snapshot.laser is None or view.spot_share(snapshot) < SEEN:
             return
         outcome.visible += 1
         outcome.found += hit
         if not hit:
-            why = self._missed[t] = self.finder.why_not(*view.spot(snapshot).center)
-            outcome.missed[why] = outcome.missed.get(why, 0) + 1
+            self._missed.add(t)
 
     @staticmethod
     def _count(spot: Any, laser: Optional[Place], outcome: Outcome) -> bool:

@@ -8,10 +8,10 @@ from typing import Any, Callable, List, Tuple
 
 import numpy as np
 
-from bench.detection.disturbances import DisturbedSnapshot, Glint, SceneConditions
-from bench.detection.hard_scenes import RATE, Scene
-from bench.detection.motions import DARK, MAROON, WHITE, Place, Walk, along, every, place_and_velocity, still, walking
-from bench.detection.rooms import Rooms, lab, printed, tiles, with_camera
+from bench.detection.disturbances import Glint, SceneConditions
+from bench.detection.hard_scenes import Scene
+from bench.detection.motions import DARK, MAROON, WHITE, Place, Walk, along, every, still, walking
+from bench.detection.rooms import lab, printed, tiles, with_camera
 from vb_sim.room.world import Light, World
 
 RED, GREEN, PAPER = (235, 30, 40), (40, 230, 60), (250, 250, 250)  # paint
@@ -19,22 +19,6 @@ CARPET = np.array([[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]])
 START = (6.9, 1.0, math.pi)  # of the robot: looks along the free floor beside the carpet
 
 
-def draw_round_carpet(room: World, rooms: Rooms, count: int) -> List[List[np.ndarray]]:
-    """Renders for each ceiling camera the empty room, then so many frames: a person draws, two walk about."""
-    border, people = along(CARPET, 0.4), walking(Walk(room, 3, WHITE, DARK), Walk(room, 4, MAROON, WHITE))
-    found = []
-    for camera in room.cameras:
-        view = rooms.view(room, camera.name)
-        frames = [view.frame(DisturbedSnapshot(0.0)).copy()]
-        for now in np.arange(count) / RATE:
-            laser, velocity = place_and_velocity(border, now)
-            person = (4.6, 2.9, math.atan2(laser[1] - 2.9, laser[0] - 4.6))
-            frames.append(view.frame(DisturbedSnapshot(now, {}, laser, "red", velocity, person, people(now))).copy())
-        found.append(frames)
-    return found
-
-
-# ------------------------------------------------------------------ the cases
 def ceiling_scenes(room: World) -> List[Scene]:
     """Lists every hard case under a ceiling camera."""
     border, usual = along(CARPET, 0.4), SceneConditions

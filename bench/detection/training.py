@@ -28,10 +28,11 @@ from typing import Callable, Iterator, Optional, Tuple
 
 import cv2
 import numpy as np
+import pandas
 
 from bench.detection import clip_frames, fitting
 from bench.detection.augmentation import PAINT_EVERY, OtherCamera, Taken, takes
-from bench.detection.fitting import Examples, LabeledFrame, collect
+from bench.detection.examples import LabeledFrame, collect, load_examples
 from bench.detection.hard_scenes import Camera, Scene, course
 from bench.detection.rooms import Rooms, lab
 from bench.detection.scene_list import ceiling_scenes, mobile_scenes, training_scenes
@@ -70,13 +71,13 @@ def frames_near_shots(
         yield LabeledFrame(stamp, image, here, near)
 
 
-def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None) -> Examples:
+def from_clip(folder: Path, name: str, video: dict, group: str, taken: Optional[Taken] = None) -> pandas.DataFrame:
     """Examples of one clip, seen by a camera that stands still: what it sees moving is only judged by."""
     frames = frames_near_shots(folder, name, video, group, taken)
     return collect(frames, DetectorParams.stationary(confirm_frames=1), group, clip_frames.reach_in(video))
 
 
-def from_scene(scene: Scene, rooms: Rooms, share: float) -> Examples:
+def from_scene(scene: Scene, rooms: Rooms, share: float) -> pandas.DataFrame:
     """Examples of so much of a rendered scene's time."""
     camera, reader = Camera(scene, rooms), PixelReader()
 
@@ -94,7 +95,7 @@ def from_scene(scene: Scene, rooms: Rooms, share: float) -> Examples:
     return collect(frames(), preset(confirm_frames=1), scene.title, SCENE_REACH_PX)
 
 
-def parts_of(given: argparse.Namespace) -> Iterator[Tuple[str, Callable[[], Examples]]]:
+def parts_of(given: argparse.Namespace) -> Iterator[Tuple[str, Callable[[], pandas.DataFrame]]]:
     """Names of the scenes and clips that the command asks for, and what makes their examples."""
     room, rooms = lab(), Rooms(SCENES_SEED)
     for scene in ceiling_scenes(room) + mobile_scenes(room) + training_scenes(room):
@@ -121,13 +122,15 @@ def main() -> int:
     given.examples.mkdir(parents=True, exist_ok=True)
     files = []
     for name, make in parts_of(given):
-        file = given.examples / (re.sub(r"\W+", "_", name) + ".npz")
+        file = given.examples / (re.sub(r"\W+", "_", name) + ".csv")
         if not file.exists():
-            fitting.save_examples(make(), file)
+            part = file.with_suffix(".part")  # the file is there once it is whole
+            make().to_csv(part)
+            part.replace(file)
             print(f"made {file.name}", flush=True)
         files.append(file)
-    examples = fitting.load_examples(files)
-    names = [str(name) for name in np.unique(examples.groups)]
+    examples = load_examples(files)
+    names = sorted(set(examples.index))
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(names)} clips and scenes")
     table = Table(given.csv)
     judges = fitting.fit_without(examples, clip_frames.left_out_with(names))

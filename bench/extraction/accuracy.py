@@ -41,22 +41,16 @@ BAD_M, BAD_JACCARD = 0.25, 0.8
 Extract = Callable[[Stroke], Any]
 
 
-def methods(other: Any) -> Dict[str, Extract]:
-    """Returns what is compared, by name."""
+def extracting(module: Any, mode: str, known: bool) -> Extract:
+    """Returns a version's extraction; `known`: with stamps and cameras."""
 
-    def run(module: Any, mode: str, known: bool) -> Extract:
-        def extract(stroke: Stroke) -> Any:
-            extra = {"stamps": stroke.stamps, "cameras": stroke.cameras} if known else {}
-            if known and stroke.mobile is not None:
-                extra["mobile"] = stroke.mobile
-            return module.extract_border(stroke.points, module.ExtractionParams(mode=mode), **extra)
+    def extract(stroke: Stroke) -> Any:
+        extra = {"stamps": stroke.stamps, "cameras": stroke.cameras} if known else {}
+        if known and stroke.mobile is not None:
+            extra["mobile"] = stroke.mobile
+        return module.extract_border(stroke.points, module.ExtractionParams(mode=mode), **extra)
 
-        return extract
-
-    found = {"robust": run(extraction, "robust", True), "paper": run(extraction, "paper", False)}
-    if other is not None:
-        found["other"] = run(other, "robust", True)
-    return found
+    return extract
 
 
 def measure(stroke: Stroke, extract: Extract, of_people: bool) -> Dict[str, float]:
@@ -120,7 +114,9 @@ def main() -> int:
     parser.add_argument("--only", nargs="*", choices=groups, default=groups)
     parser.add_argument("--spots", type=int, default=1_000_000, help="at most, of the group speed")
     given = parser.parse_args()
-    tools = methods(import_from(given.other, "vb_fusion.extraction")[0] if given.other else None)
+    tools = {"robust": extracting(extraction, "robust", True), "paper": extracting(extraction, "paper", False)}
+    if given.other:
+        tools["other"] = extracting(import_from(given.other, "vb_fusion.extraction")[0], "robust", True)
     tools = {name: tools[name] for name in (given.methods or tools)}
     which, base = ("judge", 100_000) if given.judge else ("develop", 0)
     base, table = base if given.seed is None else given.seed, Table(given.csv)

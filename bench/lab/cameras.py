@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How many cameras of 1080p motion JPEG, which their detectors read themselves, this computer carries.
 
-    python3 bench/lab/cameras.py --cameras 1 6 12 24            from a local HTTP server; --from files, rtsp (H.264)
+    python3 bench/lab/cameras.py --cameras 1 6 12 24            from a local HTTP server
 
 Fusion and page run too. camera_clip.py says what is played. Stamps are the arrival of an image: exposure, readout and
 network of a real camera come on top.
@@ -12,7 +12,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import tempfile
 import time
 import traceback
 from contextlib import ExitStack
@@ -27,7 +26,7 @@ import tf2_ros
 import yaml
 
 from bench.frame import TOP, Table, arguments, quantiles
-from bench.lab.camera_clip import RATE, clip, scene, serving, serving_rtsp, write, write_h264
+from bench.lab.camera_clip import RATE, clip, scene, serving
 from bench.lab.page_lab import node_process, start, wait
 from vb_core import names
 from vb_core.ros.messages import message_from_transform
@@ -42,35 +41,35 @@ class Running:
     """Fusion, page and the detectors of some cameras: what they took and found.
 
     Args:
-        sources: name of each camera to what its detector reads; "": a topic.
+        address: what each detector reads.
         half_size: whether they search images at half their size.
     """
 
-    def __init__(self, stack: ExitStack, sources: Dict[str, str], half_size: bool = False) -> None:
+    def __init__(self, stack: ExitStack, count: int, address: str, half_size: bool) -> None:
         _, folder = start(stack)
-        self.folder, self.cameras, self.status = folder, list(sources), {}
+        self.cameras, self.status = [f"c{number}" for number in range(count)], {}
         self._children: List[Child] = []
-        self.delays: Dict[str, List[float]] = {name: [] for name in sources}
+        self.delays: Dict[str, List[float]] = {name: [] for name in self.cameras}
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=1000)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, lambda m: self.status.update({m.camera: m}), queue_size=200)
         self._poses = tf2_ros.StaticTransformBroadcaster()
         self._poses.sendTransform(
             [
                 message_from_transform(scene().pose, names.MAP_FRAME, f"{name}_optical_frame", rospy.Time.now())
-                for name in sources
+                for name in self.cameras
             ]
         )
-        for name, source in sources.items():
+        for name in self.cameras:
             lens_file.save(folder / "lenses" / f"{name}.yaml", name, scene().model)
             (folder / "detectors").mkdir(exist_ok=True)
             (folder / "detectors" / f"{name}.yaml").write_text(
-                yaml.safe_dump({"source": source, "capture": {"half_size": half_size}})
+                yaml.safe_dump({"source": address, "capture": {"half_size": half_size}})
             )
-        configs = " ".join(f"{name}={folder}/detectors/{name}.yaml" for name in sources)
+        configs = " ".join(f"{name}={folder}/detectors/{name}.yaml" for name in self.cameras)
         for number, command in enumerate(
             (
                 ["rosrun", "vb_fusion", "border_fusion", f"_spot_log_file:={folder}/fusion.jsonl"],
-                ["roslaunch", str(TOP / "launch/parts/detectors.launch"), f"cameras:={' '.join(sources)}", f"configs:={configs}",
+                ["roslaunch", str(TOP / "launch/parts/detectors.launch"), f"cameras:={' '.join(self.cameras)}", f"configs:={configs}",
                  f"config:={TOP}/src/vb_laser_detect/config/stationary.yaml", "image_transport:=raw"],
             )
         ):  # fmt: skip
@@ -112,42 +111,35 @@ class Running:
         return {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
 
 
-def many(count: int, seconds: float, path: Path, origin: str, half_size: bool) -> List[Dict[str, Any]]:
+def many(count: int, seconds: float, jpegs: List[bytes], half_size: bool) -> List[Dict[str, Any]]:
     """Measures one row for each camera, and one of all."""
     with ExitStack() as stack:
-        if origin == "files":
-            address, server = str(path), None
-        else:
-            address, server = (serving if origin == "http" else serving_rtsp)(stack, path)
-        running = Running(stack, {f"c{number}": address for number in range(count)}, half_size)
-        others = {
-            "fusion": node_process("/border_fusion"),
-            "page": node_process(),
-            **({} if server is None else {"server": server}),
-        }
+        address, server = serving(stack, jpegs)
+        running = Running(stack, count, address, half_size)
+        others = {"fusion": node_process("/border_fusion"), "page": node_process(), "server": server}
         found, shares = running.watch(seconds, others)
     rows = [{"camera": name, **figures, **quantiles(running.delays[name])} for name, figures in found.items()]
     of_all = {
-        "camera": f"all {count}, {origin}{', half size' if half_size else ''}",
+        "camera": f"all {count}{', half size' if half_size else ''}",
         **{key: float(np.mean([row[key] for row in rows])) for key in ("searched_share", "ms_per_image")},
         **quantiles([delay for delays in running.delays.values() for delay in delays]),
     }
     return [{**row, **{f"{name}_cores": share for name, share in shares.items()}} for row in (*rows, of_all)]
 
 
-def in_processes(pieces: Iterable[Any], measure: Callable[[Any], Iterable[Dict[str, Any]]], csv: Optional[Path]) -> int:
-    """Adds the rows of each piece to a table, each piece in a separate process: a node cannot be started twice in one."""
+def in_processes(counts: Iterable[int], measure: Callable[[int], Iterable[Dict[str, Any]]], csv: Optional[Path]) -> int:
+    """Adds the rows of each number of cameras, each in a separate process: a node cannot be started twice in one."""
     # a shell that starts it in the background has interrupts ignored, and the nodes would ignore them too
     signal.signal(signal.SIGINT, signal.default_int_handler)
     cv2.setNumThreads(1)
     failed = 0
-    for piece in pieces:
+    for count in counts:
         child = os.fork()
         if not child:
             status = 1
             try:
                 table = Table(csv)
-                for row in measure(piece):
+                for row in measure(count):
                     table.add(**row)
                 status = 0
             except BaseException:  # what would end this process: its parent goes on with the next one
@@ -161,16 +153,11 @@ def in_processes(pieces: Iterable[Any], measure: Callable[[Any], Iterable[Dict[s
 def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--cameras", type=int, nargs="+", default=[1, 6, 12, 24])
-    parser.add_argument("--from", dest="origin", choices=("http", "files", "rtsp"), default="http")
     parser.add_argument("--half-size", action="store_true", help="search images at half their size")
     parser.add_argument("--seconds", type=float, default=20.0, help="that are measured; 20 is the whole clip")
     given = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="bench_cameras_") as folder:
-        path = Path(folder) / ("clip.mp4" if given.origin == "rtsp" else "clip.avi")
-        (write_h264 if given.origin == "rtsp" else write)(clip(), path)
-        return in_processes(
-            given.cameras, lambda count: many(count, given.seconds, path, given.origin, given.half_size), given.csv
-        )
+    jpegs = clip()
+    return in_processes(given.cameras, lambda count: many(count, given.seconds, jpegs, given.half_size), given.csv)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
-"""What the page costs: browsers' links while somebody draws, and how soon a spot is on a browser's screen.
+"""What the page costs: browsers' links while somebody draws, and how soon a spot is told.
 
     python3 bench/lab/page.py                     1 and 20 browsers' links: share of a core, stamp of a spot to the message
-    python3 bench/lab/page.py --browser           the same time up to the picture in a real browser
 
 Roscore and nodes are on free ports of loopback. The browsers' links are a process of their own: what they cost is not the
 page's. Hostile messages: page_hostile.py.
@@ -28,9 +27,6 @@ from vb_core.ros.commands import make_request, send
 from vb_evaluation.processes import spawn
 
 LISTENER = "from bench.lab import page; page.listen_many({port}, {count}, {seconds})"
-SHOWN = """window.delays = []; const map = window.virtualBorders.map, set = map.setSpots.bind(map);
-  map.setSpots = (spots) => { set(spots); const newest = Math.max(...Object.values(spots).map((s) => s[3]));
-    requestAnimationFrame(() => requestAnimationFrame(() => window.delays.push(Date.now() / 1000 - newest))) }"""
 
 
 async def listen(port, until, stamps, sizes):
@@ -80,33 +76,15 @@ def cost(table: Table, port: int, counts: List[int], seconds: float) -> None:
         table.add(what="links", browsers=count, cores=used, **quantiles(delays), **each, load=os.getloadavg()[0])
 
 
-def show(table: Table, port: int, seconds: float) -> None:
-    """Measures the time from a spot's stamp to the frame that shows it, in a headless browser on the same computer."""
-    from phone import PHONE, Browser
-
-    page = Browser(f"http://127.0.0.1:{port}/", PHONE)
-    try:
-        page.wait_ready()
-        page.run(SHOWN)
-        Pointer().run(seconds)
-        table.add(what="browser", **quantiles(page.run("return window.delays")), load=os.getloadavg()[0])
-    finally:
-        page.close()
-
-
 def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--browsers", type=int, nargs="+", default=[1, 20], help="how many links")
     parser.add_argument("--seconds", type=float, default=30.0, help="of drawing")
-    parser.add_argument("--browser", action="store_true")
     given = parser.parse_args()
     table = Table(given.csv)
     with ExitStack() as stack:
         port, _ = start(stack)
-        if given.browser:
-            show(table, port, given.seconds)
-        else:
-            cost(table, port, given.browsers, given.seconds)
+        cost(table, port, given.browsers, given.seconds)
     return 0
 
 

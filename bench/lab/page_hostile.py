@@ -10,87 +10,22 @@ python3 bench/lab/page_hostile.py [--seconds 10] [--only NAME ...]
 from __future__ import annotations
 
 import asyncio
-import base64
 import contextlib
 import itertools
-import json
 import multiprocessing
 import os
-import signal
-import ssl
 import sys
 import time
 
 import numpy as np
 import yaml
-from tornado.httpclient import AsyncHTTPClient, HTTPRequest
-from tornado.websocket import WebSocketClosedError, websocket_connect
+from tornado.httpclient import AsyncHTTPClient
 
 from bench.frame import Table, arguments
-from bench.lab.page_lab import node_process, start
-
-from hostile import GOOD_DRAFT, hostile_messages
+from bench.lab.page_client import Page, answer
+from bench.lab.page_lab import start
 
 LIMIT = 5.0  # [s] then a stop counts as lost
-ANY = ssl.create_default_context()
-ANY.check_hostname, ANY.verify_mode = False, ssl.CERT_NONE
-
-
-class Page:
-    """The page's address, and what a person or an attacker does with it."""
-
-    def __init__(self, port, codes):
-        self.port, self.codes = port, codes
-        self.origin = f"https://127.0.0.1:{port}"
-
-    async def connect(self, address="127.0.0.1", secure=ANY):
-        return await asyncio.open_connection("127.0.0.1", self.port, ssl=secure, local_addr=(address, 0))
-
-    async def ask(self, text, address):
-        """Sends a request and returns the connection with the head of its answer, "" if the server hung up."""
-        reader, writer = await self.connect(address)
-        writer.write(text.encode())
-        with contextlib.suppress(asyncio.IncompleteReadError, OSError):
-            return reader, writer, (await reader.readuntil(b"\r\n\r\n")).decode()
-        return reader, writer, ""
-
-    async def log_in(self, code, address="127.0.0.1"):
-        """Returns the answer's status, and the cookie."""
-        body = json.dumps({"code": code})
-        head = f"POST /session HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\nOrigin: {self.origin}\r\n"
-        _, writer, answer = await self.ask(f"{head}Content-Length: {len(body)}\r\n\r\n{body}", address)
-        writer.close()
-        cookie = next((line[12:].split(";")[0] for line in answer.split("\r\n") if line.startswith("Set-Cookie: ")), "")
-        return int((answer or "x 0 ").split()[1]), cookie
-
-    async def hold_link(self, cookie, address):
-        """Opens a WebSocket and returns its connection; nothing of it is read."""
-        key = base64.b64encode(os.urandom(16)).decode()
-        upgrade = f"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {key}"
-        head = f"GET /link HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\nOrigin: {self.origin}\r\nCookie: {cookie}"
-        return await self.ask(f"{head}\r\n{upgrade}\r\n\r\n", address)
-
-    async def link(self, cookie):
-        request = HTTPRequest(
-            f"wss://127.0.0.1:{self.port}/link",
-            headers={"Origin": self.origin, "Cookie": cookie},
-            ssl_options=ANY,
-            connect_timeout=LIMIT,
-        )
-        return await websocket_connect(request)
-
-
-async def answer(link, **request):
-    """Sends a request and returns its answer."""
-    request = {"id": os.urandom(6).hex(), **request}
-    await link.write_message(json.dumps(request))
-    while True:
-        text = await link.read_message()
-        if text is None:
-            raise OSError("the server hung up")
-        found = json.loads(text)
-        if found.get("re") == request["id"]:
-            return found
 
 
 def address(number):
@@ -141,51 +76,12 @@ async def many_viewers(page):
 
 
 async def wrong_codes(page):
-    number = 0
-    while True:
+    for number in itertools.count(0, 20):
         await asyncio.gather(*(page.log_in("guess2345", address(number + more)) for more in range(20)))
-        number += 20
         await asyncio.sleep(0.2)
 
 
-async def previews(page):
-    _, cookie = await page.log_in(page.codes["operator"], address(0))
-    link = await page.link(cookie)
-    while True:
-        await asyncio.gather(*(answer(link, do="preview", draft=GOOD_DRAFT, border="") for _ in range(4)))
-
-
-async def hostile_texts(page):
-    """As a viewer: what an operator's would do is a matter of tests, since some are requests by accident."""
-    _, cookie = await page.log_in(page.codes["viewer"], address(0))
-    texts = hostile_messages(1000000, seed=11)
-    while True:
-        link = await page.link(cookie)
-        with contextlib.suppress(WebSocketClosedError):  # the server hangs up after 20 faults
-            for text in itertools.islice(texts, 25):
-                await link.write_message(text.encode("utf-8", "replace"), binary=len(text) % 10 == 0)
-        link.close()
-        await asyncio.sleep(0.03)
-
-
-ATTACKS = (
-    nothing,
-    slow_headers,
-    hanging_handshakes,
-    one_viewers_links,
-    many_viewers,
-    wrong_codes,
-    previews,
-    hostile_texts,
-)
-
-
-def sleep_on(worst):
-    """Runs in a separate process: how late [s] a program that only sleeps is woken, which is no fault of the page."""
-    while True:
-        began = time.monotonic()
-        time.sleep(0.01)
-        worst.value = max(worst.value, time.monotonic() - began - 0.01)
+ATTACKS = (nothing, slow_headers, hanging_handshakes, one_viewers_links, many_viewers, wrong_codes)
 
 
 def run_attack(attack, page):
@@ -243,30 +139,18 @@ async def main() -> int:
                 continue
             _, cookie = await page.log_in(page.codes["operator"])
             link = await page.link(cookie)
-            held = node_process("/map_integrator") if attack is previews else None
-            if held is not None:
-                os.kill(held.pid, signal.SIGSTOP)  # a preview takes as long as the page waits for it
-            spawn = multiprocessing.get_context("spawn")
-            woken = spawn.Value("d", 0.0)
-            attacker = spawn.Process(target=run_attack, args=(attack, page), daemon=True)
-            sleeper = spawn.Process(target=sleep_on, args=(woken,), daemon=True)
+            attacker = multiprocessing.get_context("spawn").Process(target=run_attack, args=(attack, page), daemon=True)
             attacker.start()
-            sleeper.start()
             await asyncio.sleep(6.0)
-            woken.value = 0.0
             found = await measure(page, cookie, link, given.seconds, number)
-            late = woken.value
-            for process in (attacker, sleeper):
-                process.terminate()
-                process.join()
-            if held is not None:
-                os.kill(held.pid, signal.SIGCONT)
+            attacker.terminate()
+            attacker.join()
             link.close()
             row = {"attack": attack.__name__, "asked": len(found["link"])}
             for what, times in found.items():
                 row[f"{what}_median"], row[f"{what}_worst"] = float(np.median(times)), float(max(times))
                 row[f"{what}_lost"] = int(np.isinf(times).sum())
-            table.add(**row, woken_worst=late, load=os.getloadavg()[0])
+            table.add(**row, load=os.getloadavg()[0])
             await asyncio.sleep(1.0)
     return 0
 

@@ -36,8 +36,6 @@ from vb_map_integration.integrator import MapIntegrator
 
 KINDS = ("kill", "full", "flip")
 BAD = ("LOST OR MOVED", "did not start")
-
-
 GRID = GridMap(np.pad(np.zeros((118, 158), np.int8), 1, constant_values=100), 0.05, (-1.0, -1.0, 0.2))
 
 
@@ -140,13 +138,15 @@ def crash(kind: str, folder: Path, seed: int) -> Dict[str, Any]:
     os.waitpid(process, 0)
     whole = [line.decode().strip() for line in said if line.endswith(b"\n")]
     states = [line for line in whole if line.startswith("[")]
-    row_kind = whole[-1][4:] if whole and whole[-1].startswith("try") else ""
     changes = sum(one != other for one, other in zip(states, states[1:]))
-    row: Dict[str, Any] = {"kind": kind, "changes": changes, "refused": whole.count("refused")}
-    row["file"] = flip(folder, random) if kind == "flip" else ""
-    row["acknowledged"] = states[-1] if states else None
-    row["under_way"] = row_kind
-    return row
+    return {
+        "kind": kind,
+        "changes": changes,
+        "refused": whole.count("refused"),
+        "file": flip(folder, random) if kind == "flip" else "",
+        "acknowledged": states[-1] if states else None,
+        "under_way": whole[-1][4:] if whole and whole[-1].startswith("try") else "",
+    }
 
 
 def judge(row: Dict[str, Any], folder: Path, before: str) -> str:

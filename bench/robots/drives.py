@@ -15,10 +15,9 @@ this computer allows, and a busy one makes drives last longer without changing t
 while time runs slowly, because the services that put it there take real time; the row says how much simulated time
 that was.
 
-Each drive is a row, kept in --csv; a call with the same file goes on where it was ended.
+Each drive is a row.
 """
 
-import csv
 import itertools
 import math
 import sys
@@ -31,7 +30,6 @@ from bench.robots.drive_tasks import tasks
 from bench.robots.drive_surprises import drive_box, drive_nose
 from bench.robots.drives_lab import Lab
 
-FASTEST = 4.0  # simulated seconds per real second: more than two slow cores can do
 COLUMNS = (
     "kind scenario number goal outcome false_reports length_m seconds wall_s localized_m late uncertain recoveries "
     "still_s entered_m gap_m after_s border"
@@ -62,22 +60,14 @@ def drive_scenario(lab, scenario, todo, keep) -> None:
 def main() -> int:
     parser = arguments(__doc__, seed=2)
     parser.add_argument("--robot", default="turtlebot2", choices=("turtlebot2", "turtlebot3_burger"))
-    parser.add_argument("--pace", type=float, default=FASTEST, help="simulated seconds per real second, at most")
     parser.add_argument("--kinds", nargs="+", default=list(WANTED), choices=list(WANTED), help="of drives")
+    parser.add_argument("--first", type=int, default=0, help="leave out so many of these drives, to go on with a seed")
     parser.add_argument("--drives", type=int, default=1000, help="how many at most")
     given = parser.parse_args()
-    table, done, counts = Table(given.csv), set(), Counter()
-    if given.csv and given.csv.exists():
-        with given.csv.open(newline="") as file:
-            same = {"robot": given.robot, "seed": str(given.seed)}
-            rows = [row for row in csv.DictReader(file) if {**row, **same} == row]
-            done = {(row["kind"], row["scenario"], int(row["number"])) for row in rows}
-    todo = [task for task in tasks(given.seed) if task[:3] not in done and task[0] in given.kinds][: given.drives]
-    if not todo:
-        print("all drives of this seed are done")
-        return 0
+    table, counts = Table(given.csv), Counter()
+    todo = [task for task in tasks(given.seed) if task[0] in given.kinds][given.first :][: given.drives]
     folder = Path(tempfile.mkdtemp(prefix="drives_"))
-    lab = Lab(given.robot, todo[0][3], folder, given.pace, given.seed)
+    lab = Lab(given.robot, todo[0][3], folder, given.seed)
 
     def keep(run) -> None:
         entered, added = (run["entered_m"] or -1.0) > 0.0, run.get("border", "added") == "added"

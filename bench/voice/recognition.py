@@ -16,7 +16,7 @@ from __future__ import annotations
 import re
 import sys
 import zlib
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Dict, Iterable, List, NamedTuple
 
@@ -144,21 +144,15 @@ class Tally:
     """Counts what became of what was said, figure by figure, and notes what was taken wrongly."""
 
     def __init__(self) -> None:
-        self.figures: Dict[str, List[int]] = {}
+        self.figures: Dict[str, List[bool]] = defaultdict(list)
         self.wrong: List[str] = []
-
-    def count(self, figure: str, right: bool) -> None:
-        """Counts one trial of a figure."""
-        entry = self.figures.setdefault(figure, [0, 0])
-        entry[0] += bool(right)
-        entry[1] += 1
 
     def other(self, where: str, clip: Clip, found: List[Heard]) -> None:
         """Counts something that is no command, and whether it would be done at once or was only asked about."""
         taken = [heard.result for heard in found if heard.result.command]
-        self.count(f"other speech taken, {where}", bool(taken))
-        self.count(
-            "other speech done at once, that matters", any(one.certain and one.command in CONSEQUENT for one in taken)
+        self.figures[f"other speech taken, {where}"].append(bool(taken))
+        self.figures["other speech done at once, that matters"].append(
+            any(one.certain and one.command in CONSEQUENT for one in taken)
         )
         for one in taken:
             self.wrong.append(f"{clip.kind}/{clip.name}, {where}: {one.command}, confidence {one.confidence:.2f}")
@@ -177,17 +171,17 @@ def judge_people(folder: Path, half: str, tally: Tally) -> None:
         between = others[number % len(others)]
         for where, room in (("quiet", quiet), ("kitchen", noisy)):
             tally.other(where, between, room.hear([between.pcm]))
-            tally.count(f"stop, {where}", "stop" in commands(room.hear([clip.pcm])))
+            tally.figures[f"stop, {where}"].append("stop" in commands(room.hear([clip.pcm])))
             after = [trimmed(between.pcm), np.zeros(RATE // 10), trimmed(clip.pcm)]
-            tally.count(f"stop, 0.1 s after other speech, {where}", "stop" in commands(room.hear(after)))
+            tally.figures[f"stop, 0.1 s after other speech, {where}"].append("stop" in commands(room.hear(after)))
         sound, at = str(random.choice([name for name in SOUNDS if name != "tick"])), float(random.uniform(-0.8, 1.2))
         beside = "stop" in commands(quiet.hear([clip.pcm], before=1.0, sound=sound, at=at))
         if "stop" in commands(quiet.hear([clip.pcm], before=1.0)):
-            tally.count("stop, beside a sound of ours", beside)
+            tally.figures["stop, beside a sound of ours"].append(beside)
         if number % 5 == 0:
             quiet.hear([talk[(number + index) % len(talk)] for index in range(20)])
-            tally.count("stop, after a minute of talk", "stop" in commands(quiet.hear([clip.pcm], before=2.0)))
-        tally.count("stop, four people talking", "stop" in commands(crowd.hear([clip.pcm])))
+            tally.figures["stop, after a minute of talk"].append("stop" in commands(quiet.hear([clip.pcm], before=2.0)))
+        tally.figures["stop, four people talking"].append("stop" in commands(crowd.hear([clip.pcm])))
     for clip in others[len(stops) :]:
         tally.other("quiet", clip, quiet.hear([clip.pcm]))
         tally.other("kitchen", clip, noisy.hear([clip.pcm]))
@@ -213,7 +207,7 @@ def main() -> int:
         table.add(what="hours of talk", share=judge_talk(given.folder, tally))
     else:
         judge_people(given.folder, given.half, tally)
-    shares = {figure: share(*counted) for figure, counted in tally.figures.items()}
+    shares = {figure: share(sum(trials), len(trials)) for figure, trials in tally.figures.items()}
     for what, value in {**shares, **Counter(tally.wrong)}.items():
         table.add(half=given.half, what=what, share=value)
     return 0

@@ -38,14 +38,13 @@ class StubNeighbors:
         self.candidates, self.added, self.previews = [], [], []
         self.services = []
 
-    def offer(self, candidate: bool = True, add: bool = True, preview: bool = True) -> None:
+    def offer(self) -> None:
         """Starts the services."""
-        if preview:
-            self.services.append(rospy.Service("/virtual_borders/preview_border", PreviewBorder, self._on_preview))
-        if candidate:
-            self.services.append(rospy.Service("/virtual_borders/get_drawn_border", GetDrawnBorder, self._on_candidate))
-        if add:
-            self.services.append(rospy.Service("/virtual_borders/add_border", AddBorder, self._on_add))
+        self.services += [
+            rospy.Service("/virtual_borders/preview_border", PreviewBorder, self._on_preview),
+            rospy.Service("/virtual_borders/get_drawn_border", GetDrawnBorder, self._on_candidate),
+            rospy.Service("/virtual_borders/add_border", AddBorder, self._on_add),
+        ]
 
     def offer_undo(self) -> list:
         """Starts undo over one border, "Nursery", which can be taken back once; gives the services."""

@@ -16,23 +16,24 @@ from vb_evaluation.processes import spawn
 TIMEOUT = 120.0  # [s] a busy computer takes ten times as long as an idle one; only a fault waits to the end
 
 
-def wait_until(condition, what, timeout=TIMEOUT):
+def wait_until(condition, what, timeout=TIMEOUT, clock=time.monotonic, sleep=time.sleep):
     """Waits until a condition gives something true, and returns that.
 
     Args:
         what: is waited for: words, or a function that finds them in the end.
+        clock, sleep: those of another time than this computer's.
 
     Raises:
         AssertionError: says what was waited for in vain.
     """
-    deadline = time.monotonic() + timeout
+    deadline = clock() + timeout
     while True:
         found = condition()
         if found:
             return found
-        if time.monotonic() > deadline:
+        if clock() > deadline:
             raise AssertionError(f"waited {timeout:g} s in vain for: {what() if callable(what) else what}")
-        time.sleep(0.02)
+        sleep(0.02)
 
 
 def is_listening(port):
@@ -115,7 +116,9 @@ def assert_ends_with_one_line(package, executable, cases, **options):
     """
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     started = [
-        spawn(["rosrun", package, executable, f"__name:=bad_{k}", *arguments], text=True, **pipes, **options)
+        spawn(
+            ["rosrun", package, executable, f"__name:=bad_{executable}_{k}", *arguments], text=True, **pipes, **options
+        )
         for k, (arguments, _word) in enumerate(cases)
     ]
     for process, (arguments, word) in zip(started, cases):

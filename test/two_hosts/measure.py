@@ -9,7 +9,6 @@ status 0 if spots arrived and reached the fusion, and one took less than a hundr
 
 import argparse
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -17,11 +16,10 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import Image
 
+from vb_testing import TIMEOUT, wait_until
 from vb_core import names
 from vb_msgs.msg import BorderProgress, LaserSpot
 from vb_msgs.srv import Command, CommandRequest
-
-TIMEOUT = 120.0  # [s] for each step: a busy computer may take a minute to log in and start a node there
 
 
 class Watch:
@@ -29,15 +27,9 @@ class Watch:
 
     def __init__(self, interface):
         self._statistics = Path("/sys/class/net") / interface / "statistics"
-        self.changed = threading.Condition()
         self.spots, self.images, self.progress = [], 0, None
-        rospy.Subscriber(names.SPOTS, LaserSpot, self._store, callback_args=self._on_spot, queue_size=100)
-        rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, callback_args=self._on_progress)
-
-    def _store(self, message, handle):
-        with self.changed:
-            handle(message)
-            self.changed.notify_all()
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
+        rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress)
 
     def _on_spot(self, message):
         self.spots.append(1e3 * (rospy.Time.now() - message.header.stamp).to_sec())
@@ -45,23 +37,16 @@ class Watch:
     def _on_progress(self, message):
         self.progress = message
 
+    def _on_image(self, _message):
+        self.images += 1
+
     def count_images(self):
-        def count(_message):
-            self.images += 1
-
-        return rospy.Subscriber(
-            "/green/image_raw", Image, self._store, callback_args=count, queue_size=1, buff_size=2**24
-        )
-
-    def wait(self, condition, what):
-        with self.changed:
-            if not self.changed.wait_for(condition, TIMEOUT):
-                sys.exit(f"waited {TIMEOUT:.0f} s in vain for {what}")
+        return rospy.Subscriber("/green/image_raw", Image, self._on_image, queue_size=1, buff_size=2**24)
 
     def crossing(self, condition, what):
         """Measures (received, sent) [bytes], and how long it took [s], until something has come."""
         before, began = self._bytes(), time.monotonic()
-        self.wait(condition, what)
+        wait_until(condition, what)
         return tuple(after - start for start, after in zip(before, self._bytes())), time.monotonic() - began
 
     def _bytes(self):
@@ -76,22 +61,18 @@ def main():
     arguments = parser.parse_args()
     rospy.init_node("measure")
     watch = Watch(arguments.interface)
-    watch.wait(lambda: watch.spots, "a spot from the other computer")
-    define_border(watch)
-    watch.wait(lambda: watch.progress is not None and watch.progress.border_spots > 5, "spots in the fusion")
-    with watch.changed:
-        watch.spots.clear()
+    wait_until(lambda: watch.spots, "a spot from the other computer")
+    define_border()
+    wait_until(lambda: watch.progress is not None and watch.progress.border_spots > 5, "spots in the fusion")
+    watch.spots.clear()
     (received, sent), took = watch.crossing(lambda: len(watch.spots) >= arguments.spots, f"{arguments.spots} spots")
-    with watch.changed:
-        latencies = np.array(watch.spots)
+    latencies = np.array(watch.spots)
     subscriber = watch.count_images()
-    watch.wait(lambda: watch.images > 3, "images")
-    with watch.changed:
-        watch.images = 0
+    wait_until(lambda: watch.images > 3, "images")
+    watch.images = 0
     enough = f"{arguments.images} images"
     (with_images, _), images_took = watch.crossing(lambda: watch.images >= arguments.images, enough)
-    with watch.changed:
-        images = watch.images
+    images = watch.images
     subscriber.unregister()
     per_spot, per_image = received / len(latencies), with_images / images
     median, p95 = np.percentile(latencies, (50, 95))
@@ -105,22 +86,19 @@ for each spot {per_spot / 1e3:.2f} kB crossed, for each image {per_image / 1e3:.
     return 0 if per_spot < per_image / 100.0 else 1
 
 
-def define_border(watch):
+def define_border():
     """Begins a border; a manager that has just started may not answer yet."""
     rospy.wait_for_service(names.COMMAND, timeout=TIMEOUT)
-    end = time.monotonic() + TIMEOUT
-    request = CommandRequest(command="define_border", source="wizard")
-    while True:
+    command, answers = rospy.ServiceProxy(names.COMMAND, Command), []
+
+    def begun():
         try:
-            answer = rospy.ServiceProxy(names.COMMAND, Command)(request)
-            if answer.success:
-                return
-            reason = answer.message
+            answers.append(command(CommandRequest(command="define_border", source="wizard")))
         except rospy.ServiceException as error:
-            reason = str(error)
-        if time.monotonic() > end:
-            sys.exit(f"define_border: {reason}")
-        rospy.rostime.wallsleep(0.5)
+            answers.append(error)
+        return getattr(answers[-1], "success", False)
+
+    wait_until(begun, lambda: f"define_border: {answers[-1]}")
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import rospy
 import rostest
 from rosgraph_msgs.msg import Clock
 
+from vb_testing import wait_until
 from vb_core import names
 from vb_core.grid_map import GridMap
 from vb_core.ros import commands
@@ -38,6 +39,11 @@ def recorded_spots():
     return points + rng.normal(0.0, 0.01, points.shape)
 
 
+def wait(holds, what):
+    """Waits in ROS time."""
+    wait_until(holds, what, clock=rospy.get_time, sleep=rospy.sleep)
+
+
 class Session:
     """Gives commands and spots as rospy lets it, and keeps what the nodes say."""
 
@@ -50,14 +56,6 @@ class Session:
         rospy.Subscriber(names.PROGRESS, BorderProgress, lambda message: setattr(self, "progress", message))
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda message: setattr(self, "borders", message))
         rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, lambda message: setattr(self, "grid", message))
-
-    def wait_until(self, holds):
-        """Waits in ROS time."""
-        until = rospy.get_time() + 120.0
-        while not holds():
-            if rospy.get_time() > until:
-                raise AssertionError("waited in vain")
-            rospy.sleep(0.02)
 
     def give_command(self, command):
         """Gives a command."""
@@ -72,29 +70,33 @@ class Session:
             message.header.stamp = rospy.Time.from_sec(begin + count / RATE)
             message.header.frame_id = names.MAP_FRAME
             message.position.x, message.position.y = point
-            self.wait_until(lambda: rospy.Time.now() >= message.header.stamp)
+            wait(lambda: rospy.Time.now() >= message.header.stamp, "the time of a spot")
             self.spots.publish(message)
             count += 1
 
     def run(self):
         """A whole interaction; what came out."""
-        self.wait_until(lambda: self.state is not None and self.spots.get_num_connections() > 0)
+        wait(
+            lambda: self.state is not None and self.spots.get_num_connections() > 0,
+            "the state, and somebody who sees spots",
+        )
         self.map.publish(
             message_from_grid(GridMap(np.zeros((100, 120), np.int8), 0.05, (0.0, 0.0, 0.0)), rospy.Time.now())
         )
-        self.wait_until(lambda: self.grid is not None)
+        wait(lambda: self.grid is not None, "the map")
         border, seed = recorded_spots(), np.tile([2.0, 1.7], (25, 1))
         self.give_command("define_border")
-        self.wait_until(lambda: self.state.name == "border")
+        wait(lambda: self.state.name == "border", "the state Border")
         self.show(border)
-        self.wait_until(lambda: self.progress is not None and self.progress.border_spots == len(border))
+        wait(lambda: self.progress is not None and self.progress.border_spots == len(border), "the border's spots")
         self.give_command("define_seed")
-        self.wait_until(lambda: self.state.name == "seed")
+        wait(lambda: self.state.name == "seed", "the state Seed")
         self.show(seed)
-        self.wait_until(lambda: self.progress.seed_spots == len(seed))
+        wait(lambda: self.progress.seed_spots == len(seed), "the seed's spots")
         self.give_command("save")
-        self.wait_until(
-            lambda: self.borders is not None and self.borders.borders and grid_from_message(self.grid).data.any()
+        wait(
+            lambda: self.borders is not None and self.borders.borders and grid_from_message(self.grid).data.any(),
+            "the saved border",
         )
         saved = self.borders.borders[0]
         return {

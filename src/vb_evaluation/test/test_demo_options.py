@@ -8,11 +8,6 @@ from vb_evaluation.demonstration import demo
 TOP = Path(__file__).resolve().parents[3]
 
 
-def test_the_defaults_are_the_carpet_in_the_papers_lab():
-    options = demo.parse([], TOP)
-    assert (options.scenario.key, options.method, options.world.name, options.seed) == ("carpet", "nrs", "lab", 1)
-
-
 @pytest.mark.parametrize(
     "arguments, word",
     [

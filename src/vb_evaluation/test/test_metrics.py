@@ -1,16 +1,12 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis.extra.numpy import arrays
-from shapely.geometry import box
 
+from refusals import refused
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_evaluation import metrics
-from vb_sim.room import floor_plan
-from vb_sim.room.world import load_world
 
 masks = arrays(bool, (6, 7))
 
@@ -24,19 +20,9 @@ def test_jaccard_against_sets(a, b):
     assert metrics.jaccard(a, b) == expected == metrics.jaccard(b, a)
 
 
-def test_jaccard_of_two_boxes_is_that_of_their_areas():
-    grid = np.indices((100, 100)).transpose(1, 2, 0)
-    inside = lambda x1, y1, x2, y2: ((grid >= (y1, x1)) & (grid < (y2, x2))).all(axis=2)  # noqa: E731
-    a, b = box(10, 10, 50, 60), box(20, 5, 70, 40)
-    assert metrics.jaccard(inside(10, 10, 50, 60), inside(20, 5, 70, 40)) == pytest.approx(
-        a.intersection(b).area / a.union(b).area
-    )
-
-
 def test_jaccard_needs_equal_shapes():
-    with pytest.raises(CodedError) as caught:
+    with refused("bad_shape"):
         metrics.jaccard(np.ones((2, 3), bool), np.ones((3, 2), bool))
-    assert caught.value.code == "bad_shape"
 
 
 def test_only_free_cells_count_as_restricted():
@@ -80,16 +66,6 @@ def test_boundary_error_counts_only_free_floor_and_both_directions():
     spot[5, 50] = True  # one cell far away: nothing for what was asked, all for what was drawn
     error = metrics.boundary_error(grid, truth, spot)
     assert error.largest > 0.5 and error.mean == pytest.approx(4 * error.largest / 44, rel=0.1)
-
-
-def test_the_index_saturates_where_the_error_does_not():
-    """Room exclusion: 5 cm off cost the index less than .01, so 1.000 says nothing."""
-    world = load_world(str(Path(__file__).resolve().parents[2] / "vb_sim" / "worlds" / "lab.yaml"))
-    prior = floor_plan.physical_map(world)
-    truth = floor_plan.ground_truth(world, world.scenario("room"))
-    drawn = (np.roll(truth, 2, 1) | truth) & (prior.data == 0)
-    assert metrics.jaccard(truth, drawn) > 0.99
-    assert metrics.boundary_error(prior, truth, drawn).mean == pytest.approx(0.05, abs=0.01)
 
 
 def test_the_area_drawn_round_shows_what_the_rest_hides():

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from vb_core.errors import CodedError
+from refusals import refused
 from vb_evaluation import statistics
 
 # Field (2009), Discovering Statistics Using SPSS, 3rd ed., Sect. 15.4: depression on Sunday and on Wednesday
@@ -20,10 +20,9 @@ HAMILTON = (
     [1.83, 0.50, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.30],
     [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29],
 )
+
+
 # Darwin's maize as in Fisher (1935), The Design of Experiments, Sect. 17; the example of scipy.stats.wilcoxon
-MAIZE = [49, -67, 8, 16, 6, 23, 28, 41, 14, 29, 56, 24, 75, 60, -48]
-
-
 @pytest.mark.parametrize("sunday_wednesday, z, p, r", [(ECSTASY, -2.53, 0.012, 0.57), (ALCOHOL, -1.99, 0.047, 0.44)])
 def test_spss_as_in_fields_textbook(sunday_wednesday, z, p, r):
     found = statistics.compare_paired(*sunday_wednesday)
@@ -43,11 +42,6 @@ def test_hollander_and_wolfe_exact_p_estimate_and_interval():
     assert found.shift.estimate == pytest.approx(-0.46)
     assert (found.shift.low, found.shift.high) == pytest.approx((-0.786, -0.010))
     assert found.shift.confidence == pytest.approx(0.961, abs=5e-4)
-
-
-def test_darwins_maize():
-    test = statistics.signed_rank(np.array(MAIZE, float))
-    assert min(test.w_plus, test.w_minus) == 24.0 and test.p_exact == 0.041259765625
 
 
 def test_rank_biserial_of_a_worked_example():
@@ -137,13 +131,6 @@ def test_an_interval_is_written_with_what_is_known_of_it(values, text):
     assert written == text or (text == "-" and "[" not in written)
 
 
-@pytest.mark.parametrize("differences, p", [([], math.nan), ([0.0, 0.0], 1.0)])
-def test_pairs_that_do_not_differ_say_nothing_against_equality_and_no_pairs_say_nothing(differences, p):
-    found = statistics.signed_rank(np.array(differences))
-    assert found.zeros == len(differences) and found.n == 0
-    assert found.p == p or (math.isnan(found.p) and math.isnan(p))
-
-
 def test_few_participants():
     three = statistics.compare_paired([3.0, 4.0, 5.0], [1.0, 1.0, 1.0])
     assert three.shift.confidence == 0.75 and three.test.p_exact == 0.25
@@ -157,9 +144,8 @@ def test_few_participants():
 
 @pytest.mark.parametrize("first, second", [([1.0], [1.0, 2.0]), ([math.nan], [1.0]), ([[1.0]], [[1.0]])])
 def test_bad_samples(first, second):
-    with pytest.raises(CodedError) as caught:
+    with refused("bad_sample"):
         statistics.compare_paired(first, second)
-    assert caught.value.code == "bad_sample"
 
 
 def test_bootstrap_intervals():

@@ -54,17 +54,12 @@ def make_row(document, sources, job):
     return campaign.Outcome(job, row)
 
 
-def test_the_same_with_any_number_of_processes_and_after_an_interruption(tmp_path):
+def test_the_same_with_any_number_of_processes(tmp_path):
     jobs = plan.main_jobs(STUDY, 2)
     for folder, processes in (("one", 1), ("two", 2)):
         assert campaign.run_jobs(STUDY, jobs, tmp_path / folder, processes, console=QUIET, work=make_row) == 0
     one, two = ((tmp_path / folder / "runs.csv").read_bytes() for folder in ("one", "two"))
     assert one == two and one.count(b"\n") == 13
-    # as if the power had failed before the last row
-    next((tmp_path / "one" / "rows").glob("*_p0002_6_*")).unlink()
-    (tmp_path / "one" / "runs.csv").unlink()
-    assert campaign.run_jobs(STUDY, jobs, tmp_path / "one", 1, console=QUIET, work=make_row) == 0
-    assert (tmp_path / "one" / "runs.csv").read_bytes() == one
 
 
 INTERRUPTED = """

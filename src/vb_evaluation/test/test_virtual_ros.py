@@ -11,7 +11,7 @@ from vb_evaluation.study.result import RunTask
 from vb_evaluation.study.runner import run
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.scheduler import Scheduler
-from vb_evaluation.virtual_ros.stand_ins import Condition, Event, Lock, Queue
+from vb_evaluation.virtual_ros.stand_ins import Lock, Queue
 from vb_fusion import live_extraction
 
 SECOND = 10**9
@@ -38,44 +38,6 @@ def test_a_lock_goes_to_the_one_that_still_waits():
         scheduler.spawn(work)
     scheduler.run(lambda: False, 20 * SECOND)
     assert said == [("impatient", False), ("patient", 3 * SECOND), ("woken", False)]
-
-
-def test_a_condition_lets_others_in_while_it_waits_and_an_event_wakes_everybody():
-    scheduler, said, items = Scheduler(0), [], []
-    condition, event, queue = Condition(scheduler), Event(scheduler), Queue(scheduler)
-
-    def consumer():
-        with condition:
-            said.append(("got", condition.wait_for(lambda: list(items), 10.0), scheduler.now_ns))
-            said.append(("in vain", condition.wait(1.0), scheduler.now_ns))
-        event.set()
-        queue.put("last")
-
-    def producer():
-        scheduler.wait(2 * SECOND)
-        with condition:
-            items.append("one")
-            condition.notify()
-
-    def waiting(name):
-        said.append((name, event.wait(9.0), event.wait(), scheduler.now_ns))
-
-    for work in (
-        consumer,
-        producer,
-        lambda: waiting("first"),
-        lambda: waiting("second"),
-        lambda: said.append((queue.get(timeout=9.0), scheduler.now_ns)),
-    ):
-        scheduler.spawn(work)
-    scheduler.run(lambda: False, 20 * SECOND)
-    assert said == [
-        ("got", ["one"], 2 * SECOND),
-        ("in vain", False, 3 * SECOND),
-        ("first", True, True, 3 * SECOND),
-        ("second", True, True, 3 * SECOND),
-        ("last", 3 * SECOND),
-    ]
 
 
 def test_an_interruption_is_no_fault_of_the_node_that_it_meets():

@@ -84,10 +84,8 @@ class DisplayMarkersTest(unittest.TestCase):
         cls.map.publish(message_from_grid(cls.grid, rospy.Time.now()))
 
     def publish_state(self, **changes):
-        message = InteractionState(name="default", available_commands=["define_border"], last_success=True)
-        for key, value in changes.items():
-            setattr(message, key, value)
-        self.state.publish(message)
+        usual = {"name": "default", "available_commands": ["define_border"], "last_success": True}
+        self.state.publish(InteractionState(**{**usual, **changes}))
 
     def test_1_words_follow_the_state(self):
         self.publish_state()
@@ -234,7 +232,7 @@ class DisplayMarkersTest(unittest.TestCase):
         self.assertFalse(self.screen.has("spots/blue"))
 
     def test_4_rviz_is_fitted_to_the_map(self):
-        top = Path(__file__).resolve().parents[3]
+        config = Path(__file__).resolve().parents[3] / "rviz" / "smart_display.rviz"
         with tempfile.TemporaryDirectory() as folder:
             stand_in = Path(folder) / "rviz"
             stand_in.write_text(f'#!/bin/sh\nshift\ncp "$2" {folder}/config; echo "$@" > {folder}/arguments\n')
@@ -244,14 +242,7 @@ class DisplayMarkersTest(unittest.TestCase):
             screen.write_text(f"#!/bin/sh\ntest -e {folder}/on || {{ touch {folder}/on; exit 1; }}\n")
             screen.chmod(0o755)
             run = subprocess.run(
-                [
-                    "rosrun",
-                    "vb_feedback",
-                    "smart_display",
-                    "__name:=display",
-                    "_screen:=1280x720",
-                    f"_config:={top}/rviz/smart_display.rviz",
-                ],
+                [*"rosrun vb_feedback smart_display __name:=display _screen:=1280x720".split(), f"_config:={config}"],
                 env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "DISPLAY": ":0"},
                 timeout=120,
                 stdout=subprocess.PIPE,

@@ -28,10 +28,8 @@ class FeedbackTest(unittest.TestCase):
         wait_until(lambda: all(subscriber.get_num_connections() for subscriber in cls.subscribers), "its topics")
 
     def publish_state(self, second, **values):
-        message = InteractionState(last_success=True, last_answered=rospy.Time(second))
-        for key, value in values.items():
-            setattr(message, key, value)
-        self.state.publish(message)
+        usual = {"last_success": True, "last_answered": rospy.Time(second)}
+        self.state.publish(InteractionState(**{**usual, **values}))
 
     def expect_sounds(self, *expected):
         wait_until(lambda: len(self.sounds) >= len(expected), f"{expected}, got {self.sounds}")

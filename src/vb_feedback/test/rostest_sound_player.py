@@ -98,9 +98,10 @@ class SoundPlayerTest(unittest.TestCase):
         spec = importlib.util.spec_from_file_location("kobuki_definitions", os.path.join(folder, "msg.py"))
         messages = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(messages)
-        lights, beeps = [], []
+        lights, stops, beeps = [], [], []
         subscribers = [
             rospy.Subscriber("mobile_base/commands/led1", messages.Led, lights.append),
+            rospy.Subscriber("mobile_base/commands/led2", messages.Led, lambda light: stops.append(light.value)),
             rospy.Subscriber("mobile_base/commands/sound", messages.Sound, beeps.append),
         ]
         state = rospy.Publisher("/virtual_borders/state", InteractionState, queue_size=5, latch=True)
@@ -110,8 +111,10 @@ class SoundPlayerTest(unittest.TestCase):
             wait_until(lambda: [light.value for light in lights] == [3], "the red light of Guide")
             state.publish(InteractionState(name="default"))
             wait_until(lambda: [light.value for light in lights] == [3, 0], "no light in Default")
+            state.publish(InteractionState(name="guide", stopped=True))
+            wait_until(lambda: stops[-1:] == [3] and lights[-1].value == 3, "a second red light while stopped")
             wait_until(
-                lambda: subscribers[1].get_num_connections() and self.sounds.get_num_connections() == 3, "the beeper"
+                lambda: subscribers[-1].get_num_connections() and self.sounds.get_num_connections() == 3, "the beeper"
             )
             self.sounds.publish(name="tick")
             self.sounds.publish(name="error")

@@ -135,8 +135,3 @@ def test_letters_contrast_with_their_ground(letters, ground):
     # WCAG 2.1: 3 for large letters, 4.5 for all
     light, dark = sorted((luminance(letters), luminance(ground)), reverse=True)
     assert (light + 0.05) / (dark + 0.05) > 4.0
-
-
-def test_blend():
-    assert colors.blend((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.25) == (0.25, 0.25, 0.25)
-    assert colors.blend((0.2, 0.2, 0.2), (1.0, 1.0, 1.0), -3.0) == (0.2, 0.2, 0.2)

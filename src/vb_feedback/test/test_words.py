@@ -87,22 +87,6 @@ def test_every_command_that_can_be_said_is_shown(commands):
     assert said == [command.replace("_", " ") for command in commands]
 
 
-def test_state_and_commands_are_shown():
-    layout = fit_view(LAB, 16 / 9)
-    found = texts_of(words(layout, PanelContent("seed", 65.0, ("save", "cancel"), True, "Yes.", ("red",), NOTICES[:1])))
-    assert found == {
-        "words/state": "Seed",
-        "words/elapsed": "1:05",
-        "words/say": "You can say",
-        "words/say/0": "save",
-        "words/say/1": "cancel",
-        "words/seen": "Spot seen by",
-        "words/seen/0": "red",
-        "words/answer": "Yes.",
-        "words/notice/1": "Saving would restrict 12.50 m2.",
-    }
-
-
 def test_an_answer_that_stands_as_a_notice_is_said_once():
     layout = fit_view(LAB, 16 / 9)
     stopped, more = PanelNotice("Stopped: no robot drives.", True), PanelNotice("The spot is seen.")

@@ -95,8 +95,9 @@ def slowly(address, pause_s, count):
     seen, enough = [], threading.Event()
 
     def handle(shot):
-        if len(seen) < count:
-            seen.append((float(shot.picture().pixels.mean()), shot.taken))
+        brightness = float(shot.picture().pixels.mean())
+        if len(seen) < count and (not seen or brightness > seen[-1][0] - 6.0):  # else it has begun again
+            seen.append((brightness, shot.taken))
             time.sleep(pause_s)
         else:
             enough.set()
@@ -117,9 +118,9 @@ def test_a_file_has_no_hurry(film, pause_s):
 
 
 def test_images_of_a_network_that_come_too_late_are_left_out_until_one_stands_by_itself(camera):
-    # five times too slow: without leaving any out, the 30th image to be seen would be the camera's 30th
+    # five times too slow, or more on a busy computer: without leaving any out, the last to be seen would be so many
     seen, _, late = slowly(camera, 0.2, 30)
-    assert late > 50 and seen[-1] > 100
+    assert late > 50 and seen[-1] > 3 * len(seen)
     # what is seen after a gap is whole: it has the brightness of an image that needs no other one
     after = np.flatnonzero(np.diff(seen) > 3.0) + 1
     assert len(after) and np.abs((seen[after] + KEY_EVERY / 2) % KEY_EVERY - KEY_EVERY / 2).max() < 4.0

@@ -131,16 +131,9 @@ class MapIntegratorTest(unittest.TestCase):
         count, revision = self.maps.count, self.call("list_borders").borders.revision
         nan = polygon()
         nan.points[1].x = float("nan")
-        one = polygon()
-        one.points = one.points[:1]
-        many = polygon()
-        many.points = [Point(k * 1e-5, 0.0, 0.0) for k in range(100000)]
         for code, border, frame in (
             ("bad_points", nan, ""),
-            ("too_few_points", one, ""),
-            ("too_many_points", many, ""),
             ("unknown_frame", polygon(), "odom"),
-            ("bad_occupancy", polygon(occupancy=1.5), ""),
             ("bad_kind", polygon(), ""),
             ("id_not_empty", polygon(id="b1"), ""),
             ("seed_outside_map", polygon(x=50.0), ""),

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from refusals import refused
 from vb_core import files
 from vb_core.errors import CodedError
 from vb_map_integration.storage import database as module
@@ -78,9 +79,9 @@ def test_undo_and_redo_survive_a_restart(tmp_path):
     for expected in (["b1"], ["b1", "b2"], ["b2"]):
         fourth.redo()
         assert [border.id for border in fourth.borders] == expected
-    with pytest.raises(CodedError) as caught:
+    with refused("nothing_to_redo"):
         fourth.redo()
-    assert caught.value.code == "nothing_to_redo" and fourth.available_commands == ["undo"]
+    assert fourth.available_commands == ["undo"]
     fourth.close()
 
 
@@ -91,18 +92,17 @@ def test_the_history_is_bounded(tmp_path, monkeypatch):
         keeper.add(square(10 + number, 10), 1.0 + number)
     for _ in range(5):
         keeper.undo()
-    with pytest.raises(CodedError) as caught:
+    with refused("nothing_to_undo"):
         keeper.undo()
-    assert caught.value.code == "nothing_to_undo" and len(keeper.borders) == 4
+    assert len(keeper.borders) == 4
 
 
 def test_a_second_integrator_is_refused(tmp_path, monkeypatch):
     """Both gave the id b1, and one border was gone after a restart."""
     monkeypatch.setattr(durable_values, "LOCK_TIMEOUT", 0.1)
     first = integrator(tmp_path)
-    with pytest.raises(CodedError) as caught:
+    with refused("database_in_use"):
         MapIntegrator(tmp_path)
-    assert caught.value.code == "database_in_use"
     first.add(square(10, 10), 1.0)
     first.close()
     assert again(tmp_path) == (first.borders, [])
@@ -213,9 +213,9 @@ def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(
     (tmp_path / "file").write_text("")
     keeper = integrator(tmp_path / "file" / "store")
     assert np.array_equal(keeper.map_with_borders.data, GRID.data) and codes(keeper) == ["database_read_only"]
-    with pytest.raises(CodedError) as caught:
+    with refused("cannot_write"):
         keeper.add(square(10, 10), 1.0)
-    assert caught.value.code == "cannot_write" and keeper.borders == ()
+    assert keeper.borders == ()
     (tmp_path / "file").unlink()
     assert keeper.add(square(10, 10), 1.0).ids == ("b1",) and codes(keeper) == []
     keeper.close()
@@ -265,21 +265,6 @@ def test_a_damaged_file_is_written_again_and_reported(tmp_path, name, damage):
         path.write_bytes(damaged[damage])
     assert again(tmp_path) == (borders, ["database_repaired"] if damage not in ("gone", "older") else [])
     assert again(tmp_path) == (borders, []) and path.read_bytes() == other.read_bytes()
-
-
-def test_any_single_damaged_byte_costs_nothing(tmp_path):
-    """Of 110 single bytes in map.npz 32 ended every start, and others cost the borders without a word."""
-    borders = closed(tmp_path / "sound")
-    content = (tmp_path / "sound" / FILES[0]).read_bytes()
-    random = np.random.default_rng(3)
-    for number in range(40):
-        folder = tmp_path / str(number)
-        shutil.copytree(str(tmp_path / "sound"), str(folder))
-        place = number if number < 20 else int(random.integers(len(content)))  # the checksum, the head, anywhere
-        changed = bytearray(content)
-        changed[place] ^= int(random.integers(1, 256))
-        (folder / FILES[number % 2]).write_bytes(bytes(changed))
-        assert again(folder) == (borders, ["database_repaired"]), place
 
 
 def damage_both(folder):
@@ -333,9 +318,8 @@ def test_a_database_of_a_newer_version_is_refused_and_left_alone(tmp_path, monke
         closed(tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.glob("borders*")}
     for _ in range(2):  # the lock is given back
-        with pytest.raises(CodedError) as caught:
+        with refused("database_newer"):
             Database(tmp_path)
-        assert caught.value.code == "database_newer"
     assert {path: path.read_bytes() for path in tmp_path.glob("borders*")} == before
 
 
@@ -361,9 +345,9 @@ def test_with_the_lock_deleted_the_second_integrator_takes_over(tmp_path):
     second = integrator(tmp_path)
     assert second.add(square(10, 10), 1.0).ids == ("b1",)
     for _ in range(2):
-        with pytest.raises(CodedError) as caught:
+        with refused("database_in_use"):
             first.add(square(50, 50), 1.0)
-        assert caught.value.code == "database_in_use" and first.borders == ()
+        assert first.borders == ()
     found = second.borders
     second.close()
     assert again(tmp_path) == (found, [])
@@ -381,9 +365,9 @@ def test_a_refused_change_is_not_back_after_a_restart(tmp_path, monkeypatch):
         replace(source, target)
 
     monkeypatch.setattr(files.os, "replace", fail_once)
-    with pytest.raises(CodedError) as caught:
+    with refused("cannot_write"):
         keeper.add(square(10, 60, name="refused"), 9.0)
-    assert caught.value.code == "cannot_write" and not left
+    assert not left
     keeper.close()
     assert again(tmp_path) == (before, [])
 
@@ -400,9 +384,8 @@ def test_a_file_that_cannot_be_read_now_is_not_damaged(tmp_path, monkeypatch, un
     with monkeypatch.context() as context:
         context.setattr(Path, "read_bytes", refuse)
         if unreadable == FILES:
-            with pytest.raises(CodedError) as caught:
+            with refused("cannot_read"):
                 integrator(tmp_path)
-            assert caught.value.code == "cannot_read"
         else:
             keeper = integrator(tmp_path)
             assert keeper.borders == before

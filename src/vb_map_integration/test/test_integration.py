@@ -9,10 +9,11 @@ from shapely import affinity
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.ops import split
 
+from refusals import refused
 from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.integration import WALL_WIDTH, IntegrationError, integrate, restricted_area
+from vb_map_integration.integration import IntegrationError, integrate, restricted_area
 
 from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_of, world
 
@@ -266,28 +267,17 @@ def room_border(points, seed, **options):
 def test_refusals_are_coded(code, points, seed, closed):
     prior, run = room_border(points, seed, closed=closed)
     before = prior.data.copy()
-    with pytest.raises(IntegrationError) as caught:
+    with refused(code) as caught:
         run()
-    assert caught.value.code == code
     assert caught.value.message
     assert np.array_equal(prior.data, before)
-
-
-def test_no_answer_is_given_for_a_map_without_free_space():
-    prior = GridMap(np.full((120, 160), -1, np.int8), 0.05)
-    for chain, closed in (([(1, 1), (2, 1), (2, 2), (1, 2)], True), ([(1.5, 0.5), (1.5, 4.5)], False)):
-        try:
-            integrate(prior, VirtualBorder(chain, (1.6, 1.6), closed=closed))
-        except IntegrationError as error:
-            assert error.code in ("seed_on_obstacle", "no_separation")
 
 
 def test_a_curve_in_another_room_separates_nothing():
     room = shapely.union_all([box(0.3, 0.3, 4.0, 4.7), box(4.1, 0.3, 7.7, 4.7)])
     prior, _ = world(room, (0.0, 0.0, 0.0))
-    with pytest.raises(IntegrationError) as caught:
+    with refused("no_separation"):
         integrate(prior, VirtualBorder([(1.0, 2.5), (3.0, 2.5)], (6.0, 1.0), closed=False))
-    assert caught.value.code == "no_separation"
 
 
 @pytest.mark.parametrize(
@@ -369,9 +359,8 @@ def test_the_extension_takes_huge_and_tiny_numbers():
     ],
 )
 def test_a_border_is_checked_when_it_is_made(code, values):
-    with pytest.raises(IntegrationError) as caught:
+    with refused(code):
         VirtualBorder(**{"points": [(0, 0), (1, 1)], "seed": (0, 1), **values})
-    assert caught.value.code == code
 
 
 def test_the_kind_is_decided_from_the_gap():
@@ -391,13 +380,3 @@ def test_a_closet_of_one_cell_outside_the_polygon_can_be_restricted():
     square = np.array([(0.5, 0.5), (1.5, 0.5), (1.5, 1.5), (0.5, 1.5)])
     result = integrate(prior, VirtualBorder(square, (50.5 * 0.05, 50.5 * 0.05), closed=True))
     assert np.argwhere(result.region).tolist() == [[50, 50]]
-
-
-@pytest.mark.parametrize("beyond", [(9.0, 2.51), (-1.0, 2.51), (4.01, 6.0), (4.01, -1.0)])
-def test_of_a_wall_that_runs_off_the_map_the_part_on_the_map_is_restricted(beyond):
-    prior = GridMap(np.zeros((200, 320), np.int8), RESOLUTION)
-    chain = [(4.01, 2.51), beyond]
-    result = integrate(prior, VirtualBorder(chain, None, wall=True))
-    band = LineString(chain).buffer(WALL_WIDTH / 2.0 + 0.01, cap_style="square")  # whole cells
-    assert jaccard(result.region, rasterise(band, prior)) >= 0.97 and codes(result) == ["outside_map"]
-    assert np.array_equal(result.posterior.data == 100, result.region)

@@ -6,6 +6,7 @@ import subprocess
 import pytest
 from mosquitto import PROGRAM, Hub, Mosquitto
 
+from refusals import refused
 from vb_core.errors import CodedError
 from vb_mqtt.broker import Broker, Connection, read_connection, split_host
 from vb_testing import wait_until
@@ -168,16 +169,14 @@ def test_the_file_with_the_password_is_its_owners_only(tmp_path):
     assert read_connection(path) == Connection()
     path.write_text("username: home\npassword: secret\ntls: true\n")
     path.chmod(0o640)
-    with pytest.raises(CodedError) as caught:
+    with refused("mqtt_file_open"):
         read_connection(path)
-    assert caught.value.code == "mqtt_file_open"
     path.chmod(0o600)
     assert read_connection(path) == Connection(username="home", password="secret", tls=True)
     for text, code in (("secret: x", "bad_parameter"), ("port: high", "bad_parameter"), ("a: [", "mqtt_file_bad")):
         path.write_text(text)
-        with pytest.raises(CodedError) as caught:
+        with refused(code):
             read_connection(path)
-        assert caught.value.code == code
     path.write_text("password: [secret")
     with pytest.raises(CodedError) as caught:
         read_connection(path)

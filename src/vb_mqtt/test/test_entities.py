@@ -1,6 +1,5 @@
 """What Home Assistant is told, and that the messages its buttons make of it are understood."""
 
-import json
 from datetime import datetime, timezone
 
 import jinja2
@@ -101,7 +100,3 @@ def test_what_an_earlier_process_described_is_taken_back_once_it_is_known_to_be_
     unknown = Lab("lab1", "Home", "en", ("red",))
     assert {key_in(topic) for topic in leftovers(unknown, seen)} == {"camera_green"}
     assert leftovers(LAB, seen) == []
-
-
-def test_what_is_sent_is_json():
-    assert all(json.loads(json.dumps(config)) == config for config in describe(LAB).values())

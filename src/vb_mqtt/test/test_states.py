@@ -73,10 +73,6 @@ def test_the_picture_shows_walls_and_borders_where_they_are():
     assert at(5.0, 1.0).min() > 250  # free
     blue, _, red = at(5.0, 4.0)
     assert red > blue + 80  # restricted
-    assert ptp(at(8.0, 0.2)) < 10 and 150 < at(8.0, 0.2).mean() < 250  # unknown
+    assert np.ptp(at(8.0, 0.2)) < 10 and 150 < at(8.0, 0.2).mean() < 250  # unknown
     line = at(5.0, 2.5)
     assert line[2] > line[0] + 100
-
-
-def ptp(values):
-    return int(values.max() - values.min())

@@ -12,15 +12,6 @@ from vb_voice_wizard.buttons import ButtonMap
 FIVE = {"define_border": 0, "define_seed": 1, "guide_robot": 2, "save": 3, "cancel": [4, 6]}
 
 
-def test_a_press_counts_once():
-    buttons = ButtonMap(FIVE, {})
-    assert buttons.update([1, 0, 0], "default") == ["define_border"]
-    assert buttons.update([1, 0, 0], "border") == []
-    assert buttons.update([0, 0, 0], "border") == []
-    assert buttons.update([1, 1, 0], "border") == ["define_border", "define_seed"]
-    assert buttons.update([0, 1, 0, 0, 0, 1, 1], "seed") == ["cancel"]
-
-
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.lists(st.integers(0, 1), min_size=8, max_size=8), max_size=40))
 def test_as_many_commands_as_rising_edges(readings):

@@ -80,10 +80,6 @@ def test_a_refused_preview_is_not_said_twice():
     assert text(view).count("It separates nothing.") == 1
 
 
-def test_a_silent_manager_is_reported():
-    assert "waiting for the interaction manager" in text(ConsoleContent())
-
-
 @pytest.mark.parametrize("escape", ["\x1b[2J", "\x1b]0;title\x07", "\x9b31m", "\x08\x08", "\r", "\n"])
 def test_no_control_character_from_elsewhere_reaches_the_terminal(escape):
     def screen(escape):

@@ -464,15 +464,6 @@ def test_an_interaction_that_is_being_saved_does_not_end_by_itself():
     assert not interaction.end_if_idle(1000.0) and interaction.saving
 
 
-def test_a_late_command_is_refused_in_a_sentence():
-    interaction = after(DEFINE_BORDER)
-    before = interaction.last_answer
-    answer = interaction.expired("cancel")
-    assert (answer.success, answer.code, interaction.state) == (False, "expired", BORDER)
-    assert "cancel" in answer.message
-    assert interaction.last_answer == before, "only the person who gave it is told"
-
-
 def test_without_a_robot_nobody_is_offered_to_guide_one():
     interaction = Interaction(InteractionParams(robot=False))
     for step, command in enumerate(("", "define_border", "define_seed", "save")):

@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vb_core.errors import CodedError, ParameterError
+from refusals import refused
+from vb_core.errors import ParameterError
 from vb_voice_wizard.recognizer import THRESHOLD, CommandRecognizer, RecognizerParams
 from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
 
@@ -73,14 +74,6 @@ def test_the_speech_model_tells_what_was_said_not_how_loud():
     assert np.isfinite(model.log_likelihood_ratios(np.zeros(RATE // 5, np.int16))).all()
 
 
-def test_rare_texts_are_not_at_a_disadvantage():
-    """Silence makes "stop" far more probable than "define border"; that is no evidence for it."""
-    model = SpeechModel(["stop", "define border"])
-    silence = np.zeros(RATE, np.int16)
-    written, evidence = model._written(silence, np.ones(2, bool)), model.log_likelihood_ratios(silence)
-    assert written[0] - written[1] > evidence[0] - evidence[1] > 0.0
-
-
 def test_other_phrases_by_configuration():
     halt = CommandRecognizer(RecognizerParams(phrases={"stop": ["please halt"], "save": ["Keep it"]}))
     heard = [command_in(halt, say("please halt", voice, snr_db=25.0)) for voice in ("en-us", "en-gb", "en-us+f2")]
@@ -95,15 +88,15 @@ def test_other_phrases_by_configuration():
 def test_bad_files_are_named(tmp_path):
     (tmp_path / "encoder_model.ort").write_bytes(b"nothing")
     for folder, name in ((tmp_path / "none", "encoder_model.ort"), (tmp_path, "encoder_model.ort")):
-        with pytest.raises(CodedError) as caught:
+        with refused("no_speech_model") as caught:
             SpeechModel(["save"], folder)
-        assert caught.value.code == "no_speech_model" and name in str(caught.value.values["file"])
+        assert name in str(caught.value.values["file"])
     for name in ("encoder_model.ort", "decoder_model_merged.ort"):
         (tmp_path / name).unlink() if (tmp_path / name).exists() else None
         (tmp_path / name).symlink_to(FOLDER / name)
-    with pytest.raises(CodedError) as caught:
+    with refused("no_speech_model") as caught:
         SpeechModel(["save"], tmp_path)
-    assert caught.value.code == "no_speech_model" and "tokenizer.bin" in str(caught.value.values["file"])
+    assert "tokenizer.bin" in str(caught.value.values["file"])
 
 
 @pytest.mark.parametrize(

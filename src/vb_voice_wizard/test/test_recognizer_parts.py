@@ -89,14 +89,6 @@ def test_what_was_heard_long_ago_does_not_decide_what_is_speech():
     assert told[0][: count // CHUNK] != told[1][: count // CHUNK]
 
 
-def test_a_long_stream_needs_no_memory():
-    endpointer = Endpointer(spoken_at([(0.5, 100.0)]))
-    for _ in range(60):
-        endpointer.push(numbered(1.0))
-    kept = sum(chunk.size for chunk in endpointer._heard)
-    assert endpointer.speaking and kept < (MAX_UTTERANCE + 2.0) * RATE
-
-
 # ------------------------------------------------------------------ sound
 def test_a_recording_program_is_read_and_started_again():
     chunks, troubles, enough = [], [], threading.Event()

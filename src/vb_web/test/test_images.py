@@ -6,8 +6,8 @@ import pytest
 
 from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
-from vb_web import images
-from vb_web.images import ImageCache, CeilingImage
+from vb_web import camera_images, images
+from vb_web.images import CeilingImage, ImageCache
 
 
 def decode(image):
@@ -97,3 +97,20 @@ def test_camera_pictures_are_made_smaller_never_larger():
     for width, expected in ((1920, 960), (320, 320)):
         data = images.encode_jpeg(np.zeros((width // 2, width, 3), np.uint8))
         assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape[1] == expected
+
+
+def test_a_floor_that_lacks_a_camera_is_made_again_for_the_next_browser(monkeypatch):
+    there, made = {"red"}, []
+    monkeypatch.setattr(camera_images.time, "monotonic", lambda: 0.0)
+    monkeypatch.setattr(
+        images, "draw_floor", lambda _grid, views: made.append(views) or images.EncodedImage(b"", "", 1)
+    )
+    found = camera_images.CameraImages(
+        dict, ["red", "blue"], "raw", lambda: GridMap(np.zeros((2, 2), np.int8), 0.05), None
+    )
+    monkeypatch.setattr(found, "_view", lambda camera: camera if camera in there else None)
+    found.floor_webp()
+    there.add("blue")
+    found.floor_webp()
+    found.floor_webp()
+    assert made == [["red"], ["red", "blue"]]

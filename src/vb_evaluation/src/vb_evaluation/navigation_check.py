@@ -18,13 +18,13 @@ from rich.console import Console
 from rich.table import Table
 from std_srvs.srv import Empty, EmptyRequest
 
-from vb_core import geometry, names
+from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError
 from vb_core.ros import messages
 from vb_core.ros.services import call
 from vb_core.ros.transforms import TransformLookup
 from vb_evaluation.observer import Observer, wait_until
-from vb_map_integration.grid.costmap_settings import check_soft_value
+from vb_map_integration.grid.costmap_settings import is_trinary
 from vb_msgs.msg import RobotStatus, RobotStatusArray, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 
@@ -132,11 +132,11 @@ class NavigationCheck:
     def _soft(self, plan_avoids_border: Callable[[], bool]) -> Check:
         """Checks a soft border, if move_base is set to see one."""
         what = "a soft border is gone round where that is possible"
-        costmaps = {
-            name: rospy.get_param(f"{self._move_base}/{name}", None) for name in ("global_costmap", "local_costmap")
-        }
-        ignored = check_soft_value(round(100 * SOFT), costmaps)
-        return self._soon(what, plan_avoids_border) if ignored is None else Check(what, None, ignored.message)
+        costmaps = [f"{self._move_base}/{name}" for name in ("global_costmap", "local_costmap")]
+        blind = [name for name in costmaps if is_trinary(rospy.get_param(name, None))]
+        if blind:
+            return Check(what, None, sentences.translate("soft_border_ignored", {"costmaps": ", ".join(blind)}))
+        return self._soon(what, plan_avoids_border)
 
     def _cleared(self, plan_avoids_border: Callable[[], bool]) -> Check:
         what = "a border survives clear_costmaps"
