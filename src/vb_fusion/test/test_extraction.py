@@ -125,12 +125,22 @@ def test_a_rest_behind_a_flick_belongs_to_the_stroke_and_a_stray_does_not():
     assert {20} == {*step} - {*path(1.0 * (step == 20))}
 
 
-ALONG = np.linspace(0.0, 2.0, 400)[:, None]
+def bent_wave(degrees):
+    """A wave whose ends come near each other: it encloses next to nothing."""
+    along = np.radians(np.linspace(0, degrees, 600))
+    radius = 1.0 + 0.45 * np.sin(9 * along)
+    return radius[:, None] * np.column_stack([np.cos(along), 0.45 * np.sin(along)])
+
+
+ALONG, TURN = np.linspace(0.0, 2.0, 400)[:, None], np.linspace(0, 2 * np.pi, 100)
+LOOP = np.column_stack([0.25 * np.sin(TURN), 0.25 - 0.25 * np.cos(TURN)])
 LINES = {
     **{f"U {depth} m": np.array([[0.0, depth], [0.0, 0.0], [1.0, 0.0], [1.0, depth]]) for depth in (0.7, 1.0, 3.0)},
     "long wave": np.hstack([ALONG, 0.8 * np.sin(12 * ALONG)]),
     "tremor": np.hstack([0.35 * ALONG, np.random.default_rng(2).normal(0, 0.02, (400, 1))])[::20],
     "there and back": np.hstack([1.0 - np.abs(ALONG - 1.0), 0.0005 * ALONG]),
+    **{f"wave bent by {degrees} degrees": bent_wave(degrees) for degrees in (200, 240, 280)},
+    "loop in its middle": geometry.resample_chain(np.vstack([[[-1.0, 0.0]], LOOP, [[1.0, 0.0]]]), 0.02),
 }
 
 
@@ -138,28 +148,6 @@ LINES = {
 @pytest.mark.parametrize("scale", [0.5, 1.0, 10.0])
 def test_lines_are_open_at_every_scale(line, scale):
     assert not closure.classify_closure(scale * line).closed
-
-
-@pytest.mark.parametrize("bend", [200, 240, 280])
-def test_a_wave_whose_ends_come_near_each_other_is_open(bend):
-    """It encloses next to nothing, however near its ends are."""
-    along = np.radians(np.linspace(0, bend, 600))
-    radius = 1.0 + 0.45 * np.sin(9 * along)
-    wave = radius[:, None] * np.column_stack([np.cos(along), np.sin(along)]) * [1.0, 0.45]
-    assert not closure.classify_closure(wave).closed
-
-
-def test_a_loop_in_the_middle_of_a_line_does_not_close_it():
-    turn = np.linspace(0, 2 * np.pi, 100)
-    loop = np.column_stack([0.25 * np.sin(turn), 0.25 - 0.25 * np.cos(turn)])
-    line = np.vstack(
-        [
-            np.column_stack([np.linspace(-1, 0, 50), np.zeros(50)]),
-            loop,
-            np.column_stack([np.linspace(0, 1, 50), np.zeros(50)]),
-        ]
-    )
-    assert not closure.classify_closure(line).closed
 
 
 # ----------------------------------------------------------------- no strokes

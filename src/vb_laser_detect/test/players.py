@@ -54,7 +54,6 @@ class RobotCamera:
     Attributes:
         info: a stamp to the camera_info to be sent.
         localized: whether its pose is published.
-        looped: whether its transforms go round in a circle.
         pose_late_s: [s] by which the pose comes after the image of the same time.
         depth_message: depth (60, 80) uint16 [mm] to the message to be sent.
     """
@@ -70,7 +69,7 @@ class RobotCamera:
         self.depths = rospy.Publisher("/camera/depth_registered/image_raw", Image, queue_size=1)
         self.tf = tf2_ros.TransformBroadcaster()
         self.played = 0
-        self.localized, self.looped, self.pose_late_s = True, False, 0.0
+        self.localized, self.pose_late_s = True, 0.0
         self.info = lambda stamp: info_from_camera(self.camera, stamp, self.frame)
         self.depth_message = lambda depth: message_from_image(depth, "16UC1", rospy.Time(), self.frame)
 
@@ -103,7 +102,7 @@ class RobotCamera:
         if self.localized:
             self.tf.sendTransform(
                 [
-                    messages.message_from_transform(base, self.frame if self.looped else "map", "base_link", stamp),
+                    messages.message_from_transform(base, "map", "base_link", stamp),
                     messages.message_from_transform(self.T_base, "base_link", self.frame, stamp),
                 ]
             )

@@ -209,10 +209,9 @@ class SpotDetectorTest(unittest.TestCase):
     # one story, as each chapter needs the one before
     def fixed_camera(self):
         self.camera_info_is_late_wrong_and_then_right()
-        self.tf_loop_ends()
+        self.pose_comes()
         self.check_spots("red", [LaserSpot.GROUND_PLANE], 0.01)
         self.camera_info_changes()
-        self.another_camera_says_the_same_frame()
         self.bad_images("red", self.red)
         self.tuning()
         self.debug_image()
@@ -230,20 +229,15 @@ class SpotDetectorTest(unittest.TestCase):
         self.assertFalse([spot for spot in o.spots if spot.camera == "red"])
         red.info = lambda stamp: info_from_camera(red.camera, stamp, red.frame)
 
-    def tf_loop_ends(self):
-        now, red = rospy.Time.now(), self.red
-        self.static.sendTransform(
-            [
-                messages.message_from_transform(np.eye(4), "a", red.frame, now),
-                messages.message_from_transform(np.eye(4), "b", "a", now),
-                messages.message_from_transform(np.eye(4), "a", "b", now),
-                messages.message_from_transform(np.eye(4), "map", "elsewhere", now),
-            ]
-        )
-        self.check_fault("red", "no_transform", "loop", Notice.ERROR, told="camera_no_pose")
+    def pose_comes(self):
+        self.check_fault("red", "no_transform", "no transform", Notice.ERROR, told="camera_no_pose")
         self.assertFalse([spot for spot in self.observer.spots if spot.camera == "red"])
-        self.static.sendTransform([messages.message_from_transform(red.T, "map", red.frame, now)])
-        self.assertLess(np.median(self.errors(self.wait_for_spots("red"))), 0.01)
+        self.static.sendTransform(
+            [messages.message_from_transform(self.red.T, "map", self.red.frame, rospy.Time.now())]
+        )
+        spots = self.wait_for_spots("red")
+        self.assertLess(np.median(self.errors(spots)), 0.01)
+        self.assertGreater(spots[-1].track, 0)  # each spot says which one it is
 
     def camera_info_changes(self):
         # another focal length shows the same spot in another place: nearer to the middle, by the ratio of both
@@ -256,24 +250,8 @@ class SpotDetectorTest(unittest.TestCase):
         )
         red.info = lambda stamp: info_from_camera(longer, stamp, red.frame)
         self.wait(lambda: self.radius() < 0.45, "spots by the other camera_info")
-        red.info = lambda stamp: info_from_camera(longer.scaled_to(960, 540), stamp, red.frame)
-        self.check_fault("red", "no_camera_info", "not of 480 x 270", Notice.ERROR, 3, "camera_no_lens")
         red.info = lambda stamp: info_from_camera(red.camera, stamp, red.frame)
         self.wait(lambda: self.radius() > 0.48, "spots by the first camera_info again")
-
-    def another_camera_says_the_same_frame(self):
-        # a frame has one pose: neither camera's spots can be believed
-        name = self.red.frame
-        other = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
-        timer = rospy.Timer(
-            rospy.Duration(0.5), lambda _event: other.publish(DetectorStatus(camera="green", frame_id=name))
-        )
-        self.addCleanup(timer.shutdown)
-        self.check_fault("red", "shared_frame", "green, red", Notice.ERROR, count=3)
-        self.check_dropped("red", "shared_frame")
-        timer.shutdown()
-        # each spot says which one it is
-        self.assertGreater(self.wait_for_spots("red")[-1].track, 0)
 
     def radius(self):
         """[m] of the newest spot from the middle of the circle that it draws; 0.5 in truth."""
@@ -316,11 +294,6 @@ class SpotDetectorTest(unittest.TestCase):
         self.assertEqual(changed["max_diameter_mm"], 2.0)
         self.wait(lambda: self.observer.refused("red", "too_large") > before + 5, "spots that are too large now")
         self.assertEqual(rospy.get_param("/spot_detector_red/detector/max_diameter_mm"), 2.0)
-        # nothing would be rejected: nothing changes, not even what came with it
-        refused = client.update_configuration({"min_probability": 0.0, "confirm_frames": 7})
-        self.assertEqual(refused["min_probability"], changed["min_probability"])
-        self.assertEqual(refused["confirm_frames"], changed["confirm_frames"])
-        self.wait(lambda: any("must be above 0" in log.msg for log in self.observer.logs), "the reason")
         client.update_configuration({"max_diameter_mm": 80.0})
         self.wait_for_spots("red")
         # the projection's, and the node's own
@@ -361,9 +334,7 @@ class SpotDetectorTest(unittest.TestCase):
         self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
         self.check_spots("robot", [LaserSpot.DEPTH, LaserSpot.GROUND_PLANE_FALLBACK], 0.02)
         self.bad_depth(self.robot)
-        self.bad_images("robot", self.robot)
-        self.zero_matrix_while_it_runs(self.robot)
-        self.pose_is_late_missing_and_in_a_loop(self.robot)
+        self.pose_is_late_and_missing(self.robot)
 
     def bad_depth(self, robot):
         def empty(depth):
@@ -396,15 +367,7 @@ class SpotDetectorTest(unittest.TestCase):
         self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
         robot.depth_message = good
 
-    def zero_matrix_while_it_runs(self, robot):
-        good, robot.info = robot.info, uncalibrated(robot)
-        self.check_fault("robot", "no_camera_info", "no focal length", Notice.ERROR, 3, "camera_no_lens")
-        self.assertEqual(len(self.observer.warnings("robot", "bad_camera_info")), 1)
-        robot.info = good
-        self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
-
-    def pose_is_late_missing_and_in_a_loop(self, robot):
-        o = self.observer
+    def pose_is_late_and_missing(self, robot):
         # a pose that comes after its image is waited for
         robot.pose_late_s = 0.05
         self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
@@ -413,10 +376,7 @@ class SpotDetectorTest(unittest.TestCase):
         robot.localized = False
         self.check_fault("robot", "no_transform", "no transform", Notice.ERROR, 5, "camera_robot_lost")
         self.check_dropped("robot", "no_transform")
-        robot.looped = robot.localized = True
-        self.wait(lambda: o.told("robot", "loop"), "the notice of the loop")
-        self.check_dropped("robot", "no_transform")
-        robot.looped = False
+        robot.localized = True
         self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
 
 

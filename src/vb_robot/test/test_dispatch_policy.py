@@ -182,11 +182,12 @@ def test_flicker_at_the_edge_does_not_change_the_goal():
     assert not sent(bench.run(60))
 
 
-def test_progress_keeps_the_goal():
+@pytest.mark.parametrize("seen", [True, False])
+def test_progress_keeps_the_goal_whether_the_spot_is_seen_or_not(seen):
     bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
     bench.step()
     for i in range(200):
-        assert bench.step(pose=(9.0 - 0.02 * i, 9.0, 0.0)).kind == "keep"
+        assert bench.step(pose=(9.0 - 0.02 * i, 9.0, 0.0), silent=0.0 if seen else 0.25 * i).kind == "keep"
 
 
 def test_leaves_the_robot_to_the_node_that_preempted_the_goal():
@@ -342,14 +343,6 @@ def test_robot_that_sees_the_spot_stays_and_may_try_again_when_it_is_lost_again(
     bench.run(4, silent=0.0)
     bench.now += FAILED_MEMORY
     assert stand(bench, 20), "the tries count again"
-
-
-def test_robot_that_still_drives_is_not_blind():
-    bench = blind_bench()
-    bench.robot.goal = SentGoalState.ACTIVE
-    began = bench.now
-    for i in range(40):
-        assert bench.step(silent=bench.now + 0.25 - began, pose=(5.0 - 0.1 * i, 0.0, 0.0)).kind == "keep"
 
 
 def test_lost_spot_is_not_a_matter_of_patience():

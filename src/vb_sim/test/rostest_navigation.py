@@ -151,13 +151,6 @@ class NavigationTest(unittest.TestCase):
         watch.unregister()
         self.assertFalse(any(entered))
 
-    def test_5_sealed_off(self):
-        self.publish((5.9, 0.0, 6.1, 5.0))
-        self.send(4.0, 2.5)
-        state, text = self.finish()
-        self.assertEqual(state, GoalStatus.ABORTED)
-        self.assertIn("no_path", text)
-
     def test_6_simple_goal_and_cancel(self):
         self.publish()
         wait_until(lambda: self.simple.get_num_connections() > 0, "navigation to listen")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from vb_core import geometry
 from vb_core.grid_map import FREE, OCCUPIED, GridMap
-from vb_sim.lab import PARTICIPANT_SILENCE, Lab, Participant
+from vb_sim.lab import Lab, Participant
 from vb_sim.models import LocalizationModel, Models, RobotModel, ScanModel
 from vb_sim.pacing import Lockstep, Pacer
 from vb_sim.room.raycast import DistanceField, cast_disc
@@ -198,16 +198,6 @@ def test_a_person_is_seen_by_the_scanner():
     # one who stands right before it is nearer than it can measure, and that is said
     lab.set_participant(Participant(pose=(1.0, 1.75, 0.0)))
     assert -math.inf in lab.scan(0)[1]
-
-
-def test_the_laser_goes_out_with_a_silent_participant():
-    lab = Lab(small_world())
-    lab.step(DT, 100.0)
-    lab.set_participant(Participant((1.0, 1.0), "red", (2.0, 1.0, 0.0)))
-    lab.step(DT, 100.0 + PARTICIPANT_SILENCE - 0.1)
-    assert lab.participant().laser
-    lab.step(DT, 100.0 + PARTICIPANT_SILENCE + 0.1)
-    assert not lab.participant().laser and lab.participant().pose
 
 
 # ------------------------------------------------------------ time
