@@ -1,4 +1,4 @@
-"""Malformed and hostile messages, drawn from good ones; for the tests and for bench/lab/page_hostile.py."""
+"""Malformed and hostile messages, drawn from good ones, for the tests of the page."""
 
 from __future__ import annotations
 
