@@ -1,7 +1,4 @@
-"""The main checks of accessibility, in the page itself: names, contrast, size of what is touched, order of headings.
-
-`bench/lab/page.py --axe FILE` runs axe-core beside them.
-"""
+"""The main checks of accessibility, in the page itself: names, contrast, size of what is touched, order of headings."""
 
 from __future__ import annotations
 
