@@ -16,6 +16,7 @@ from vb_laser_detect.detection.projection import (
     GROUND_PLANE,
     GROUND_PLANE_FALLBACK,
     FloorProjection,
+    depth_at,
     floor_points,
     pixels_of,
 )
@@ -33,6 +34,25 @@ def down(x=4.0, y=2.5, z=2.95, tilt=0.0):
 def forward(pitch=0.6, height=0.6):
     rotation = geometry.rotation_from_rpy(0, pitch, 0.4) @ geometry.optical_rotation()
     return geometry.transform(rotation, (1.0, 1.0, height))
+
+
+@settings(deadline=None)
+@given(
+    st.tuples(st.integers(0, 39), st.integers(0, 29)),
+    st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
+    st.integers(0, 2**32 - 1),
+    st.floats(0.0, 0.6),
+)
+def test_depth_of_a_plane_is_its_own_also_at_the_edge_and_beside_holes(pixel, off, seed, holes):
+    rng = np.random.default_rng(seed)
+    rows, columns = np.mgrid[0:30, 0:40]
+    depth = 1.0 / (0.5 + 0.002 * (columns - 20) + 0.004 * (rows - 15))
+    at = np.clip(np.array(pixel) + off, 0, [39.0, 29.0])
+    true = 1.0 / (0.5 + 0.002 * (at[0] - 20) + 0.004 * (at[1] - 15))
+    depth[rng.random(depth.shape) < holes] = np.nan
+    depth[:, : rng.integers(0, 40)] = np.nan  # and all that is on one side
+    found = depth_at(depth, at)
+    assert found is None or found == pytest.approx(true, rel=0.05)
 
 
 @settings(max_examples=60, deadline=None)

@@ -311,6 +311,14 @@ def test_the_copies_are_those_of_the_last_days_with_changes(tmp_path, monkeypatc
     values.close()
 
 
+def test_what_was_drawn_on_the_first_day_is_copied_at_the_next_start(tmp_path):
+    before = closed(tmp_path)
+    integrator(tmp_path).close()
+    for name in FILES:
+        (tmp_path / name).write_bytes(b"damaged")
+    assert again(tmp_path) == (before, ["borders_lost_since"])
+
+
 def test_a_database_of_a_newer_version_is_refused_and_left_alone(tmp_path, monkeypatch):
     """It was called damaged, set aside, and all borders were gone."""
     with monkeypatch.context() as newer:

@@ -2,7 +2,10 @@
 """The dispatcher against the move_base action servers of two robots, which have faults."""
 
 import math
+import os
+import signal
 import unittest
+from xmlrpc.client import ServerProxy
 
 import numpy as np
 import rospy
@@ -119,6 +122,14 @@ class DispatcherTest(unittest.TestCase):
         listener = rospy.Subscriber(names.SPOTS, rospy.AnyMsg, seen.append)
         wait_until(lambda: len(seen) >= count, f"{count} spots")
         listener.unregister()
+
+    def test_a_goal_of_a_killed_dispatcher_is_cancelled_by_the_next_one(self):
+        self.bases["ada"].behavior = "hold"
+        self.draw()
+        self.stimulus.spot = None
+        os.kill(ServerProxy(rospy.get_master().lookupNode("/robot_dispatcher")[2]).getPid("/test")[2], signal.SIGKILL)
+        self.stimulus.set_state(DEFAULT)
+        wait_until(lambda: self.bases["ada"].stopped, "a dispatcher that comes back and cancels its goal", 120.0)
 
     def test_bad_parameter_is_named(self):
         assert_bad_parameter_is_named(self, robot_dispatcher_node.build, "robots", ["ada", "ada"])

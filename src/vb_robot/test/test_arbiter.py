@@ -291,6 +291,20 @@ def test_somebody_always_acts_and_never_two(state, seen):
     assert sum(acting) == bool(certain)
 
 
+@settings(deadline=None)
+@given(*(st.lists(st.integers(0, 80), min_size=1, max_size=20, unique=True).map(sorted),) * 2)
+def test_all_drivers_agree_on_who_follows_in_whichever_order_they_hear_the_robots_cameras(one, other):
+    seen = [[Sighting(0.1 * k, (1.0, 1.0), name, True) for k in at] for name, at in (("a", one), ("b", other))]
+    drivers = [Sightings(), Sightings()]
+    for driver, order in zip(drivers, (seen, seen[::-1])):
+        driver.set_state(GUIDE, "x", 0.0)
+        for sighting in [sighting for sightings in order for sighting in sightings]:
+            driver.add(sighting)
+    now = 0.1 * max(one[-1], other[-1])
+    follows = [[driver.should_follow(name, now) for name in ("a", "b")] for driver in drivers]
+    assert follows[0] == follows[1] and sum(follows[0]) == 1
+
+
 def test_a_reflection_leads_nobody():
     rig = Rig()
     rig.set_state(GUIDE)

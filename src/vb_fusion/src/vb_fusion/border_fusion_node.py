@@ -103,6 +103,7 @@ class BorderFusionNode:
             return
         with self._lock:
             before = (self._collector.state, self._collector.interaction_id)
+            drawn = any(self._collector.counts[:2])
             fresh = self._collector.set_state(state, message.interaction_id, message.entered.to_sec())
             if fresh:
                 self._live.reset()
@@ -115,7 +116,7 @@ class BorderFusionNode:
             if before == (self._collector.state, self._collector.interaction_id):
                 return
             # every interaction that ends has an outcome
-            self._lost = state == DEFAULT and before[0] != DEFAULT and not message.last_outcome
+            self._lost = drawn and state == DEFAULT and before[0] != DEFAULT and not message.last_outcome
             self._forget = self._lost or (state == DEFAULT and message.last_outcome not in ("", "saved"))
         self._changed.set()
 

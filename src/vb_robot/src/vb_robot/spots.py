@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Iterable, Optional, Set, Tuple
+from typing import Deque, Dict, Iterable, Optional, Set, Tuple
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class Sighting:
 class Sightings:
     """Collects the sightings of one interaction and tells who acts on them.
 
-    In Guide, the robot whose camera has seen the spot first follows, until it has lost it; no other robot acts. In Border and Seed
+    In Guide, the robot whose camera has seen the spot longest without a pause follows; no other robot acts. In Border and Seed
     a robot is sent once a stationary camera has seen the spot in this interaction; before, and without any such camera,
     the robot follows.
 
@@ -56,8 +56,9 @@ class Sightings:
         self.state = DEFAULT
         self.stationary_seen = False
         self.first_mobile: Optional[float] = None
-        # the camera of the robot that follows in this state, and when it saw the spot last [s]
-        self._follower: Tuple[Optional[str], float] = (None, -math.inf)
+        # of each robot's camera in this state: since when, and until when, it has seen the spot without a pause [s]
+        self._runs: Dict[str, Tuple[float, float]] = {}
+        self._follower: Optional[str] = None  # the camera of the robot that followed last in this state
 
     @property
     def key(self) -> Tuple[str, State]:
@@ -72,7 +73,8 @@ class Sightings:
             self.first_mobile = None
         if changed:
             self._recent.clear()
-            self._follower = (None, -math.inf)
+            self._runs.clear()
+            self._follower = None
         self.state, self._interaction, self._entered = state, interaction, entered
         return changed
 
@@ -88,9 +90,11 @@ class Sightings:
             return
         if self.first_mobile is None:
             self.first_mobile = sighting.stamp
-        follower, until = self._follower
-        if sighting.camera == follower or abs(sighting.stamp - until) > RUN_GAP:
-            self._follower = sighting.camera, sighting.stamp
+        since, until = self._runs.get(sighting.camera, (sighting.stamp, sighting.stamp))
+        if abs(sighting.stamp - until) > RUN_GAP:
+            since = until = sighting.stamp  # lost meanwhile, or time has jumped back
+        self._runs[sighting.camera] = min(since, sighting.stamp), max(until, sighting.stamp)
+        self._leader(sighting.stamp)
 
     def should_dispatch(self) -> bool:
         """Returns whether to send a robot to where its camera sees the spot."""
@@ -98,11 +102,21 @@ class Sightings:
 
     def should_follow(self, camera: str, now: float) -> bool:
         """Returns whether the robot with this camera should follow the spot."""
-        if self._follower[0] != camera or not self.state.robots_act:
+        if self._leader(now) != camera or not self.state.robots_act:
             return False
         if self.state.guides:
             return True
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= AUTO_WAIT
+
+    def _leader(self, now: float) -> Optional[str]:
+        """Returns the robot camera that has seen the spot longest without a pause; while none sees it, the last one.
+
+        By the times of the images, not of their arrival: every robot's driver comes to the same answer.
+        """
+        seeing = {camera: run for camera, run in self._runs.items() if abs(now - run[1]) <= RUN_GAP}
+        if seeing:
+            self._follower = min(seeing, key=lambda camera: (seeing[camera][0], camera))
+        return self._follower
 
     def add_contributors(self, interaction: str, cameras: Iterable[str]) -> None:
         """Learns which cameras contributed to an interaction, also before this program started."""
@@ -142,7 +156,8 @@ class Sightings:
             return None
         last = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * WINDOW]
         if len(last) < MIN_TARGET_SIGHTINGS:
-            last = [s.position for s in sorted(self._recent, key=lambda s: s.stamp)[-MIN_TARGET_SIGHTINGS:]]
+            lately = [s for s in self._recent if s.stamp >= newest.stamp - 3.0 * WINDOW]
+            last = [s.position for s in sorted(lately, key=lambda s: s.stamp)[-MIN_TARGET_SIGHTINGS:]]
         return np.median(np.array(last), axis=0) if len(last) >= MIN_TARGET_SIGHTINGS else None
 
     def velocity(self) -> Optional[np.ndarray]:

@@ -205,7 +205,11 @@ def depth_at(depth: np.ndarray, pixel: np.ndarray) -> Optional[float]:
     near = np.abs(values - np.sort(values)[len(values) // 2]) < _SAME_SURFACE * values
     offsets = columns[good][near] - (pixel[0] - column), rows[good][near] - (pixel[1] - row)
     design = np.column_stack([np.ones(near.sum()), *offsets])
-    return 1.0 / float(np.linalg.lstsq(design, 1.0 / values[near], rcond=None)[0][0])
+    solution, _, rank, _ = np.linalg.lstsq(design, 1.0 / values[near], rcond=None)
+    middle = float(np.median(values))
+    # points in a line, as at the image's edge, say nothing of the slant; points on one side only may tell it wrongly
+    fits = rank == 3 and abs(middle * solution[0] - 1.0) < _SAME_SURFACE
+    return 1.0 / float(solution[0]) if fits else middle
 
 
 # ------------------------------------------------------------------ one image

@@ -7,7 +7,8 @@ the same: at a start the sound one with the highest revision is read, and what i
     borders.jsonl        its checksum; its format and revision; then in each line a key, a tab and its value
     borders.twin.jsonl   the same
     borders*.damaged     what was not sound at a start
-    copies/borders-YYYY-MM-DD.jsonl   of each of the last days with changes, as it was before the first of these
+    copies/borders-YYYY-MM-DD.jsonl   of each of the last days with changes, as it was before the first of these, or at the
+                         day's last start
 
 What is in memory is the truth while the program runs: files that were deleted or damaged meanwhile come again with the next
 change. One process has the folder: it holds a lock for as long as it runs.
@@ -136,11 +137,8 @@ class DurableValues:
             self._report("database_repaired", Severity.WARNING, what=str(folder))
         elif best is None:
             # dates are only for people: clocks go wrong
-            copies = {}
-            for path in (folder / "copies").glob("*.jsonl"):
-                with contextlib.suppress(OSError):
-                    copies[path] = _read(path)
-            copies = {path: content for path, content in copies.items() if content is not None}
+            read = {path: _read_or_none(path) for path in (folder / "copies").glob("*.jsonl")}
+            copies = {path: content for path, content in read.items() if content is not None}
             if copies:
                 path, best = max(copies.items(), key=lambda item: item[1].revision)
                 self._report("borders_lost_since", Severity.ERROR, date=path.stem[-10:])
@@ -148,6 +146,10 @@ class DurableValues:
                 self._report("borders_lost", Severity.ERROR, what=str(folder))
         if best is not None:
             self.revision, self._values = best
+            sound = [path for path, content in found.items() if content == best]
+            newest = max((folder / "copies").glob("*.jsonl"), default=None)
+            if sound and (newest is None or _read_or_none(newest) != best):
+                self._copy(folder, sound[0], renew=True)
         try:
             for path in damaged:
                 os.replace(str(path), f"{path}.damaged")
@@ -163,14 +165,17 @@ class DurableValues:
         lines = (f"{json.dumps(key)}\t{value}" for key, value in content.values.items())
         rest = "\n".join([json.dumps([FORMAT, content.revision]), *lines, ""]).encode()
         whole = _checksum(rest) + b"\n" + rest
-        copy = folder / "copies" / f"borders-{self._today().isoformat()}.jsonl"
-        with contextlib.suppress(OSError, CodedError):  # without it everything is still kept twice
-            if main.exists() and not copy.exists():
-                files.write_atomically(copy, main.read_bytes())
-                for old in sorted(copy.parent.glob("*.jsonl"))[:-MAX_COPIES]:
-                    old.unlink()
+        self._copy(folder, main, renew=False)
         files.write_together({main: whole, twin: whole})
         self.notices = [notice for notice in self.notices if notice.code != "database_read_only"]
+
+    def _copy(self, folder: Path, source: Path, renew: bool) -> None:
+        copy = folder / "copies" / f"borders-{self._today().isoformat()}.jsonl"
+        with contextlib.suppress(OSError, CodedError):  # without it everything is still kept twice
+            if source.exists() and (renew or not copy.exists()):
+                files.write_atomically(copy, source.read_bytes())
+                for old in sorted(copy.parent.glob("*.jsonl"))[:-MAX_COPIES]:
+                    old.unlink()
 
     def _take_folder(self, folder: Path, timeout: float) -> None:
         """Locks the folder, within a time [s]; again if the lock was deleted meanwhile, and another process may have it."""
@@ -220,6 +225,13 @@ def _read(path: Path) -> Optional[_Content]:
         raise CodedError("database_newer", what=str(path))
     pairs = (line.split("\t", 1) for line in lines)
     return _Content(revision, {json.loads(key): value for key, value in pairs})
+
+
+def _read_or_none(path: Path) -> Optional[_Content]:
+    try:
+        return _read(path)
+    except OSError:
+        return None
 
 
 @functools.lru_cache(maxsize=500)  # all but borders, which are read once

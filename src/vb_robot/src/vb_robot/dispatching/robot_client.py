@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Optional
+from typing import Optional, Set, Tuple
 
 import actionlib
 import rospy
-from actionlib_msgs.msg import GoalStatus
+from actionlib_msgs.msg import GoalID, GoalStatus
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from sensor_msgs.msg import CameraInfo
 
@@ -56,18 +56,21 @@ class RobotClient:
         self._max_range = profile.camera.max_range
         self.view: Optional[FloorView] = None
         self._camera = rospy.Subscriber(prefix + profile.camera.info, CameraInfo, self._on_info, queue_size=1)
+        self._lens: Optional[Tuple[Tuple[float, ...], str]] = None  # of the view: K and frame
         self._goal: Optional[Viewpoint] = None
+        self._sent: Set[str] = set()  # ids of goals
         self._client = actionlib.ActionClient(f"{prefix}move_base", MoveBaseAction)
         self._handle: Optional[actionlib.ClientGoalHandle] = None
         self._status_seen: Optional[object] = None
         self._heard = rospy.Time(0)
 
     def _on_info(self, message: CameraInfo) -> None:
-        if self.view is not None:
-            return  # lens and mount stay
+        lens = tuple(message.K), message.header.frame_id
+        if lens == self._lens:
+            return
         try:
             T = self._transforms.lookup(self._base_frame, message.header.frame_id, rospy.Time(0), timeout=0.0)
-            self.view = FloorView(camera_from_info(message), T, self._max_range)
+            self.view, self._lens = FloorView(camera_from_info(message), T, self._max_range), lens
         except CodedError as error:
             rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: the view of {self._who}'s camera is not known: {error}")
 
@@ -81,6 +84,7 @@ class RobotClient:
             message.target_pose.header.frame_id, message.target_pose.header.stamp = MAP_FRAME, rospy.Time.now()
             message.target_pose.pose = message_from_pose2d(*goal.pose)
             self._handle = self._client.send_goal(message)
+            self._sent.add(self._handle.comm_state_machine.action_goal.goal_id.id)
             rospy.loginfo("%s: %s is sent to x %.2f m, y %.2f m, yaw %.2f rad", rospy.get_name(), self._who, *goal.pose)
         elif self._handle is not None and self._goal_status() in (SentGoalState.SENT, SentGoalState.ACTIVE):
             self._handle.cancel()
@@ -90,14 +94,17 @@ class RobotClient:
     # ------------------------------------------------------------- how it is
     def status(self, wanted: bool) -> RobotStatus:
         """Returns how the robot is now; its pose only if a robot is wanted. To be called regularly."""
-        goals, own = (
-            self._client.last_status_msg,
-            f"{rospy.get_name()}-",
-        )  # as actionlib begins the ids of a node's goals
-        busy = goals is not None and any(
-            goal.status in RUNNING and not goal.goal_id.id.startswith(own) for goal in goals.status_list
-        )
-        return RobotStatus(self._pose() if wanted else None, self._alive(), self._goal_status(), busy)
+        status = self._client.last_status_msg
+        running = {goal.goal_id.id for goal in (status.status_list if status else ()) if goal.status in RUNNING}
+        others = running - self._sent
+        # as actionlib begins the ids of a node's goals
+        for goal in (goal for goal in others if goal.startswith(f"{rospy.get_name()}-")):
+            # of a process that died; again each time: while publishers are being connected a message may be lost
+            self._client.pub_cancel.publish(GoalID(id=goal))
+            rospy.logwarn_throttle(
+                5.0, f"{rospy.get_name()}: cancels a goal that {self._who} has from before a restart"
+            )
+        return RobotStatus(self._pose() if wanted else None, self._alive(), self._goal_status(), bool(others))
 
     def _pose(self) -> Optional[Pose]:
         """Looks up the robot's pose; None if it is not localised."""
