@@ -97,13 +97,12 @@ class RobotClient:
         status = self._client.last_status_msg
         running = {goal.goal_id.id for goal in (status.status_list if status else ()) if goal.status in RUNNING}
         others = running - self._sent
-        # as actionlib begins the ids of a node's goals
-        for goal in (goal for goal in others if goal.startswith(f"{rospy.get_name()}-")):
-            # of a process that died; again each time: while publishers are being connected a message may be lost
-            self._client.pub_cancel.publish(GoalID(id=goal))
-            rospy.logwarn_throttle(
-                5.0, f"{rospy.get_name()}: cancels a goal that {self._who} has from before a restart"
-            )
+        node = rospy.get_name()
+        for goal in others:
+            if goal.startswith(f"{node}-"):  # as actionlib begins a node's ids: of a process that died
+                # again each time: while publishers are being connected a message may be lost
+                self._client.pub_cancel.publish(GoalID(id=goal))
+                rospy.logwarn_throttle(5.0, f"{node}: cancels a goal that {self._who} has from before a restart")
         return RobotStatus(self._pose() if wanted else None, self._alive(), self._goal_status(), bool(others))
 
     def _pose(self) -> Optional[Pose]:
