@@ -96,11 +96,11 @@ class Camera:
 
     def __init__(self, scene: Scene, rooms: Rooms, source: Optional[Path] = None) -> None:
         self._mobile, role = scene.mobile, "mobile" if scene.mobile else "stationary"
-        self.encoding = "bgr8" if scene.mobile else scene.worlds[0].camera(scene.camera).encoding
         config = yaml.safe_load((TOP / f"src/vb_laser_detect/config/{role}.yaml").read_text())
         floor = physical_map(scene.worlds[0])
         self._projector = FloorProjection(ProjectionParams.from_mapping(config["projection"]), floor)
         self._views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
+        self.encoding = self._views[0].encoding
         first = next(course(scene))[2]
         for view in self._views:
             # a scene's noise is its own, whichever scenes were played before in the same room

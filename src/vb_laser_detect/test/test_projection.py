@@ -16,7 +16,6 @@ from vb_laser_detect.detection.projection import (
     GROUND_PLANE,
     GROUND_PLANE_FALLBACK,
     FloorProjection,
-    depth_at,
     floor_points,
     pixels_of,
 )
@@ -34,25 +33,6 @@ def down(x=4.0, y=2.5, z=2.95, tilt=0.0):
 def forward(pitch=0.6, height=0.6):
     rotation = geometry.rotation_from_rpy(0, pitch, 0.4) @ geometry.optical_rotation()
     return geometry.transform(rotation, (1.0, 1.0, height))
-
-
-@settings(deadline=None)
-@given(
-    st.tuples(st.integers(0, 39), st.integers(0, 29)),
-    st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
-    st.integers(0, 2**32 - 1),
-    st.floats(0.0, 0.6),
-)
-def test_depth_of_a_plane_is_its_own_also_at_the_edge_and_beside_holes(pixel, off, seed, holes):
-    rng = np.random.default_rng(seed)
-    rows, columns = np.mgrid[0:30, 0:40]
-    depth = 1.0 / (0.5 + 0.002 * (columns - 20) + 0.004 * (rows - 15))
-    at = np.clip(np.array(pixel) + off, 0, [39.0, 29.0])
-    true = 1.0 / (0.5 + 0.002 * (at[0] - 20) + 0.004 * (at[1] - 15))
-    depth[rng.random(depth.shape) < holes] = np.nan
-    depth[:, : rng.integers(0, 40)] = np.nan  # and all that is on one side
-    found = depth_at(depth, at)
-    assert found is None or found == pytest.approx(true, rel=0.05)
 
 
 @settings(max_examples=60, deadline=None)
@@ -165,14 +145,23 @@ def test_a_thing_beside_the_spot_does_not_lift_it():
     assert raised.value.code == "not_on_floor" and "off the floor" in str(raised.value)
 
 
-@pytest.mark.parametrize("dtype, hole", [("m", np.nan), ("m", np.inf), ("m", 0.0), ("mm", 0)])
-def test_single_holes_are_bridged(dtype, hole):
-    T, small = forward(), ROBOT.scaled_to(160, 120)
+@settings(deadline=None)
+@given(
+    place=st.tuples(st.floats(0, 639), st.floats(120, 479)),
+    seed=st.integers(0, 2**32 - 1),
+    holes=st.floats(0.0, 0.7),
+    dtype=st.sampled_from(["m", "mm"]),
+    hole=st.sampled_from([np.nan, np.inf, 0.0]),
+)
+def test_depth_of_the_floor_is_its_own_also_at_the_edge_and_beside_holes(place, seed, holes, dtype, hole):
+    T, small, random = forward(), ROBOT.scaled_to(160, 120), np.random.default_rng(seed)
     depth = depth_image(T, small, dtype)
-    depth[::2, ::2] = hole
-    plane = FloorProjection().on_plane(ROBOT, T, 320, 300)
-    point = FloorProjection().with_depth(ROBOT, T, 320, 300, depth)
-    assert point.source == DEPTH and np.linalg.norm(point.position - plane.position) < 0.012
+    missing = random.random(depth.shape) < holes
+    missing[:, : random.integers(0, 160)] = True  # and all that is on one side
+    depth[missing] = hole if dtype == "m" else 0
+    plane = FloorProjection().on_plane(ROBOT, T, *place)
+    point = FloorProjection().with_depth(ROBOT, T, *place, depth)
+    assert np.linalg.norm(point.position - plane.position) < 0.002 + 0.001 * plane.range
 
 
 def test_a_ray_that_meets_the_floor_behind_the_camera_is_rejected():
