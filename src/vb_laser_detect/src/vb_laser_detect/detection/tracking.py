@@ -29,7 +29,7 @@ from vb_laser_detect.detection.features import ImageTraits, chroma
 _SLACK_PX = 12.0  # [px] what noise alone may move a spot between two images
 _BLINK = 1.5  # [s] light that is away from a place for no longer is taken to be there all the time
 _MEMORY = 10.0  # a place is remembered for so many times as long as it was lit
-_MAX_SPEED = 2.0  # [diagonals of the image/s] of a spot: a wrist's flick
+_MAX_SPEED = 1.6  # [diagonals of the image/s] of a spot: a wrist's flick, 8 m/s where the diagonal is 5 m
 # a spot may be hidden so long, a leg's time or the dark half of a pointer's blinking, and be missing in two images of any
 # camera
 _GAP_TIME, _GAP_PERIODS = (0.35, 3.5)
