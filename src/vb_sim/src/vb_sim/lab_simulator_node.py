@@ -25,8 +25,8 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
 from vb_msgs.msg import LabState, ParticipantState
 from vb_sim.lab import Lab, Participant
+from vb_sim.lockstep import Lockstep
 from vb_sim.models import load_models
-from vb_sim.pacing import Lockstep, Pacer
 from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
@@ -116,7 +116,7 @@ class LabSimulatorNode:
             rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
         rospy.Service("~reset", Trigger, self._on_reset)
-        self._pacer = Pacer(self._step_ns * 1e-9, time.monotonic())
+        self._pace = 1.0  # simulated seconds per real second, at most
         rospy.Subscriber(names.PACE, Float64, self._on_pace, queue_size=1)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -150,7 +150,7 @@ class LabSimulatorNode:
                 "%s: a pace of %s ignored, expected %s to %s", rospy.get_name(), message.data, MIN_PACE, MAX_PACE
             )
             return
-        self._pacer.pace = message.data
+        self._pace = message.data
 
     def _on_reset(self, _request: Trigger) -> TriggerResponse:
         with self._lock:
@@ -159,12 +159,17 @@ class LabSimulatorNode:
 
     # ------------------------------------------------------------ time
     def _run(self) -> None:
+        due = time.monotonic()
         try:
             while not rospy.is_shutdown() and not self._closing:
                 self._step()
                 if self._lockstep is not None and self._count % CONTROL_STEPS == 0:
                     self._lockstep.wait()
-                time.sleep(self._pacer.wait(time.monotonic()))
+                period, now = self._step_ns * 1e-9 / self._pace, time.monotonic()
+                # a late step makes the next one come sooner; more than one is given up: cameras and controllers would see
+                # nothing of the time in a burst
+                due = max(due + period, now - period)
+                time.sleep(max(due - now, 0.0))
         except rospy.ROSException:
             if not rospy.is_shutdown():
                 raise
