@@ -14,7 +14,7 @@ from vb_core import geometry
 from vb_core.grid_map import FREE, OCCUPIED, GridMap
 from vb_sim.lab import Lab, Participant
 from vb_sim.models import LocalizationModel, Models, RobotModel, ScanModel
-from vb_sim.pacing import Lockstep, Pacer
+from vb_sim.lockstep import Lockstep
 from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody, advance
 from vb_sim.room.world import world_from_mapping
@@ -201,27 +201,6 @@ def test_a_person_is_seen_by_the_scanner():
 
 
 # ------------------------------------------------------------ time
-def test_pacing_never_bursts_and_makes_up_for_short_delays():
-    wall, steps = 0.0, []
-    pacer = Pacer(0.02, -60.0)  # the machine has slept for a minute before: that is given up
-    for index in range(1000):
-        wall += pacer.wait(wall)
-        steps.append(wall)
-        wall += 0.1 if index == 300 else 0.001  # one hiccup of 0.1 s
-    gaps = np.diff(steps)
-    assert gaps.min() >= 0.7 * 0.02 - 1e-9
-    assert steps[-1] == pytest.approx(1000 * 0.02, abs=0.35)
-
-
-def test_pacing_follows_a_pace_that_changes():
-    wall, pacer = 0.0, Pacer(0.02, 0.0)
-    for pace in (4.0, 0.5):
-        pacer.pace, began = pace, wall
-        for _ in range(1000):
-            wall += pacer.wait(wall)
-        assert wall - began == pytest.approx(1000 * 0.02 / pace, abs=0.05)
-
-
 def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
     lockstep, passed = Lockstep(("navigation", "driver"), timeout=3600.0), threading.Event()
     lockstep.wait()  # nobody drives: an hour is not waited
