@@ -9,7 +9,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.image_format import PixelReader
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.room.floor_texture import render_floor
-from vb_sim.cameras.frame_schedule import FrameSchedule
+from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History, Snapshot
 from vb_sim.room.mesh import DepthBuffer, RayGrid, world_mesh
 from vb_sim.models import CameraNoise, Models, Optics, RobotCamera
@@ -301,3 +301,13 @@ def test_frames_are_spread_evenly_and_on_time():
     assert schedule.skipped == 0
     # a computer that is too slow takes the newest one
     assert len(schedule.due(14.0)) == 3 and schedule.skipped == 3 * 49
+
+
+def test_smooth_clock_runs_between_ticks_and_stops_with_time():
+    times = {"sim": 1.0, "wall": 100.0}
+    clock = SmoothClock(lambda: times["sim"], lambda: times["wall"])
+    assert clock.now() == 1.0
+    times["wall"] += 0.01
+    assert clock.now() == pytest.approx(1.01)
+    times["wall"] += 5.0
+    assert clock.now() == pytest.approx(1.025)

@@ -20,7 +20,7 @@ from vb_core.ros import node, parameters
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import message_from_image
 from vb_msgs.msg import LabState
-from vb_sim.cameras.frame_schedule import FrameSchedule
+from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.cameras.view import View
 from vb_sim.lab_history import History, Snapshot, snapshot_from_message
 
@@ -91,6 +91,7 @@ class CameraNode:
         self._history = History()
         self._running = True
         self._schedule = FrameSchedule([camera.rate for camera in cameras], latency_ms * 1e-3)
+        self._clock = SmoothClock(rospy.get_time, time.monotonic)
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._broadcaster.sendTransform([camera.mount for camera in cameras])
         rospy.Subscriber(names.LAB_STATE, LabState, self._on_state, queue_size=10, tcp_nodelay=True)
@@ -122,7 +123,7 @@ class CameraNode:
         skipped = 0
         while self._running and not rospy.is_shutdown():
             try:
-                for index, stamp in self._schedule.due(rospy.get_time()):
+                for index, stamp in self._schedule.due(self._clock.now()):
                     self._publish(self._cameras[index], stamp)
                 if self._schedule.skipped > skipped:
                     skipped = self._schedule.skipped
@@ -132,7 +133,7 @@ class CameraNode:
                 # the topics close during shutdown
                 return
             # simulated time may run slower than the wall's: look again at least every few milliseconds
-            time.sleep(min(max(self._schedule.wait(rospy.get_time()), 0.001), 0.02))
+            time.sleep(min(max(self._schedule.wait(self._clock.now()), 0.001), 0.02))
 
 
 def read_parameters(kind: Any) -> Any:

@@ -2,9 +2,36 @@
 
 from __future__ import annotations
 
-from typing import Dict, List, Sequence, Tuple
+from collections import deque
+from typing import Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
+TICK = 0.025  # [s] how far time is extrapolated beyond the last step of /clock
 BEHIND = 3  # late frames that are still taken; older ones are dropped
+
+
+class SmoothClock:
+    """Simulated time between the ticks of /clock, which come only every few hundredths of a second.
+
+    Args:
+        simulated: returns the simulated time [s], which moves in steps.
+        steady: returns a steady wall time [s].
+    """
+
+    def __init__(self, simulated: Callable[[], float], steady: Callable[[], float]) -> None:
+        self._simulated = simulated
+        self._steady = steady
+        self._offsets: Deque[float] = deque(maxlen=25)
+        self._last: Optional[float] = None
+
+    def now(self) -> float:
+        """Returns the time [s]; it stops when the simulated time does."""
+        simulated, steady = self._simulated(), self._steady()
+        if simulated != self._last:
+            self._last = simulated
+            # a step is noticed late but never early: the largest difference is the best
+            self._offsets.append(simulated - steady)
+        carried = steady + max(self._offsets)
+        return min(max(carried, simulated), simulated + TICK)
 
 
 class FrameSchedule:
