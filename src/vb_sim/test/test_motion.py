@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from vb_core import geometry
 from vb_core.grid_map import FREE, OCCUPIED, GridMap
-from vb_sim.lab import Lab, Participant
+from vb_sim.lab import Lab
 from vb_sim.models import LocalizationModel, Models, RobotModel, ScanModel
 from vb_sim.lockstep import Lockstep
 from vb_sim.room.raycast import DistanceField, cast_disc
@@ -191,12 +191,12 @@ def test_clearance_is_the_distance_to_the_wall():
 
 def test_a_person_is_seen_by_the_scanner():
     lab = Lab(small_world(), Models(scan=ScanModel(range_sigma=0.0, person_radius=0.15)))
-    lab.set_participant(Participant(pose=(1.0, 2.5, 0.0)))
+    lab.person = (1.0, 2.5, 0.0)
     angles, ranges = lab.scan(0)
     assert ranges[np.argmin(np.abs(angles - math.pi / 2))] == pytest.approx(0.85, abs=1e-6)
     assert np.isinf(cast_disc((0.0, 0.0), np.array([math.pi]), (1.0, 0.0), 0.1)).all()
     # one who stands right before it is nearer than it can measure, and that is said
-    lab.set_participant(Participant(pose=(1.0, 1.75, 0.0)))
+    lab.person = (1.0, 1.75, 0.0)
     assert -math.inf in lab.scan(0)[1]
 
 

@@ -7,7 +7,6 @@ from typing import Tuple
 
 import numpy as np
 
-from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap, distance_to
 
 
@@ -15,16 +14,11 @@ class DistanceField:
     """Distance from any place to the nearest obstacle of a map, and ray casting by it.
 
     Args:
-        grid: the physical map; its origin must not be rotated. What is not free is an obstacle:
-            unknown cells may contain anything, and they are behind the walls.
-
-    Raises:
-        CodedError: "bad_map" if the map's origin is rotated.
+        grid: a world's physical map, which is not turned. What is not free is an obstacle: unknown cells may contain
+            anything, and they are behind the walls.
     """
 
     def __init__(self, grid: GridMap) -> None:
-        if abs(grid.origin[2]) > 1e-9:
-            raise CodedError("bad_map", "a simulated map's origin must not be rotated")
         self._resolution = grid.resolution
         self._origin = np.array(grid.origin[:2])
         self._free = np.pad((grid.data >= 0) & (grid.data < OCCUPIED), 1)  # a rim of obstacles ends every beam
