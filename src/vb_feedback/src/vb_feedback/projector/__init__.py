@@ -1,1 +1,0 @@
-"""What a projector shows on the floor."""
