@@ -25,14 +25,14 @@ from tornado import web
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 
-from vb_core import sentences
+from vb_core import sentences, vocabulary, zones
 from vb_core.errors import CodedError, ParameterError
 from vb_core.limiter import Limiter
 from vb_core.parameters import Parameters, param
 from vb_web import access, action_requests, handlers
 from vb_web.access import Places, Role, Sessions
 from vb_web.images import ImageCache
-from vb_web.view import View
+from vb_web.view import View, as_message
 
 STATIC = Path(__file__).resolve().parent / "static"
 _TYPES = {
@@ -43,14 +43,16 @@ _TYPES = {
     ".css": "text/css; charset=utf-8",
     ".webmanifest": "application/manifest+json",
 }
-# connections: together below the usual limit of open files, with room for ROS; strangers' handshakes at once take 0.1 s,
-# for which everybody waits
+# connections: together below the usual limit of open files, with room for ROS
 _PLACES = {Role.NOBODY: 64, Role.VIEWER: 80, Role.OPERATOR: 60}
 _PATIENCE = 10.0  # [s] for a request's headers, a handshake, or the next request
 _SEND_PATIENCE = 20  # [s] for a browser to take what is sent to it
 # the system has nothing to make a connection of: it still waits, so that the next look would come at once
 _SHORTAGES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _SHORTAGE_PAUSE = 1.0  # [s] until the next look; what ends the shortage may be any part of this process
+# [s] between two newcomers: all that one costs, about 3 ms and most of it the handshake, leaves two thirds of the time to
+# those who are there
+_NEWCOMER_PAUSE = 0.01
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,7 @@ class PageServer:
         self.slow_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_slow")
         self.turns: "WeakValueDictionary[str, asyncio.Lock]" = WeakValueDictionary()
         self.answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = OrderedDict()
+        self.hellos = {role: self._hello(role) for role in Role}
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
         for language in sentences.languages():
             words = json.dumps({**sentences.catalog(), **sentences.catalog(language)}, ensure_ascii=False)
@@ -140,6 +143,17 @@ class PageServer:
         self._on_fault, self.on_shortage = on_fault, on_shortage
         self._started: "Future[int]" = Future()  # with the port
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
+
+    def _hello(self, role: Role) -> str:
+        """Writes the first message to a browser: who it is, and the tables of what there is."""
+        hello = {
+            "role": role.name.lower(),
+            "languages": sentences.languages(),
+            "login": self.sessions is not None,
+            **vocabulary.tables(),
+            "zones": zones.table(),
+        }
+        return as_message({"hello": hello})
 
     def start(self) -> None:
         """Begins to listen.
@@ -268,32 +282,33 @@ class _BoundedServer(HTTPServer):
             asyncio.get_event_loop().add_reader(listening, self.accept, listening)
 
     def accept(self, listening: socket.socket) -> None:
-        """Lets one newcomer in at each turn of the loop.
+        """Lets one newcomer in, and the next one after a pause.
 
-        Tornado's own takes all that wait, up to 128, whose handshakes then come in one turn, and those who are there
-        wait for it: a handshake costs more than all the rest.
+        Tornado's own takes all that wait, up to 128, whose handshakes then come in one turn of the loop, for which those
+        who are there wait.
         """
         try:
             connection, address = listening.accept()
         except OSError as error:
             if error.errno in _SHORTAGES:
-                self._wait(listening, error)
+                self._pause(listening, _SHORTAGE_PAUSE)
+                self._page.shortages += 1
+                if not self._short:
+                    self._short = True
+                    self._page.on_shortage(error)
             return  # else it is gone again
         self._short = False
         if self._page.connections.allows(address[0], time.monotonic()):
             self._handle_connection(connection, address)
+            self._pause(listening, _NEWCOMER_PAUSE)
         else:
             connection.close()
 
-    def _wait(self, listening: socket.socket, error: OSError) -> None:
-        """Leaves newcomers waiting for a moment; tells it where it begins."""
+    def _pause(self, listening: socket.socket, seconds: float) -> None:
+        """Leaves newcomers waiting for a moment."""
         loop = asyncio.get_event_loop()
         loop.remove_reader(listening)
-        loop.call_later(_SHORTAGE_PAUSE, self.listen_to, listening)
-        self._page.shortages += 1
-        if not self._short:
-            self._short = True
-            self._page.on_shortage(error)
+        loop.call_later(seconds, self.listen_to, listening)
 
     def handle_stream(self, stream: Any, address: Any) -> None:
         # the system counts: also while a window of zero is confirmed again and again
