@@ -50,9 +50,6 @@ _SEND_PATIENCE = 20  # [s] for a browser to take what is sent to it
 # the system has nothing to make a connection of: it still waits, so that the next look would come at once
 _SHORTAGES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _SHORTAGE_PAUSE = 1.0  # [s] until the next look; what ends the shortage may be any part of this process
-# [s] between two newcomers: all that one costs, about 3 ms and most of it the handshake, leaves two thirds of the time to
-# those who are there
-_NEWCOMER_PAUSE = 0.01
 
 
 @dataclass(frozen=True)
@@ -94,14 +91,12 @@ class Backend:
         command: does so with a command, without a thread.
         bounds: where points may be; None without a map.
         camera_jpeg: the newest image of a camera with its detections; None if there is none. The name is not checked.
-        floor_webp: the floor as the ceiling cameras see it; None if none does.
     """
 
     act: Callable[[action_requests.Request, str], Dict[str, Any]]
     command: Callable[[action_requests.Request, str], Awaitable[Dict[str, Any]]]
     bounds: Callable[[], Optional[action_requests.Bounds]]
     camera_jpeg: Callable[[str], Optional[bytes]]
-    floor_webp: Callable[[], Optional[bytes]]
 
 
 class PageServer:
@@ -282,33 +277,32 @@ class _BoundedServer(HTTPServer):
             asyncio.get_event_loop().add_reader(listening, self.accept, listening)
 
     def accept(self, listening: socket.socket) -> None:
-        """Lets one newcomer in, and the next one after a pause.
+        """Lets one newcomer in at each turn of the loop.
 
-        Tornado's own takes all that wait, up to 128, whose handshakes then come in one turn of the loop, for which those
-        who are there wait.
+        Tornado's own takes all that wait, up to 128, whose handshakes then come in one turn, and those who are there
+        wait for it: a handshake costs more than all the rest.
         """
         try:
             connection, address = listening.accept()
         except OSError as error:
             if error.errno in _SHORTAGES:
-                self._pause(listening, _SHORTAGE_PAUSE)
-                self._page.shortages += 1
-                if not self._short:
-                    self._short = True
-                    self._page.on_shortage(error)
+                self._wait(listening, error)
             return  # else it is gone again
         self._short = False
         if self._page.connections.allows(address[0], time.monotonic()):
             self._handle_connection(connection, address)
-            self._pause(listening, _NEWCOMER_PAUSE)
         else:
             connection.close()
 
-    def _pause(self, listening: socket.socket, seconds: float) -> None:
-        """Leaves newcomers waiting for a moment."""
+    def _wait(self, listening: socket.socket, error: OSError) -> None:
+        """Leaves newcomers waiting for a moment; tells it where it begins."""
         loop = asyncio.get_event_loop()
         loop.remove_reader(listening)
-        loop.call_later(seconds, self.listen_to, listening)
+        loop.call_later(_SHORTAGE_PAUSE, self.listen_to, listening)
+        self._page.shortages += 1
+        if not self._short:
+            self._short = True
+            self._page.on_shortage(error)
 
     def handle_stream(self, stream: Any, address: Any) -> None:
         # the system counts: also while a window of zero is confirmed again and again
