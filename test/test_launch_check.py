@@ -166,6 +166,7 @@ def files(tmp_path):
         ("page_port", "80a", "launch_bad_number"),
         ("mqtt", "mqtt://hub", "launch_bad_address"),
         ("rviz", "yes", "launch_bad_choice"),
+        ("projector", "@none", "launch_no_file"),
     ],
 )
 def test_each_argument_is_judged_by_its_kind(files, argument, value, code):

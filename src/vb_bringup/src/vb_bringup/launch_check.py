@@ -108,6 +108,13 @@ def check_file(argument: str, value: str) -> None:
         ) from None
 
 
+def check_node_file(argument: str, value: str) -> None:
+    """Checks as `check_file` does, for a file that a node opens: roslaunch starts nodes in ROS's own folder."""
+    import rospkg
+
+    check_file(argument, str(Path(rospkg.get_ros_home()) / value) if value else "")
+
+
 def check_map(_argument: str, value: str) -> None:
     """Raises CodedError "bad_map_file" unless it is empty or a map with its image, as map_server reads it."""
     if value:
@@ -170,7 +177,7 @@ def check_robot_types(argument: str, value: str) -> List[RobotProfile]:
 
 Kind = Callable[[str, str], Any]
 _TRUTH: Kind = partial(check_choice, choices=("true", "false", "1", "0"))  # what roslaunch takes as a condition
-_CONDITIONS = "robot obey rviz sound kobuki buttons voice page"
+_CONDITIONS = "robot obey rviz sound projector_window kobuki buttons voice page"
 KINDS: Dict[str, Kind] = {
     **dict.fromkeys(_CONDITIONS.split(), _TRUTH),
     "cameras": check_names,
@@ -180,6 +187,7 @@ KINDS: Dict[str, Kind] = {
     "configs": check_detectors,
     "machines": parse_pairs,
     "machines_file": check_file,
+    "projector": check_node_file,
     "map": check_map,
     "image_transport": partial(check_choice, choices=("raw", "compressed")),
     "method": partial(check_choice, choices=("nrs", "robot_only")),
@@ -187,6 +195,7 @@ KINDS: Dict[str, Kind] = {
     "navigation": partial(check_choice, choices=("none", "move_base")),
     "mqtt": check_address,
     "page_port": partial(check_number, low=0, high=65535),
+    "projector_x": partial(check_number, low=0, high=100000),
 }
 # the simulated lab's, which differ
 SIMULATION: Dict[str, Kind] = {"navigation": partial(check_choice, choices=("standin", "move_base", "none"))}

@@ -20,6 +20,7 @@ DETECTORS = "/virtual_borders/detectors"
 LED = "/virtual_borders/led"
 SOUND = "/virtual_borders/sound"
 SPEECH_COMMANDS = "/virtual_borders/voice/heard"
+PROJECTOR = "/virtual_borders/projector"
 STUDY_EVENTS = "/virtual_borders/study_events"
 
 COMMAND = "/virtual_borders/command"
