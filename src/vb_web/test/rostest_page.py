@@ -791,15 +791,6 @@ class PageTest(unittest.TestCase):
         self.assertFalse(self.browser.run("return document.querySelectorAll('#events img').length || window.evil || 0"))
         self.assertIn(evil, [json.loads(line)["values"].get("text") for line in self.events.read_text().splitlines()])
 
-    def test_6b_a_picture_that_is_not_there_yet_is_asked_for_again(self):
-        """The floor comes from cameras, which may start after the page was opened."""
-        self.browser.run("window.virtualBorders.map.picture('floor', 'floor.webp?early')")
-        self.browser.wait(
-            "performance.getEntriesByType('resource').filter((one) => one.name.endsWith('floor.webp?early')).length > 1",
-            what="the second request",
-        )
-        self.browser.run("window.virtualBorders.map.picture('floor', '')")
-
     def test_6c_a_robot_in_a_border_is_a_problem_and_a_monitor_that_fell_silent_is_told(self):
         self.restart_page()  # without the cameras and robots of other tests
         self.browser.wait_ready()

@@ -9,17 +9,18 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import random
 import time
 from typing import Any, Dict, List, Optional, Tuple
 
 from tornado import web
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from vb_core import sentences, vocabulary, zones
 from vb_core.errors import CodedError
 from vb_core.limiter import Limiter
 from vb_web import access, action_requests
 from vb_web.access import Role
+from vb_web.view import as_message
 
 # [s] between two messages to a browser: 25 a second look fluid, and cost 20 browsers little
 _SEND_PERIOD = 0.04
@@ -33,7 +34,7 @@ def routes(page: Any) -> List[Tuple]:
     given = {"page": page}
     return [
         (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, given),
-        (r"/floor\.webp|/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, given),
+        (r"/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, given),
         (r"/session", _SessionHandler, given),
         (r"/link", _LinkHandler, given),
         (r"/(.*)", _FileHandler, given),
@@ -132,16 +133,13 @@ class _ImageHandler(_Handler):
 
 
 class _CameraHandler(_Handler):
-    """Sends a camera's image, or the floor as all of them see it: both have to be made first."""
-
     NEEDS = Role.OPERATOR
 
-    async def get(self, camera: Optional[str]) -> None:
-        make = (self.page.backend.camera_jpeg, camera) if camera else (self.page.backend.floor_webp,)
-        data = await self.page.in_turn(self.session, *make)
+    async def get(self, camera: str) -> None:
+        data = await self.page.in_turn(self.session, self.page.backend.camera_jpeg, camera)
         if data is None:
             raise web.HTTPError(404)
-        self.send(data, "image/jpeg" if camera else "image/webp")
+        self.send(data, "image/jpeg")
 
 
 class _SessionHandler(_Handler):
@@ -200,35 +198,35 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         self._underway = 0
         self._asks = Limiter(rate=10.0, burst=40.0)
         self.page.browsers.add(self)
-        hello = {
-            "role": self.role.name.lower(),
-            "languages": sentences.languages(),
-            "login": self.page.sessions is not None,
-            **vocabulary.tables(),
-            "zones": zones.table(),
-        }
-        self._tell({"hello": hello})
+        self._write(self.page.hellos[self.role])
         asyncio.ensure_future(self._send_view())
 
     def on_close(self) -> None:
         self.page.browsers.discard(self)
 
     async def _send_view(self) -> None:
-        """Sends what this browser has not seen, as fast as it takes it, but not faster than looks fluid."""
-        sent = 0
+        """Sends what this browser has not seen, as fast as it takes it, but not faster than looks fluid.
+
+        Viewers get it in turns within that time, for an operator's answer would wait for all of them.
+        """
+        sent, turn = 0, 0.0 if self.role == Role.OPERATOR else random.uniform(0.0, _SEND_PERIOD)
         with contextlib.suppress(WebSocketClosedError):
             while self in self.page.browsers:
                 news = self.page.news
                 sent, text = self.page.view.since(sent)
                 if text:
                     await self.write_message(text)
-                    await asyncio.sleep(_SEND_PERIOD)
+                    await asyncio.sleep(_SEND_PERIOD - turn)
                 else:
                     await news.wait()
+                    await asyncio.sleep(turn)
 
     def _tell(self, message: Dict[str, Any]) -> None:
+        self._write(as_message(message))
+
+    def _write(self, text: str) -> None:
         with contextlib.suppress(WebSocketClosedError):
-            self.write_message(json.dumps(message, ensure_ascii=False, allow_nan=False, separators=(",", ":")))
+            self.write_message(text)
 
     async def on_message(self, message: Any) -> None:
         request: Optional[action_requests.Request] = None

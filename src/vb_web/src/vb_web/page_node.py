@@ -16,7 +16,7 @@ from vb_msgs.msg import RobotStatusArray, StudyEvent, VirtualBorder, VirtualBord
 
 from vb_core import names
 from vb_core.border_changes import border_changes
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import CodedError
 from vb_core.geometry import pose2d_from_transform
 from vb_core.grid_map import GridMap
 from vb_core.offer import Offer
@@ -29,7 +29,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import DEFAULT
 from vb_web import access, images, ros_view
 from vb_web.actions import ActionHandler
-from vb_web.camera_images import CameraImages
+from vb_web.camera_images import fetch_jpeg
 from vb_web.event_history import EventHistory
 from vb_web.action_requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
@@ -47,13 +47,6 @@ class PageParams(ServerParams):
     """Parameters of the page; config/page.yaml explains them."""
 
     events_file: str = param("~/.ros/virtual_borders/page_events.jsonl")
-    cameras: list = param([])
-    image_transport: str = param("raw", choices=("raw", "compressed"))
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not all(isinstance(name, str) and name for name in self.cameras):
-            raise ParameterError("cameras", f"expected names, got {self.cameras!r}")
 
 
 class PageNode:
@@ -67,9 +60,7 @@ class PageNode:
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/drivers (vb_msgs/DriverState)
         /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, and so what is offered and claimed
         /tf, /tf_static (tf2_msgs/TFMessage): the robots' and the cameras' poses
-        <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): while a browser shows them
-        /<camera>/image_raw/compressed (sensor_msgs/CompressedImage): the same
-        /<camera>/camera_info (sensor_msgs/CameraInfo): the same
+        <detector>/debug_image (sensor_msgs/Image): while a browser shows it
     Published topics:
         /virtual_borders/stop (vb_msgs/Stop): on stop; robots hear it without any other node.
         /virtual_borders/study_events (vb_msgs/StudyEvent): the operator's marks and notes.
@@ -107,9 +98,6 @@ class PageNode:
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
         self._drivers: Dict[str, Any] = {}  # robot: (heard [s], entry)
         self._transforms = TransformLookup()
-        self._camera_images = CameraImages(
-            self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
-        )
         self._actions = ActionHandler(
             lambda border_id: (self._borders or {}).get(border_id),
             lambda: self._connected(names.STATE),
@@ -145,8 +133,7 @@ class PageNode:
             self._actions.carry_out,
             self._actions.command,
             self._bounds,
-            self._camera_images.camera_jpeg,
-            self._camera_images.floor_webp,
+            lambda camera: fetch_jpeg(self._detector_nodes().get(camera)),
         )
         self._server = PageServer(
             params,
@@ -214,7 +201,7 @@ class PageNode:
         if posterior is not None and posterior.same_geometry(prior):
             restricted = images.draw_restricted(prior, posterior)
             self._images.put("restricted", restricted)
-        self._view.put("map", images.map_section(prior, base, restricted, bool(self._params.cameras)))
+        self._view.put("map", images.map_section(prior, base, restricted))
 
     def _show_robots(self) -> None:
         """Shows what is connected; a browser is told that it is not known any more by an offer that is null."""

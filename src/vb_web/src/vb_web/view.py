@@ -25,6 +25,11 @@ def coarse_age(seconds: float) -> int:
     return max([step for step in steps if step <= seconds], default=0)
 
 
+def as_message(value: Any) -> str:
+    """Writes what a browser gets as JSON."""
+    return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
 class View:
     """The sections. Thread safe.
 
@@ -41,7 +46,7 @@ class View:
 
     def put(self, section: str, value: Any) -> bool:
         """Replaces a section; False, without a message, if it is unchanged."""
-        text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+        text = as_message(value)
         with self._lock:
             if self._sections.get(section, (0, None))[1] == text:
                 return False

@@ -1,4 +1,4 @@
-// The rest of the panel: notices, cameras, robots, events and the study; and the picture of the floor.
+// The rest of the panel: notices, cameras, robots, events and the study.
 "use strict";
 import { drawHint, map } from "./editor.js";
 import {
@@ -18,8 +18,6 @@ import {
   words,
 } from "./ui.js";
 
-export let floorOn = false;
-let floorSeers = "";
 export const watched = new Map(); // camera: its picture, while somebody looks at it
 
 // Where robots are going, each with its own stop beside it.
@@ -199,20 +197,4 @@ export function drawStudy() {
   const form = $("study-form");
   for (const key of ["participant", "condition"])
     if (document.activeElement !== form.elements[key]) form.elements[key].value = (view.study || {})[key] || "";
-}
-
-// A camera that comes or goes changes what there is to see of the floor.
-export function refreshFloor() {
-  const seeing = view.cameras
-    .filter((one) => one.there && one.hz)
-    .map((one) => one.name)
-    .join();
-  if (floorOn && seeing !== floorSeers) setFloor(true);
-  floorSeers = seeing;
-}
-
-export function setFloor(on) {
-  floorOn = on;
-  $("floor-button").setAttribute("aria-pressed", String(on));
-  map.picture("floor", on ? `floor.webp?${Date.now()}` : "");
 }

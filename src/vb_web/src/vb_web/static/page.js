@@ -9,9 +9,6 @@ import {
   drawHealth,
   drawNotices,
   drawStudy,
-  floorOn,
-  refreshFloor,
-  setFloor,
   watch,
   watched,
 } from "./lab.js";
@@ -35,11 +32,6 @@ function drawAll() {
 const DRAW = {
   map(section) {
     map.setMap(section);
-    $("floor-button").hidden = !section.floor;
-    if (section.floor && operator() && !floorOn && !view.floorTried) {
-      view.floorTried = true;
-      setFloor(true);
-    }
   },
   borders({ available_commands }) {
     drawHint();
@@ -77,10 +69,7 @@ const DRAW = {
     drawNotices();
     drawHealth();
   },
-  cameras() {
-    drawHealth();
-    refreshFloor();
-  },
+  cameras: drawHealth,
   drivers: drawHealth,
   events: drawEvents,
   study: drawStudy,
@@ -214,7 +203,6 @@ for (const command of ["undo", "redo"]) $(command).addEventListener("click", () 
 $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());
-$("floor-button").addEventListener("click", () => setFloor(!floorOn));
 
 $("study-form").addEventListener("submit", (event) => {
   event.preventDefault();
