@@ -47,7 +47,7 @@ class CheckLab(unittest.TestCase):
         cls.images = rospy.Publisher("/north/image_raw", Image, queue_size=1)
         cls.infos = rospy.Publisher("/north/camera_info", CameraInfo, queue_size=1)
         cls.borders = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
-        waiting = VirtualBorder(name="wall 1", enabled=True, schedule="mon-sun 18:00-22:00", reason="off_schedule")
+        waiting = VirtualBorder(name="wall 1", enabled=True, reason="inactive_on_this_map")
         cls.borders.publish(borders=[VirtualBorder(name="desk", enabled=True, in_force=True), waiting])
         cls.notices, cls.logged = NoticeListener(), []
         rospy.Subscriber("/rosout", Log, lambda message: cls.logged.append((message.name, message.msg)), queue_size=100)

@@ -186,28 +186,6 @@ def test_on_a_full_disk_borders_act_and_each_change_is_refused(tmp_path, size):
     assert again(tmp_path) == (borders, []) and not list(tmp_path.glob(".borders*"))
 
 
-def test_a_schedule_is_followed_on_a_full_disk_too(tmp_path, monkeypatch):
-    start = datetime.datetime(2026, 11, 23, 7, 59).timestamp()  # a Monday
-    keeper = MapIntegrator(tmp_path)
-    keeper.set_map(GRID, start)
-    keeper.add(square(10, 10, schedule="mon 08:00-12:00"), start)
-
-    def fail(*_):
-        raise CodedError("cannot_write", what="", reason="disk is full")
-
-    monkeypatch.setattr(files, "write_together", fail)
-    assert keeper.follow_schedules(start + 1.0) == () and keeper.in_force.status(keeper.borders[0]) == (
-        False,
-        "off_schedule",
-    )
-    assert keeper.follow_schedules(start + 60.0) == keeper.borders and keeper.in_force.status(keeper.borders[0]) == (
-        True,
-        "",
-    )
-    assert (keeper.map_with_borders.data == 100).sum() > (GRID.data == 100).sum()
-    keeper.close()
-
-
 def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(tmp_path):
     """Borders that could not be kept were taken, and vanished."""
     (tmp_path / "file").write_text("")
@@ -407,7 +385,7 @@ def test_an_answer_about_the_place_is_taken_as_a_whole_or_not_at_all(tmp_path, m
     keeper = integrator(tmp_path)
     keeper.add(square(10, 10), 1.0)
     other = GRID.with_data(np.roll(GRID.data, 1, axis=0))
-    keeper.set_map(other, 2.0)
+    keeper.set_map(other)
     before, write, count = (keeper.borders, keeper.map_name), files.write_together, []
 
     def fill(*arguments):
@@ -427,6 +405,6 @@ def test_an_answer_about_the_place_is_taken_as_a_whole_or_not_at_all(tmp_path, m
     assert after == (((), "attic") if taken else before)
     keeper.close()
     second = MapIntegrator(tmp_path)
-    second.set_map(other, 4.0)
+    second.set_map(other)
     assert (second.borders, second.map_name) == after
     second.close()

@@ -40,7 +40,7 @@ def test_a_line_that_closes_off_something_else_waits_and_keeps_closed_what_it_cl
     keeper.add(DOOR, 1.0)
     accepted = keeper.in_force.area_m2("b1")
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0) and not keeper.needs_confirmation
-    keeper.set_map(flat(seed=1), 2.0)
+    keeper.set_map(flat(seed=1))
     assert keeper.in_force.status(keeper.borders[0]) == (True, "to_be_confirmed") and keeper.needs_confirmation
     assert closed_at(keeper, 1.0, 1.0) and not closed_at(keeper, 1.0, 5.0)  # not twice as much as somebody wanted
     notice = next(one for one in keeper.notices if one.border_id == "b1")
@@ -187,7 +187,7 @@ def test_what_is_in_force_is_a_function_of_what_is_stored(tmp_path):
             lambda: keeper.add(DOOR, 1.0),
             lambda: keeper.set_enabled(random.choice(ids), bool(random.integers(2)), 1.0),
             lambda: keeper.remove(random.choice(ids), 1.0),
-            lambda: keeper.set_map(maps[random.integers(3)], 1.0),
+            lambda: keeper.set_map(maps[random.integers(3)]),
             lambda: keeper.confirm(True, "", 1.0),
             keeper.undo,
         ]
@@ -212,5 +212,5 @@ def test_a_border_that_was_accepted_where_it_does_not_fit_any_more_waits_and_end
     accepted = keeper.borders[0].replace(seed=(-50.0, -50.0))
     place = BorderPlace(keeper.borders[0], accepted=accepted, accepted_on=flat())
     assert place.region_before(flat(seed=1)) is None
-    found = put_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place, 2.0)
+    found = put_in_force(flat(seed=1), [keeper.borders[0]], lambda _border: place)
     assert found.verdicts["b1"].code == "to_be_confirmed" and found.outlines("b1")[0].shape == (0, 2)

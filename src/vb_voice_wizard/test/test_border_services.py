@@ -55,7 +55,7 @@ def test_what_was_undone_is_named():
     rug, bed = VirtualBorder(id="b1", name="Rug", enabled=True), VirtualBorder(id="b2", name="Bed", enabled=True)
     off, renamed = VirtualBorder(id="b1", name="Rug"), VirtualBorder(id="b1", name="Carpet", enabled=True)
     # what the map integrator fills in is nobody's change
-    idle = VirtualBorder(id="b2", name="Bed", enabled=True, reason="off_schedule")
+    idle = VirtualBorder(id="b2", name="Bed", enabled=True, reason="inactive_on_this_map")
     assert told([rug, bed], [rug]) == ("border_removed", "Bed")
     assert told([rug], [rug, bed]) == ("border_restored", "Bed")
     assert told([rug, bed], [off, idle]) == ("border_disabled", "Rug")

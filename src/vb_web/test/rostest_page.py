@@ -8,7 +8,6 @@ import os
 import signal
 import unittest
 from contextlib import closing, contextmanager
-from datetime import datetime
 from pathlib import Path
 from xmlrpc.client import ServerProxy
 
@@ -106,9 +105,9 @@ class PageTest(unittest.TestCase):
         self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
         return self.wait_borders(before + 1)[-1]
 
-    def store_carpet(self, name="Rug", shown="Rug", **fields):
+    def store_carpet(self, name="Rug", shown="Rug"):
         """A border that a test only needs to be there."""
-        border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0, **fields)
+        border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0)
         border.points, border.seed = [Point(x, y, 0.0) for x, y in CARPET], Point(4.0, 1.5, 0.0)
         answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
         self.assertTrue(answer.success, answer.message)
@@ -247,32 +246,13 @@ class PageTest(unittest.TestCase):
             "the moved corner",
         )
         self.assertAlmostEqual(min(abs(p.x - (low[0] - 0.1)) + abs(p.y - low[1]) for p in points), 0.0, delta=0.02)
-        # times, which switch it on
         self.browser.click("#borders .switch")
         wait_until(lambda: not self.borders()[0].enabled, "the border to be off")
         self.browser.wait_text("#borders", "Switched off")
-        self.browser.click("#borders .name")
-        self.browser.click("#dialog button", "Schedule")
-        self.browser.wait_text("#dialog", "Rug: schedule")
-        self.browser.click("#dialog button", "Weekdays")
-        self.browser.click("#dialog button", "Save")  # nobody's times are made up
-        self.browser.wait_text("#toast", "both times")
-        for field, text in (("from", "8"), ("to", "1230")):
-            self.browser.field(f"#dialog input[data-key={field}]").send_keys(text)
-        self.browser.click("#dialog button", "Save")
-        wait_until(lambda: self.borders()[0].schedule == "mon-fri 08:00-12:30", "the schedule")
-        self.assertTrue(self.borders()[0].enabled)
-        self.browser.wait_text("#toast", "Switched on: in force only Mon")
-        self.browser.wait(
-            "document.getElementById('borders').innerText.replace(/\\u2060/g, '').includes('Mon–Fri 08:00–12:30')",
-            what="the schedule in the list",
-        )
+        self.browser.click("#borders .switch")
+        wait_until(lambda: self.borders()[0].enabled, "the border to be on")
         # what changes nothing is no step of undo
         revision = self.browser.run("return window.virtualBorders.view.borders.revision")
-        self.browser.click("#borders .name")
-        self.browser.click("#dialog button", "Schedule")
-        self.browser.click("#dialog button", "Save")
-        self.browser.wait("!document.getElementById('dialog').open", what="the dialog to close")
         self.browser.click("#borders .name")
         self.browser.click("#dialog button", "Edit")
         self.browser.wait_text("#review", "m²")
@@ -588,9 +568,8 @@ class PageTest(unittest.TestCase):
                 )
 
     def test_3af_borders_that_are_not_in_force_look_so(self):
-        other_day = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")[(datetime.now().weekday() + 3) % 7]
-        for name, fields in (("Always", {}), ("Waits", {"schedule": f"{other_day} 10:00-11:00"}), ("Off", {})):
-            self.store_carpet(name, name, **fields)  # all in one place, where one name has room at most
+        for name in ("On", "Off"):
+            self.store_carpet(name, name)  # both in one place, where one name has room at most
         self.browser.click("#borders li:last-child .switch")
         self.browser.wait_text("#borders", "Switched off")
         self.browser.wait("document.body.classList.contains('marks')", what="marks")
@@ -605,7 +584,7 @@ class PageTest(unittest.TestCase):
                 selector,
                 properties.split(),
             )
-            self.assertEqual((len(seen), len(set(seen))), (3, 3), f"{selector}: {seen}")
+            self.assertEqual((len(seen), len(set(seen))), (2, 2), f"{selector}: {seen}")
 
     def test_3b_a_manager_that_hangs_is_told_with_the_age_of_what_is_shown(self):
         with self.halted_manager(signal.SIGCONT):

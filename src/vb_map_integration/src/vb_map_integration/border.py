@@ -20,7 +20,6 @@ from vb_core import geometry
 from vb_core.zones import KEEP_OUT, ZONES, Zone
 from vb_map_integration.borders.issues import IntegrationError
 from vb_map_integration.places.registration import Transform
-from vb_map_integration.borders.schedule import parse_schedule
 
 # more than a person can draw: at 25 spots a second this is over three minutes without a pause
 MAX_POINTS = 5000
@@ -51,11 +50,10 @@ class VirtualBorder:
         zone: what the area means for robots (vb_core.zones); its name will do.
         max_speed: [m/s] in a zone that limits it; 0 elsewhere.
         map_id: fingerprint of the map on which a person accepted it; "" before that.
-        schedule: the weekly times at which it acts (see `parse_schedule`); empty: always.
 
     Raises:
         IntegrationError: "bad_points", "too_few_points", "too_many_points", "bad_seed", "bad_occupancy",
-            "bad_time", "bad_name", "bad_zone", "bad_speed", "bad_schedule".
+            "bad_time", "bad_name", "bad_zone", "bad_speed".
     """
 
     points: np.ndarray
@@ -71,7 +69,6 @@ class VirtualBorder:
     wall: bool = False
     zone: Zone = KEEP_OUT
     max_speed: float = 0.0
-    schedule: str = ""
     map_id: str = ""
 
     def __post_init__(self) -> None:
@@ -103,7 +100,6 @@ class VirtualBorder:
         slow = zone.limits_speed
         if not 0.0 <= speed <= MAX_SPEED or slow != (speed > 0.0) or (slow and self.wall):
             raise IntegrationError("bad_speed", speed=speed)
-        parse_schedule(self.schedule)
         for key in ("created", "modified"):
             value = _number(getattr(self, key), "bad_time", key=key)
             if value < 0.0:

@@ -146,19 +146,15 @@ class MapIntegrator:
         ]
 
     # ------------------------------------------------------------- the physical map
-    def set_map(self, grid: GridMap, now: float = 0.0) -> bool:
-        """Adopts the physical map: the first one, another one, or one that has grown; returns whether anything changed.
-
-        Args:
-            now: [s] decides what schedules say.
-        """
+    def set_map(self, grid: GridMap) -> bool:
+        """Adopts the physical map: the first one, another one, or one that has grown; returns whether anything changed."""
         map_id = fingerprint(grid)
         if map_id == self._map_id:
             return False
         before = self.physical if self.has_map else None
         recognition = self._recognizer.recognize(grid, map_id, before, self._recognition)
         self._map_id = map_id
-        self._use(grid, recognition, now)
+        self._use(grid, recognition)
         if recognition.place:
             name = self._expected_name
             try:
@@ -170,16 +166,16 @@ class MapIntegrator:
                 self._not_kept = [Notice.from_error(error, Severity.WARNING)]
         return True
 
-    def _use(self, grid: GridMap, recognition: PlaceRecognition, now: float) -> None:
+    def _use(self, grid: GridMap, recognition: PlaceRecognition) -> None:
         """Puts the borders of a place in force on a map, or on the same one if there is a new answer about it."""
         self._recognizer.start_map(grid, self._map_id, recognition)
         self._recognition, self._in_force = recognition, None
-        self._refresh(grid, now)
+        self._refresh(grid)
 
-    def _refresh(self, grid: GridMap, now: float, checked: Optional[Tuple[str, LayeredMap]] = None) -> None:
+    def _refresh(self, grid: GridMap, checked: Optional[Tuple[str, LayeredMap]] = None) -> None:
         """Puts in force what the database has now."""
         self._in_force = put_in_force(
-            grid, self._database.borders(self._recognition.place), self._recognizer.locate, now, self._in_force, checked
+            grid, self._database.borders(self._recognition.place), self._recognizer.locate, self._in_force, checked
         )
 
     # ------------------------------------------------------------- which place the map shows
@@ -214,7 +210,7 @@ class MapIntegrator:
                 raise CodedError("drawn_on_this_map")
             place = self._database.add_map(grid, self._map_id, place, transform, name)
         waiting = self._waiting() if same else []
-        self._use(grid, PlaceRecognition(place, transform), now)
+        self._use(grid, PlaceRecognition(place, transform))
         self._accept(waiting, now)
         return ChangeResult((), (), sentences.translate("map_confirmed", {"count": len(self.borders)}))
 
@@ -340,14 +336,6 @@ class MapIntegrator:
         """Lists "undo" and "redo", each if there is something to undo or redo."""
         return self._database.available_commands(self._recognition.place)
 
-    def follow_schedules(self, now: float) -> Tuple[VirtualBorder, ...]:
-        """Begins and ends scheduled times; returns the borders that went on or off by it."""
-        if not self.has_map:
-            return ()
-        before = self.in_force
-        self._refresh(self.physical, now)
-        return tuple(one.border for key, one in self.in_force.verdicts.items() if one is not before.verdicts.get(key))
-
     def _expect(self, expected: int) -> None:
         """Refuses a change before there is a map, or by somebody who has not seen the latest one."""
         if not self.has_map:
@@ -391,7 +379,7 @@ class MapIntegrator:
         self._database.commit(place, change, kind, request_id)
         if place != self._recognition.place:
             return ()
-        self._refresh(physical, now, (change[0].id, check.layered_map) if check else None)
+        self._refresh(physical, (change[0].id, check.layered_map) if check else None)
         verdicts = [self.in_force.verdicts[entry.id] for entry in change if entry.after is not None]
         return tuple(warning(one.code, **one.values) for one in verdicts if one.code)
 

@@ -46,8 +46,6 @@ from vb_map_integration.grid.costmap_settings import is_trinary
 from vb_map_integration.borders.issues import IntegrationError, issues_of, warning
 from vb_map_integration.integrator import ChangeResult, MapIntegrator
 
-_SCHEDULE_PERIOD = 1.0  # [s] schedules are in minutes: nobody waits for this
-
 
 @dataclass(frozen=True)
 class MapIntegratorParams(Parameters):
@@ -133,14 +131,11 @@ class MapIntegratorNode:
         node.Worker(self._maps, self._take_map)
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, **options)
-        self._timer = node.WakeTimer(_SCHEDULE_PERIOD)
-        node.Worker(self._timer, self._follow_schedules)
         node.watch_input(f"the map on {names.PHYSICAL_MAP}", lambda: self._integrator.has_map)
 
     def close(self) -> None:
-        """Ends the workers, and releases the database."""
+        """Ends the worker, and releases the database."""
         self._maps.close()
-        self._timer.close()
         with self._lock:
             self._integrator.close()
 
@@ -151,7 +146,7 @@ class MapIntegratorNode:
             raise CodedError("map_wrong_frame", topic=names.PHYSICAL_MAP, frame=frame, expected=names.MAP_FRAME)
         grid = messages.grid_from_message(message)
         with self._lock:
-            if not self._integrator.set_map(grid, rospy.Time.now().to_sec()):
+            if not self._integrator.set_map(grid):
                 return
             count = len(self._integrator.borders)
             rospy.loginfo(
@@ -195,14 +190,6 @@ class MapIntegratorNode:
             status, outlines = acting.status(border), acting.outlines(border.id)
             array.borders.append(message_from_border(border, acting.area_m2(border.id), *status, outlines))
         return array
-
-    def _follow_schedules(self, _event: Any) -> None:
-        with self._lock:
-            turned = self._integrator.follow_schedules(rospy.Time.now().to_sec())
-            for border in turned:
-                rospy.loginfo("%s: '%s' goes on or off by its schedule", rospy.get_name(), border.name)
-            if turned:
-                self._publish()
 
     # ------------------------------------------------------------- services
     def _requested(self, request: Any) -> VirtualBorder:

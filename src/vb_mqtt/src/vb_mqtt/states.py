@@ -77,7 +77,6 @@ def border_value(border: Any) -> Dict[str, Any]:
         "in_force": bool(border.in_force),
         "reason": border.reason,
         "zone": zone_of(border.zone).name,
-        "schedule": border.schedule,
         "robots": list(border.robots),
     }
 
