@@ -107,7 +107,6 @@ ROSDEP_KEYS = {"alsa-utils"} | {
         "scipy",
         "setuptools",
         "shapely",
-        "sklearn",
         "tornado",
         "yaml",
     )
