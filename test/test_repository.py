@@ -107,6 +107,7 @@ ROSDEP_KEYS = {"alsa-utils"} | {
         "scipy",
         "setuptools",
         "shapely",
+        "sklearn",
         "tornado",
         "yaml",
     )

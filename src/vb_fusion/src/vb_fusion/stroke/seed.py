@@ -13,7 +13,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_core.errors import CodedError
+from vb_fusion.line.chain import ExtractionError
 from vb_fusion.stroke.observations import (
     TIME_BIN,
     TREMOR,
@@ -84,13 +84,13 @@ def find_dwells(
         before: (K, 2) [m] spots that were seen before the seed was requested: the border's.
 
     Raises:
-        CodedError: "no_spots" or "no_seed".
+        ExtractionError: "no_spots" or "no_seed".
     """
     seen = make_observations(points, stamps, cameras, confidences, mobile)
     if len(seen.points) == 0:
-        raise CodedError("no_spots")
+        raise ExtractionError("no_spots")
     if len(seen.points) < MIN_SPOTS:
-        raise CodedError("no_seed", spots=len(seen.points), needed=MIN_SPOTS)
+        raise ExtractionError("no_seed", spots=len(seen.points), needed=MIN_SPOTS)
     seen = merge_observations(seen)
     places = find_places(seen)
     at = places.points
@@ -98,7 +98,7 @@ def find_dwells(
     known = np.zeros(len(at), dtype=bool)
     if before is not None and len(before) >= MIN_SPOTS:
         # balanced trees take longer to make than to ask
-        floor = cKDTree(before[np.isfinite(before).all(axis=1)], compact_nodes=False, balanced_tree=False)
+        floor = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
         known = np.isfinite(floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
     gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * places.cameras / (1.0 + TIME_BIN * earlier)
     path = trace_path(*find_best_steps(at, places.stamps, find_dropout(places.stamps), gains, NEW_PLACE_GAIN))
