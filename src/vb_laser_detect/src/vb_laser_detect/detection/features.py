@@ -22,6 +22,7 @@ from vb_laser_detect.detection.background import Region, max_channel
 
 _EDGE = 0.35  # the blob is where the rise exceeds this part of its peak
 _MAX_ELONGATION = 2.0  # of a spot, times its diameter: a fast one is elongated
+_ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
 _GRAY = 0.85  # a floor is grey if its weakest channel has this share of the strongest
 FEATURES = ("elongation", "peak", "level", "edge", "fall", "diameter", "chroma_mosaic", "busy")
@@ -156,7 +157,7 @@ def _light_of(
         "fall": max(0.0, float((floor - levels).max())) / camera.bright,
         "diameter": math.log(diameter / camera.diagonal),
         # many webcams make white of a spot, mosaics show its colour: only there it tells a single blob
-        "chroma_mosaic": chroma(tint) if camera.mosaic else math.nan,
+        "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if camera.mosaic else math.nan,
     }
 
 
