@@ -96,7 +96,7 @@ class CameraImages:
             message = rospy.wait_for_message(info, CameraInfo, _TIMEOUT)
         except rospy.ROSException:
             raise CodedError("no_images", topics=info) from None
-        return require_size(camera_from_info(message, is_rectified(self._image)), self.next()[1].pixels.shape)
+        return require_size(camera_from_info(message, is_rectified(self._image)), self.next()[1].size)
 
     def set(self, **values: Any) -> None:
         """Changes settings of the running camera.

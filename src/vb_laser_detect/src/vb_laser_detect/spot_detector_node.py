@@ -15,7 +15,7 @@ from sensor_msgs.msg import Image
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.image_format import PixelReader, Picture
+from vb_core.image_format import AnyPicture, PixelReader
 from vb_core.ros.images import message_from_image
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
@@ -163,14 +163,14 @@ class SpotDetectorNode:
         stamp, frame_id = received.stamp, received.frame_id
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
-        picture, binning = received.read()
-        self._report.see_picture(picture)
+        picture = received.read()
         self._stamps.append(stamp)
-        geometry, unplaced = self._place(frame_id, stamp, picture, binning)
+        geometry, unplaced = self._place(frame_id, stamp, picture.size)
         late, lamps = self._detector.late, self._detector.lamps
         began = time.perf_counter()
         spots = self._detector.detect(picture, stamp.to_sec(), geometry)
         took = time.perf_counter() - began
+        self._report.see_picture(picture)
         if self._detector.late > late:
             self._report.count("late_image")
         if self._detector.lamps > lamps:
@@ -184,7 +184,7 @@ class SpotDetectorNode:
         self._report.set_missing_input(unplaced)
         located = [spot for spot in spots if spot.place is not None]
         for spot in located:
-            self._spots.publish(self._message(spot, binning))
+            self._spots.publish(self._message(spot))
         earlier = sum(spot.stamp != stamp.to_sec() for spot in located)
         self._report.count_image(stamp, took, len(located), earlier, frame_id)
         if self._debug.get_num_connections() > 0:
@@ -192,32 +192,30 @@ class SpotDetectorNode:
         self._feed.publish(received, picture)
 
     def _place(
-        self, frame_id: str, stamp: rospy.Time, picture: Picture, binning: int
+        self, frame_id: str, stamp: rospy.Time, size: Tuple[int, int]
     ) -> Tuple[Optional[ImageGeometry], Optional[CodedError]]:
         """Returns the image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
         try:
             self._report.require_own_frame(frame_id)
-            return self._camera_geometry.geometry_of(frame_id, stamp, picture.pixels.shape, binning), None
+            return self._camera_geometry.geometry_of(frame_id, stamp, size), None
         except CodedError as error:
             return None, error.without_traceback()
 
-    def _message(self, spot: Spot, binning: int) -> LaserSpot:
+    def _message(self, spot: Spot) -> LaserSpot:
         result, point = LaserSpot(), spot.place
         result.header.stamp = next(stamp for stamp in self._stamps if stamp.to_sec() == spot.stamp)
         result.header.frame_id = names.MAP_FRAME
         result.camera = self._params.camera
         result.mobile = self._mobile
         result.position = Point(*(float(value) for value in point.position))
-        # in the camera's pixels, whose centres are whole numbers in both sizes
-        result.u, result.v = (binning * (value + 0.5) - 0.5 for value in (spot.u, spot.v))
-        result.diameter = binning * spot.diameter
+        result.u, result.v, result.diameter = spot.u, spot.v, spot.diameter
         result.diameter_m = spot.diameter * point.meters_per_pixel
         result.confidence = spot.confidence
         result.track = spot.track
         result.projection = getattr(LaserSpot, point.source.upper())
         return result
 
-    def _publish_debug(self, picture: Picture, received: ReceivedImage) -> None:
+    def _publish_debug(self, picture: AnyPicture, received: ReceivedImage) -> None:
         now = rospy.Time.now()
         if self._last_debug is not None and 0 <= (now - self._last_debug).to_sec() < _DEBUG_PERIOD:
             return
