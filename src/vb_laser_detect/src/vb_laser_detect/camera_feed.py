@@ -66,9 +66,7 @@ class LensFile:
             try:
                 self._camera = lens_file.load(self._path)
             except CodedError as error:
-                # the lab's monitor tells people of a lens that is not known by this code
-                missing = CodedError("no_camera_info", error.message) if error.code == "no_lens_file" else error
-                self._error = missing.without_traceback()
+                self._error = error.without_traceback()
         if self._error is not None:
             raise self._error
         return require_size(self._camera, size)
@@ -116,7 +114,7 @@ class CameraFeed:
         self._source.close()
 
     def set_params(self, params: CaptureParams) -> None:
-        """Changes delay, exposure, gain and white balance while images come.
+        """Changes delay, exposure and white balance while images come.
 
         Raises:
             CodedError: what `controls.apply` raises: then nothing is changed but what the camera took.
@@ -172,39 +170,23 @@ class CameraFeed:
 
 def _controlled(params: CaptureParams) -> bool:
     """Returns whether anything is to be set that only devices can."""
-    return bool(params.exposure or params.white_balance or params.gain >= 0)
+    return bool(params.exposure or params.white_balance)
 
 
-class TopicFeed:
-    """Takes images from a driver's topic.
-
-    Subscribed topics:
-        <image> (sensor_msgs/Image), or <image>/compressed (sensor_msgs/CompressedImage)
+def subscribe_images(
+    image: str, compressed: bool, frame: str, read: Callable[[Any], Picture], put: Callable[[ReceivedImage], None]
+) -> None:
+    """Takes images from a driver's topic: <image> (sensor_msgs/Image), or <image>/compressed (sensor_msgs/CompressedImage).
 
     Args:
-        read: message to picture.
         frame: instead of the one that the images name, unless it is empty.
+        read: message to picture.
     """
 
-    def __init__(
-        self,
-        image: str,
-        compressed: bool,
-        frame: str,
-        read: Callable[[Any], Picture],
-        put: Callable[[ReceivedImage], None],
-    ) -> None:
-        self._frame, self._read, self._put = frame, read, put
-        kind, topic = (CompressedImage, f"{image}/compressed") if compressed else (Image, image)
-        # the buffer must hold a whole image, else rospy hands over images that are older than the newest one
-        rospy.Subscriber(topic, kind, self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True)
-
-    def close(self) -> None:
-        """Nothing to set free."""
-
-    def publish(self, image: ReceivedImage, picture: AnyPicture) -> None:
-        """The driver has published it."""
-
-    def _take(self, message: Any) -> None:
+    def take(message: Any) -> None:
         header = message.header
-        self._put(ReceivedImage(header.stamp, self._frame or header.frame_id, lambda: self._read(message)))
+        put(ReceivedImage(header.stamp, frame or header.frame_id, lambda: read(message)))
+
+    kind, topic = (CompressedImage, f"{image}/compressed") if compressed else (Image, image)
+    # the buffer must hold a whole image, else rospy hands over images that are older than the newest one
+    rospy.Subscriber(topic, kind, take, queue_size=1, buff_size=2**24, tcp_nodelay=True)

@@ -60,7 +60,6 @@ class CaptureParams(Parameters):
     pixel_format: str = param("mjpeg")
     delay_ms: float = param(0.0, "ms", low=0.0, high=5000.0, doc="time from an image to its arrival")
     exposure: int = param(0, "0.1 ms", low=0, high=100000, doc="a device's exposure time; 0: automatic")
-    gain: int = param(-1, "", low=-1, high=100000, doc="a device's gain, as it counts; -1: as it is")
     white_balance: int = param(0, "K", low=0, high=20000, doc="a device's white balance; 0: automatic")
 
 
