@@ -20,7 +20,6 @@ DETECTORS = "/virtual_borders/detectors"
 LED = "/virtual_borders/led"
 SOUND = "/virtual_borders/sound"
 SPEECH_COMMANDS = "/virtual_borders/voice/heard"
-STUDY_EVENTS = "/virtual_borders/study_events"
 
 COMMAND = "/virtual_borders/command"
 GET_DRAWN_BORDER = "/virtual_borders/get_drawn_border"

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import asyncio
 import copy
-import threading
 from typing import Any, Callable, Dict, Optional
 
-import rospy
 from geometry_msgs.msg import Point
 from std_srvs.srv import Trigger, TriggerRequest
-from vb_msgs.msg import StudyEvent, VirtualBorder
+from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import AddBorder, ConfirmMap, RemoveBorder, RenameBorder, SendRobot, SetBorderEnabled, UpdateBorder
 
 from vb_core import names
@@ -39,7 +37,6 @@ class ActionHandler:
     Args:
         borders: returns the stored border of an id, or None.
         manager_there: whether there is an interaction manager; robots_there: whether there is a robot's driver.
-        on_study: receives the operator's marks.
         invite: returns what a phone needs to log in.
     """
 
@@ -48,16 +45,12 @@ class ActionHandler:
         borders: Callable[[str], Optional[VirtualBorder]],
         manager_there: Callable[[], bool],
         robots_there: Callable[[], bool],
-        on_study: Callable[[StudyEvent], None],
         invite: Callable[[], Dict[str, Any]],
     ) -> None:
         self._borders, self._manager_there, self._robots_there = borders, manager_there, robots_there
-        self._on_study, self._give_invitation = on_study, invite
-        self._lock = threading.Lock()
-        self.participant, self.condition = "", ""
+        self._give_invitation = invite
         self._orders = CommandSender("page", self._on_answer)
         self._orders.connect()
-        self._study_out = rospy.Publisher(names.STUDY_EVENTS, StudyEvent, queue_size=50)
 
     def carry_out(self, request: Request, source: str) -> Dict[str, Any]:
         """Carries out a request and returns its answer.
@@ -170,25 +163,6 @@ class ActionHandler:
 
     def _halt(self, request: Request, _source: str) -> Dict[str, Any]:
         return _answer(_call(names.SEND_ROBOT, SendRobot, _MONITOR, robot=request.values["robot"], halt=True))
-
-    # ------------------------------------------------------------- study
-    def _study(self, request: Request, source: str) -> Dict[str, Any]:
-        with self._lock:
-            self.participant, self.condition = request.values["participant"], request.values["condition"]
-        return self._record("study", "", source)
-
-    def _mark(self, request: Request, source: str) -> Dict[str, Any]:
-        return self._record("mark", request.values["text"], source)
-
-    def _record(self, kind: str, text: str, source: str) -> Dict[str, Any]:
-        with self._lock:
-            event = StudyEvent(
-                kind=kind, participant=self.participant, condition=self.condition, text=text, source=source
-            )
-        event.header.stamp = rospy.Time.now()
-        self._study_out.publish(event)
-        self._on_study(event)
-        return {"ok": True, "code": "page_noted", "values": {}, "message": ""}
 
     def _invite(self, _request: Request, _source: str) -> Dict[str, Any]:
         return {"ok": True, "code": "ok", "values": {}, "message": "", **self._give_invitation()}

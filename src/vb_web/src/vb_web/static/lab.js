@@ -1,4 +1,4 @@
-// The rest of the panel: notices, cameras, robots, events and the study.
+// The rest of the panel: notices, cameras, robots and events.
 "use strict";
 import { drawHint, map } from "./editor.js";
 import {
@@ -191,10 +191,4 @@ export function drawEvents() {
         );
       }),
   );
-}
-
-export function drawStudy() {
-  const form = $("study-form");
-  for (const key of ["participant", "condition"])
-    if (document.activeElement !== form.elements[key]) form.elements[key].value = (view.study || {})[key] || "";
 }

@@ -8,7 +8,6 @@ import {
   drawEvents,
   drawHealth,
   drawNotices,
-  drawStudy,
   watch,
   watched,
 } from "./lab.js";
@@ -25,7 +24,6 @@ function drawAll() {
   drawNotices();
   drawHealth();
   drawEvents();
-  drawStudy();
   drawDrives();
 }
 
@@ -72,7 +70,6 @@ const DRAW = {
   cameras: drawHealth,
   drivers: drawHealth,
   events: drawEvents,
-  study: drawStudy,
 };
 
 // The language that was chosen here, or the first of the browser's that there is.
@@ -203,18 +200,6 @@ for (const command of ["undo", "redo"]) $(command).addEventListener("click", () 
 $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());
-
-$("study-form").addEventListener("submit", (event) => {
-  event.preventDefault();
-  const { participant, condition } = event.target.elements;
-  ask("study", { participant: participant.value, condition: condition.value }, "page_noted");
-});
-
-$("mark-form").addEventListener("submit", async (event) => {
-  event.preventDefault();
-  const text = event.target.elements.text;
-  if ((await ask("mark", { text: text.value || say("page_mark") }, "page_noted")).ok) text.value = "";
-});
 
 $("health").addEventListener("toggle", () => {
   if (!$("health").open) [...watched.keys()].forEach(watch);
