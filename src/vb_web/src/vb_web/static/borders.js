@@ -4,7 +4,8 @@ import { closeButton, leave, show } from "./dialog.js";
 import { draft, draftFields, draftOf, edit, map } from "./editor.js";
 import { DAYS, formatSchedule, parseSchedule, parseTime, scheduleText } from "./schedule.js";
 import { pairs } from "./shapes.js";
-import { $, ask, button, element, fill, hello, nameField, operator, row, say, toast, view, words } from "./ui.js";
+import { hello, operator, row, say, view, words } from "./state.js";
+import { $, ask, button, element, fill, nameField, toast } from "./ui.js";
 
 // Why a border is not in force; "" if it is.
 function idle(border) {

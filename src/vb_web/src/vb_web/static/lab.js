@@ -1,22 +1,8 @@
 // The rest of the panel: notices, cameras, robots and events.
 "use strict";
 import { drawHint, map } from "./editor.js";
-import {
-  $,
-  ask,
-  commandName,
-  dropStanding,
-  element,
-  fill,
-  operator,
-  robotName,
-  say,
-  sourceName,
-  standing,
-  toast,
-  view,
-  words,
-} from "./ui.js";
+import { commandName, operator, robotName, say, sourceName, standing, view, words } from "./state.js";
+import { $, ask, dropStanding, element, fill, toast } from "./ui.js";
 
 export const watched = new Map(); // camera: its picture, while somebody looks at it
 
@@ -42,7 +28,12 @@ export function drawDrives() {
         operator()
           ? element(
               "button",
-              { type: "button", class: "danger", "data-key": `halt ${name}`, onclick: () => ask("halt", { robot: name }) },
+              {
+                type: "button",
+                class: "danger",
+                "data-key": `halt ${name}`,
+                onclick: () => ask("halt", { robot: name }),
+              },
               say("page_end_drive"),
             )
           : null,
@@ -71,7 +62,9 @@ export function drawHealth() {
   const told = [...(view.offer ? view.offer.lines : []), ...(view.notices || [])].filter((one) => one.severity);
   const bad = new Set([
     ...cameras.filter((one) => !one.there).map((one) => `camera ${one.name}`),
-    ...Object.keys(drivers).filter((name) => !drivers[name].there).map((name) => `robot ${robotName(name)}`),
+    ...Object.keys(drivers)
+      .filter((name) => !drivers[name].there)
+      .map((name) => `robot ${robotName(name)}`),
     ...told.map(about).filter(Boolean),
   ]).size;
   $("health-sum").textContent = bad

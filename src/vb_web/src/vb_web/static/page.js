@@ -3,17 +3,11 @@
 import { borderDialog, drawBorders } from "./borders.js";
 import { closeButton, show } from "./dialog.js";
 import { draft, drawHint, drawReview, examine, listeners, map, setMode } from "./editor.js";
-import {
-  drawDrives,
-  drawEvents,
-  drawHealth,
-  drawNotices,
-  watch,
-  watched,
-} from "./lab.js";
+import { drawDrives, drawEvents, drawHealth, drawNotices, watch, watched } from "./lab.js";
 import { drawBanners, drawState } from "./laser.js";
 import { Link } from "./link.js";
-import { $, ask, button, element, hello, operator, page, say, toast, view, words } from "./ui.js";
+import { hello, operator, page, say, view, words } from "./state.js";
+import { $, ask, button, element, toast } from "./ui.js";
 
 function drawAll() {
   drawHint();

@@ -1,6 +1,6 @@
 // When a border is in force, as text, as what people type, and as words.
 "use strict";
-import { say } from "./ui.js";
+import { say } from "./state.js";
 
 export const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
 
