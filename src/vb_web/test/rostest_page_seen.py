@@ -141,6 +141,15 @@ class SeenTest(PageTest):
         self.browser.run("document.getElementById('health').open = false")
         self.browser.wait("!document.querySelector('#cameras img')", what="no picture in a closed list")
 
+    def test_a_picture_that_is_not_there_yet_is_asked_for_again(self):
+        """The floor comes from cameras, which may start after the page was opened."""
+        self.browser.run("window.virtualBorders.map.picture('floor', 'floor.webp?early')")
+        self.browser.wait(
+            "performance.getEntriesByType('resource').filter((one) => one.name.endsWith('floor.webp?early')).length > 1",
+            what="the second request",
+        )
+        self.browser.run("window.virtualBorders.map.picture('floor', '')")
+
     def test_a_spot_is_seen_and_text_stays_text(self):
         spot = LaserSpot(camera="red")
         spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()

@@ -34,7 +34,7 @@ def routes(page: Any) -> List[Tuple]:
     given = {"page": page}
     return [
         (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, given),
-        (r"/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, given),
+        (r"/floor\.webp|/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, given),
         (r"/session", _SessionHandler, given),
         (r"/link", _LinkHandler, given),
         (r"/(.*)", _FileHandler, given),
@@ -133,13 +133,16 @@ class _ImageHandler(_Handler):
 
 
 class _CameraHandler(_Handler):
+    """Sends a camera's image, or the floor as all of them see it: both have to be made first."""
+
     NEEDS = Role.OPERATOR
 
-    async def get(self, camera: str) -> None:
-        data = await self.page.in_turn(self.session, self.page.backend.camera_jpeg, camera)
+    async def get(self, camera: Optional[str]) -> None:
+        make = (self.page.backend.camera_jpeg, camera) if camera else (self.page.backend.floor_webp,)
+        data = await self.page.in_turn(self.session, *make)
         if data is None:
             raise web.HTTPError(404)
-        self.send(data, "image/jpeg")
+        self.send(data, "image/jpeg" if camera else "image/webp")
 
 
 class _SessionHandler(_Handler):

@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from collections import deque
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Deque, Dict, List, Optional
 
@@ -16,10 +17,11 @@ from vb_msgs.msg import RobotStatusArray, VirtualBorder, VirtualBorderArray
 
 from vb_core import names
 from vb_core.border_changes import border_changes
-from vb_core.errors import CodedError
+from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import pose2d_from_transform
 from vb_core.grid_map import GridMap
 from vb_core.offer import Offer
+from vb_core.parameters import param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
 from vb_core.ros.notices import NoticeListener
@@ -28,7 +30,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_core.vocabulary import DEFAULT
 from vb_web import access, images, ros_view
 from vb_web.actions import ActionHandler
-from vb_web.camera_images import fetch_jpeg
+from vb_web.camera_images import CameraImages
 from vb_web.action_requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
 from vb_web.view import View, coarse_age, mark_borders, rounded
@@ -39,6 +41,19 @@ _SILENCE_TIMEOUT = 4.0  # [s] a detector says something every second, a robot's 
 _SESSIONS = "page_sessions.json"  # beside the codes
 _UNDER_WAY = ("saving", "changing")  # answers that another one follows
 _EVENTS = 100
+
+
+@dataclass(frozen=True)
+class PageParams(ServerParams):
+    """Parameters of the page; config/page.yaml explains them."""
+
+    cameras: list = param([])
+    image_transport: str = param("raw", choices=("raw", "compressed"))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not all(isinstance(name, str) and name for name in self.cameras):
+            raise ParameterError("cameras", f"expected names, got {self.cameras!r}")
 
 
 class PageNode:
@@ -52,7 +67,9 @@ class PageNode:
         /virtual_borders/detectors (vb_msgs/DetectorStatus), /virtual_borders/drivers (vb_msgs/DriverState)
         /virtual_borders/robots (vb_msgs/RobotStatusArray): what is connected, and so what is offered and claimed
         /tf, /tf_static (tf2_msgs/TFMessage): the robots' and the cameras' poses
-        <detector>/debug_image (sensor_msgs/Image): while a browser shows it
+        <detector>/debug_image, /<camera>/image_raw (sensor_msgs/Image): while a browser shows them
+        /<camera>/image_raw/compressed (sensor_msgs/CompressedImage): the same
+        /<camera>/camera_info (sensor_msgs/CameraInfo): the same
     Published topics:
         /virtual_borders/stop (vb_msgs/Stop): on stop; robots hear it without any other node.
     Services called:
@@ -67,7 +84,7 @@ class PageNode:
         config/page.yaml
     """
 
-    def __init__(self, params: ServerParams) -> None:
+    def __init__(self, params: PageParams) -> None:
         self._params = params
         self._lock = threading.Lock()
         self._showing = threading.Lock()
@@ -89,6 +106,9 @@ class PageNode:
         self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
         self._drivers: Dict[str, Any] = {}  # robot: (heard [s], entry)
         self._transforms = TransformLookup()
+        self._camera_images = CameraImages(
+            self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms
+        )
         self._actions = ActionHandler(
             lambda border_id: (self._borders or {}).get(border_id),
             lambda: self._connected(names.STATE),
@@ -121,7 +141,8 @@ class PageNode:
             self._actions.carry_out,
             self._actions.command,
             self._bounds,
-            lambda camera: fetch_jpeg(self._detector_nodes().get(camera)),
+            self._camera_images.camera_jpeg,
+            self._camera_images.floor_webp,
         )
         self._server = PageServer(
             params,
@@ -189,7 +210,7 @@ class PageNode:
         if posterior is not None and posterior.same_geometry(prior):
             restricted = images.draw_restricted(prior, posterior)
             self._images.put("restricted", restricted)
-        self._view.put("map", images.map_section(prior, base, restricted))
+        self._view.put("map", images.map_section(prior, base, restricted, bool(self._params.cameras)))
 
     def _show_robots(self) -> None:
         """Shows what is connected; a browser is told that it is not known any more by an offer that is null."""
@@ -368,4 +389,4 @@ def _own_addresses() -> List[str]:
 
 def build() -> PageNode:
     """Reads the parameters and makes the node."""
-    return PageNode(parameters.read(ServerParams))
+    return PageNode(parameters.read(PageParams))

@@ -91,12 +91,14 @@ class Backend:
         command: does so with a command, without a thread.
         bounds: where points may be; None without a map.
         camera_jpeg: the newest image of a camera with its detections; None if there is none. The name is not checked.
+        floor_webp: the floor as the ceiling cameras see it; None if none does.
     """
 
     act: Callable[[action_requests.Request, str], Dict[str, Any]]
     command: Callable[[action_requests.Request, str], Awaitable[Dict[str, Any]]]
     bounds: Callable[[], Optional[action_requests.Bounds]]
     camera_jpeg: Callable[[str], Optional[bytes]]
+    floor_webp: Callable[[], Optional[bytes]]
 
 
 class PageServer:

@@ -1,9 +1,11 @@
-// The rest of the panel: notices, cameras, robots and events.
+// The rest of the panel: notices, cameras, robots and events; and the picture of the floor.
 "use strict";
 import { drawHint, map } from "./editor.js";
 import { commandName, operator, robotName, say, sourceName, standing, view, words } from "./state.js";
 import { $, ask, dropStanding, element, fill, toast } from "./ui.js";
 
+export let floorOn = false;
+let floorSeers = "";
 export const watched = new Map(); // camera: its picture, while somebody looks at it
 
 // Where robots are going, each with its own stop beside it.
@@ -184,4 +186,20 @@ export function drawEvents() {
         );
       }),
   );
+}
+
+// A camera that comes or goes changes what there is to see of the floor.
+export function refreshFloor() {
+  const seeing = view.cameras
+    .filter((one) => one.there && one.hz)
+    .map((one) => one.name)
+    .join();
+  if (floorOn && seeing !== floorSeers) setFloor(true);
+  floorSeers = seeing;
+}
+
+export function setFloor(on) {
+  floorOn = on;
+  $("floor-button").setAttribute("aria-pressed", String(on));
+  map.picture("floor", on ? `floor.webp?${Date.now()}` : "");
 }

@@ -154,7 +154,8 @@ export class MapView {
     for (const image of $("pictures").children) {
       if (!image.naturalWidth) continue;
       // every picture begins at the map's lower left corner; they differ in how many cells a pixel has
-      const per = image.id === "region" ? Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) : cells;
+      const per =
+        { floor: this.info.floor, region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
       const [c, s] = [cos, sin].map((one) => one * per * resolution * scale),
         high = image.naturalHeight;
       image.style.transform = `matrix(${c},${-s},${s},${c},${left - s * high},${bottom - c * high})`;
@@ -203,6 +204,11 @@ export class MapView {
       image.removeAttribute("src");
       return;
     }
+    this.fetchPicture(image, url, 1000);
+  }
+
+  // Asks for a picture, and again as long as it is wanted and cannot be had: cameras may come later than the page.
+  fetchPicture(image, url, pause) {
     const next = new Image(); // the one before stays until the new one is there
     next.onload = () => {
       if (image.dataset.url === url) {
@@ -216,9 +222,10 @@ export class MapView {
           });
       }
     };
-    next.onerror = () => {
-      if (image.dataset.url === url) image.dataset.url = ""; // it is asked for again with the next map, or connection
-    };
+    next.onerror = () =>
+      setTimeout(() => {
+        if (image.dataset.url === url) this.fetchPicture(image, url, Math.min(2 * pause, 8000));
+      }, pause);
     next.src = url;
   }
 

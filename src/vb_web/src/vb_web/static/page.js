@@ -3,7 +3,7 @@
 import { borderDialog, drawBorders } from "./borders.js";
 import { closeButton, show } from "./dialog.js";
 import { draft, drawHint, drawReview, examine, listeners, map, setMode } from "./editor.js";
-import { drawDrives, drawEvents, drawHealth, drawNotices, watch, watched } from "./lab.js";
+import { drawDrives, drawEvents, drawHealth, drawNotices, floorOn, refreshFloor, setFloor, watch, watched } from "./lab.js";
 import { drawBanners, drawState } from "./laser.js";
 import { Link } from "./link.js";
 import { hello, operator, page, say, view, words } from "./state.js";
@@ -24,6 +24,11 @@ function drawAll() {
 const DRAW = {
   map(section) {
     map.setMap(section);
+    $("floor-button").hidden = !section.floor;
+    if (section.floor && operator() && !floorOn && !view.floorTried) {
+      view.floorTried = true;
+      setFloor(true);
+    }
   },
   borders({ available_commands }) {
     drawHint();
@@ -61,7 +66,10 @@ const DRAW = {
     drawNotices();
     drawHealth();
   },
-  cameras: drawHealth,
+  cameras() {
+    drawHealth();
+    refreshFloor();
+  },
   drivers: drawHealth,
   events: drawEvents,
 };
@@ -194,6 +202,7 @@ for (const command of ["undo", "redo"]) $(command).addEventListener("click", () 
 $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());
+$("floor-button").addEventListener("click", () => setFloor(!floorOn));
 
 $("health").addEventListener("toggle", () => {
   if (!$("health").open) [...watched.keys()].forEach(watch);
