@@ -51,8 +51,10 @@ class FakeBackend:
         self.done.append((request.action, dict(request.values)))
         return {"ok": True, "code": "ok", "values": {}, "message": ""}
 
-    async def command(self, request, source):
-        return self.act(request, source)
+    def command(self, request, source):
+        answered = asyncio.get_event_loop().create_future()
+        answered.set_result(self.act(request, source))
+        return answered
 
     def bounds(self):
         return BOUNDS

@@ -22,7 +22,7 @@ from vb_core.ros.messages import mapping_from_values
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_web.action_requests import Request
 from vb_web.ros_view import apply_draft, issues_section, region_uri
-from vb_web.view import rounded
+from vb_web.view import refusal, rounded
 
 # [s] a preview of 16 million cells takes half a second on a busy computer
 _TIMEOUT = 20.0
@@ -61,15 +61,11 @@ class ActionHandler:
         return getattr(self, f"_{request.action}")(request, source)
 
     # ------------------------------------------------------------- commands
-    async def command(self, request: Request, source: str) -> Dict[str, Any]:
-        """Carries out a command, without a thread of its own.
-
-        Raises:
-            CodedError: if it was not carried out.
-        """
+    def command(self, request: Request, source: str) -> "asyncio.Future[Dict[str, Any]]":
+        """Begins to carry out a command; returns its answer, for the loop of the calling thread."""
         command, loop = request.values["command"], asyncio.get_event_loop()
         if command in ("undo", "redo") and not self._manager_there():
-            return await loop.run_in_executor(None, self._trigger, names.UNDO if command == "undo" else names.REDO)
+            return loop.run_in_executor(None, self._trigger, names.UNDO if command == "undo" else names.REDO)
         answered = loop.create_future()
         # the browser's id: a request repeated after the page was restarted is carried out once
         if not self._orders.put(
@@ -80,24 +76,26 @@ class ActionHandler:
             seen_stop=request.values["seen_stop"],
             identity=request.id,
         ):
-            raise CodedError("page_too_fast")
-        answer, error = await answered
-        if error is None:
-            return _answer(answer)
-        if command != "stop" or error.code not in _UNREACHED:
-            raise error
-        # robots that heard it keep it, and tell the manager once it is running
-        if not self._robots_there():
-            raise CodedError("page_stop_unheard") from error
-        return {"ok": True, "code": "page_stop_sent", "values": {}, "message": ""}
+            answered.set_result(refusal(CodedError("page_too_fast")))
+        return answered
 
-    @staticmethod
-    def _on_answer(_request: Any, answered: Any, *answer: Any) -> None:
-        answered.get_loop().call_soon_threadsafe(answered.set_result, answer)
+    def _on_answer(self, given: Any, answered: "asyncio.Future[Dict[str, Any]]", answer: Any, error: Any) -> None:
+        if error is None:
+            found = _answer(answer)
+        elif given.command != "stop" or error.code not in _UNREACHED:
+            found = refusal(error)
+        elif not self._robots_there():
+            found = refusal(CodedError("page_stop_unheard"))
+        else:  # robots that heard it keep it, and tell the manager once it is running
+            found = {"ok": True, "code": "page_stop_sent", "values": {}, "message": ""}
+        answered.get_loop().call_soon_threadsafe(answered.set_result, found)
 
     @staticmethod
     def _trigger(name: str) -> Dict[str, Any]:
-        response = services.call(name, Trigger, TriggerRequest(), _INTEGRATOR)
+        try:
+            response = services.call(name, Trigger, TriggerRequest(), _INTEGRATOR)
+        except CodedError as error:
+            return refusal(error)
         code = "page_done" if response.success else "page_not_done"
         return {
             "ok": response.success,
