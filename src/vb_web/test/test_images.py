@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
+from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
-from vb_web import images
-from vb_web.images import ImageCache
+from vb_web import camera_images, images
+from vb_web.images import CeilingImage, ImageCache
 
 
 def decode(image):
@@ -55,7 +56,61 @@ def test_the_same_content_has_the_same_name_and_an_album_keeps_two():
     assert cache.get("restricted", maps[2].name) is None
 
 
+def looking_down(x, y, height):
+    """T_camera_map of a camera over (x, y) whose image has +y on top."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    pose[:3, 3] = (-x, y, height)
+    return pose
+
+
+def test_the_floor_is_where_the_cameras_see_it():
+    grid = GridMap(np.zeros((100, 160), np.int8), 0.05, (-1.0, 2.0, 0.0))
+    camera = CameraModel.ideal(400, 300, 200.0)
+    image = np.full((300, 400, 3), 90, np.uint8)
+    # a red thing half a metre right of and a quarter above what is below the camera: 200 px/m at 1 m, 80 at 2.5 m
+    image[110:150, 220:260] = (0, 0, 255)
+    views = [CeilingImage(image, camera, looking_down(2.0, 4.0, 2.5))]
+    image = images.draw_floor(grid, views)
+    pixels = decode(image)[::-1]
+    meter = 1.0 / (grid.resolution * image.cells)
+
+    def at(x, y):
+        return pixels[int((y - 2.0) * meter), int((x + 1.0) * meter)]
+
+    assert at(2.5, 4.25)[2] > 200 and at(2.5, 4.25)[0] < 80
+    assert abs(int(at(1.5, 4.25)[2]) - 90) < 12
+    assert at(-0.9, 2.1)[3] == 0
+    assert (decode(images.draw_floor(grid, views * 2)) == decode(image)).all()
+
+
+def test_a_camera_below_the_floor_or_none_shows_nothing():
+    grid = GridMap(np.zeros((20, 20), np.int8), 0.05)
+    upwards = np.eye(4)
+    upwards[2, 3] = -2.0
+    camera = CameraModel.ideal(40, 30, 20.0)
+    for views in ([], [CeilingImage(np.zeros((30, 40, 3), np.uint8), camera, upwards)]):
+        assert decode(images.draw_floor(grid, views))[..., 3].max() == 0
+
+
 def test_camera_pictures_are_made_smaller_never_larger():
     for width, expected in ((1920, 960), (320, 320)):
         data = images.encode_jpeg(np.zeros((width // 2, width, 3), np.uint8))
         assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape[1] == expected
+
+
+def test_a_floor_that_lacks_a_camera_is_made_again_for_the_next_browser(monkeypatch):
+    there, made = {"red"}, []
+    monkeypatch.setattr(camera_images.time, "monotonic", lambda: 0.0)
+    monkeypatch.setattr(
+        images, "draw_floor", lambda _grid, views: made.append(views) or images.EncodedImage(b"", "", 1)
+    )
+    found = camera_images.CameraImages(
+        dict, ["red", "blue"], "raw", lambda: GridMap(np.zeros((2, 2), np.int8), 0.05), None
+    )
+    monkeypatch.setattr(found, "_view", lambda camera: camera if camera in there else None)
+    found.floor_webp()
+    there.add("blue")
+    found.floor_webp()
+    found.floor_webp()
+    assert made == [["red"], ["red", "blue"]]

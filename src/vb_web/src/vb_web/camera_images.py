@@ -1,29 +1,98 @@
-"""A camera's image for the page, fetched only while a browser shows it. Needs a node."""
+"""Camera images for the page, fetched only while a browser shows them. Needs a node."""
 
 from __future__ import annotations
 
-from typing import Optional
+import threading
+import time
+from typing import Callable, Dict, List, Optional
 
+import cv2
+import numpy as np
 import rospy
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
 from vb_core.image_format import PixelReader
-from vb_core.ros.images import array_from_image
+from vb_core.ros.cameras import camera_from_info
+from vb_core.ros.images import array_from_compressed_image, array_from_image
+from vb_core.ros.transforms import TransformLookup
 from vb_web import images
 
 _IMAGE_TIMEOUT = 2.0  # [s] for a camera's next image
+_FLOOR_LIFETIME = 5.0  # [s] the same image for every browser that asks meanwhile, if all cameras are in it
 
 
-def fetch_jpeg(detector: Optional[str]) -> Optional[bytes]:
-    """Returns the next debug image of a detector, by its node's name; None if there is no detector, or nothing arrives.
+def to_bgr(message: Image) -> np.ndarray:
+    """Converts an image message to (H, W, 3) bgr uint8.
 
     Raises:
-        CodedError: "bad_image", "unknown_encoding" for an image that shows nothing.
+        CodedError: "bad_image", "unknown_encoding" for one that shows nothing.
     """
-    if detector is None:
-        return None
-    try:
-        image = rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_IMAGE_TIMEOUT)
-    except rospy.ROSException:
-        return None
-    return images.encode_jpeg(PixelReader().read(array_from_image(image), image.encoding).bgr())
+    return PixelReader().read(array_from_image(message), message.encoding).bgr()
+
+
+class CameraImages:
+    """The detectors' debug images, and the floor as the ceiling cameras see it.
+
+    Args:
+        detectors: returns each camera's detector, a node's name, from its status messages.
+        cameras: names of the ceiling cameras.
+        grid: returns the map.
+    """
+
+    def __init__(
+        self,
+        detectors: Callable[[], Dict[str, str]],
+        cameras: List[str],
+        transport: str,
+        grid: Callable[[], Optional[GridMap]],
+        transforms: TransformLookup,
+    ) -> None:
+        self._detectors, self._cameras, self._compressed = detectors, cameras, transport == "compressed"
+        self._grid, self._transforms = grid, transforms
+        self._floor_lock = threading.Lock()
+        self._floor: Optional[bytes] = None
+        self._floor_at = -1e9
+
+    def camera_jpeg(self, camera: str) -> Optional[bytes]:
+        """Returns the newest debug image of a camera; None if the camera is unknown or nothing arrives."""
+        detector = self._detectors().get(camera)
+        if detector is None:
+            return None
+        try:
+            return images.encode_jpeg(
+                to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_IMAGE_TIMEOUT))
+            )
+        except rospy.ROSException:
+            return None
+
+    def floor_webp(self) -> Optional[bytes]:
+        """Draws the floor as all ceiling cameras see it now; None if none of them does."""
+        with self._floor_lock:
+            if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_LIFETIME:
+                grid = self._grid()
+                views = [view for view in map(self._view, self._cameras) if view is not None]
+                self._floor = images.draw_floor(grid, views).data if grid is not None and views else None
+                # with a camera missing it is made again: that one may be starting
+                self._floor_at = time.monotonic() if len(views) == len(self._cameras) else -1e9
+            return self._floor
+
+    def _view(self, camera: str) -> Optional[images.CeilingImage]:
+        try:
+            info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_IMAGE_TIMEOUT)
+            if self._compressed:
+                found = rospy.wait_for_message(
+                    f"/{camera}/image_raw/compressed", CompressedImage, timeout=_IMAGE_TIMEOUT
+                )
+                image = array_from_compressed_image(found)
+                image = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+            else:
+                image = to_bgr(rospy.wait_for_message(f"/{camera}/image_raw", Image, timeout=_IMAGE_TIMEOUT))
+            model = camera_from_info(info)
+            pose = self._transforms.lookup(f"{camera}_optical_frame", names.MAP_FRAME, rospy.Time(0))
+        except (rospy.ROSException, CodedError) as error:
+            rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: the floor's image is without camera {camera}: {error}")
+            return None
+        return images.CeilingImage(image[..., :3], model.scaled_to(image.shape[1], image.shape[0]), pose)

@@ -11,6 +11,7 @@ import contextlib
 import json
 import random
 import time
+from functools import partial
 from typing import Any, Dict, List, Optional, Tuple
 
 from tornado import web
@@ -20,7 +21,7 @@ from vb_core.errors import CodedError
 from vb_core.limiter import Limiter
 from vb_web import access, action_requests
 from vb_web.access import Role
-from vb_web.view import as_message
+from vb_web.view import as_message, refusal
 
 # [s] between two messages to a browser: 25 a second look fluid, and cost 20 browsers little
 _SEND_PERIOD = 0.04
@@ -34,17 +35,11 @@ def routes(page: Any) -> List[Tuple]:
     given = {"page": page}
     return [
         (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _ImageHandler, given),
-        (r"/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, given),
+        (r"/floor\.webp|/camera/([A-Za-z0-9_]{1,40})\.jpg", _CameraHandler, given),
         (r"/session", _SessionHandler, given),
         (r"/link", _LinkHandler, given),
         (r"/(.*)", _FileHandler, given),
     ]
-
-
-def refusal(error: CodedError) -> Dict[str, Any]:
-    """Converts an error to an answer."""
-    values = {key: str(value) for key, value in error.values.items()}
-    return {"ok": False, "code": error.code, "values": values, "message": error.message}
 
 
 class _Guarded(web.RequestHandler):
@@ -133,13 +128,16 @@ class _ImageHandler(_Handler):
 
 
 class _CameraHandler(_Handler):
+    """Sends a camera's image, or the floor as all of them see it: both have to be made first."""
+
     NEEDS = Role.OPERATOR
 
-    async def get(self, camera: str) -> None:
-        data = await self.page.in_turn(self.session, self.page.backend.camera_jpeg, camera)
+    async def get(self, camera: Optional[str]) -> None:
+        make = (self.page.backend.camera_jpeg, camera) if camera else (self.page.backend.floor_webp,)
+        data = await self.page.in_turn(self.session, *make)
         if data is None:
             raise web.HTTPError(404)
-        self.send(data, "image/jpeg")
+        self.send(data, "image/jpeg" if camera else "image/webp")
 
 
 class _SessionHandler(_Handler):
@@ -228,7 +226,7 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         with contextlib.suppress(WebSocketClosedError):
             self.write_message(text)
 
-    async def on_message(self, message: Any) -> None:
+    def on_message(self, message: Any) -> None:
         request: Optional[action_requests.Request] = None
         try:
             if not self._asks.allows("", time.monotonic()):
@@ -246,15 +244,15 @@ class _LinkHandler(_Guarded, WebSocketHandler):
         if self._underway >= _MAX_UNDERWAY and request.values.get("command") != "stop":
             self._tell({"re": request.id, **refusal(CodedError("page_too_fast"))})
             return
-        asyncio.ensure_future(self._answer(request))  # the next message is read meanwhile
-
-    async def _answer(self, request: action_requests.Request) -> None:
         self._underway += 1
+        # by callback: each await would be one more turn of the loop, in which all others come first
+        self.page.carry_out(request, self.session).add_done_callback(partial(self._answer, request))
+
+    def _answer(self, request: action_requests.Request, answered: asyncio.Future) -> None:
+        self._underway -= 1
         try:
-            answer = await self.page.carry_out(request, self.session)
+            answer = answered.result()
         except Exception:
             self._tell({"re": request.id, **refusal(CodedError("internal_error"))})
             raise
-        finally:
-            self._underway -= 1
         self._tell({"re": request.id, **answer})

@@ -1,4 +1,4 @@
-"""The images below the page's lines: the map, and the restricted floor.
+"""The images below the page's lines: map, restricted floor, and the floor as the ceiling cameras see it.
 
 All are transparent where there is nothing to show, so that light and dark pages use the same ones. Row 0 of an image
 is the map's highest y. A map with more than MAX_SIDE cells along a side is reduced, but no wall ever vanishes.
@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
+from vb_core.camera_model import CameraModel
+from vb_core.geometry import apply
 from vb_core.grid_map import UNKNOWN, GridMap
 from vb_web.view import rounded
 
 MAX_SIDE = 2048  # [px] of an image; more is neither visible on a display nor smooth on a phone
+FLOOR_SIDE = 1400  # [px] of the floor's image
+FLOOR_PIXEL = 0.01  # [m] a ceiling camera sees no more
 STRIPE_PERIOD = 0.2  # [m] period of the stripes
 _INK = (40, 34, 30, 255)  # bgra of walls; the dark page inverts them
 _UNKNOWN = (128, 128, 128, 70)
@@ -27,16 +31,16 @@ PREVIEW_SIDE = 700  # [px] of a preview, which travels inside a message
 
 @dataclass(frozen=True)
 class EncodedImage:
-    """A PNG.
+    """A PNG or WebP.
 
     Attributes:
         name: changes with the content, so that browsers may cache it for ever.
-        cells: map cells per pixel along a side.
+        cells: map cells per pixel along a side; less than 1 where an image is finer than the map.
     """
 
     data: bytes
     name: str
-    cells: int
+    cells: float
 
 
 class ImageCache:
@@ -86,8 +90,8 @@ def draw_map(grid: GridMap) -> EncodedImage:
     return _png(pixels, cells)
 
 
-def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedImage]) -> Dict[str, Any]:
-    """Describes the map for the page: its images and where they lie."""
+def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedImage], floor: bool) -> Dict[str, Any]:
+    """Describes the map for the page: its images and where they lie. `floor`: whether there is an image of the floor."""
     rows, columns = grid.shape
     return {
         "picture": base.name,
@@ -97,6 +101,7 @@ def map_section(grid: GridMap, base: EncodedImage, restricted: Optional[EncodedI
         "resolution": rounded(grid.resolution, 6),
         "origin": [rounded(value, 5) for value in grid.origin],
         "cells": base.cells,
+        "floor": floor_cells(grid) if floor else 0,
     }
 
 
@@ -125,6 +130,58 @@ def draw_region(
     pixels[..., :3] = tint
     pixels[..., 3] = np.where(dark, 1.45, 0.75) * np.maximum(data, 0.0)
     return _png(pixels, cells)
+
+
+@dataclass(frozen=True)
+class CeilingImage:
+    """Holds the newest image of one ceiling camera.
+
+    Attributes:
+        image: (H, W, 3) bgr uint8.
+        pose: (4, 4) T_camera_map, from the map frame to the camera's optical frame.
+    """
+
+    image: np.ndarray
+    camera: CameraModel
+    pose: np.ndarray
+
+
+def floor_cells(grid: GridMap) -> float:
+    """Returns the map cells per pixel of the floor's image, along a side."""
+    return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL / grid.resolution)
+
+
+def draw_floor(grid: GridMap, views: Sequence[CeilingImage]) -> EncodedImage:
+    """Draws the floor in the map's geometry, as all cameras together see it; clear where none does.
+
+    Where several see the same floor, each counts by how near to its image's centre it is: no hard seams.
+    """
+    cells = floor_cells(grid)
+    rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
+    centers = (
+        np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2) * cells - 0.5
+    )
+    places = np.column_stack([grid.grid_to_world(centers), np.zeros(len(centers))])
+    total = np.zeros((rows, columns, 3), np.float32)
+    weights = np.zeros((rows, columns), np.float32)
+    for view in views:
+        seen = apply(view.pose, places)
+        in_front = seen[:, 2] > 0.05
+        seen[~in_front] = (0.0, 0.0, 1.0)
+        pixels = view.camera.project(seen).astype(np.float32)
+        size = np.array([view.camera.width, view.camera.height], np.float32)
+        inside = np.minimum(pixels, size - 1.0 - pixels).min(axis=1) / size.min()
+        weight = np.where(in_front & (inside > 0.0), inside, 0.0).reshape(rows, columns).astype(np.float32)
+        at = pixels.reshape(rows, columns, 2)
+        colors = cv2.remap(view.image, at[..., 0], at[..., 1], cv2.INTER_AREA)
+        total += colors * weight[..., None]
+        weights += weight
+    pixels = np.zeros((rows, columns, 4), np.uint8)
+    seen = weights > 0
+    pixels[..., :3][seen] = (total[seen] / weights[seen][:, None]).clip(0, 255)
+    pixels[..., 3] = np.where(seen, 255, 0)
+    data = cv2.imencode(".webp", np.ascontiguousarray(pixels[::-1]), [cv2.IMWRITE_WEBP_QUALITY, 80])[1].tobytes()
+    return EncodedImage(data, hashlib.blake2b(data, digest_size=8).hexdigest(), cells)
 
 
 def encode_jpeg(image: np.ndarray, width: int = 960) -> bytes:

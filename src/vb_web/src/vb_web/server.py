@@ -18,7 +18,7 @@ from collections import OrderedDict
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Awaitable, Callable, Dict, List, Optional, Set, Tuple
+from typing import Any, Callable, Dict, List, Optional, Set, Tuple
 from weakref import WeakValueDictionary
 
 from tornado import web
@@ -32,7 +32,7 @@ from vb_core.parameters import Parameters, param
 from vb_web import access, action_requests, handlers
 from vb_web.access import Places, Role, Sessions
 from vb_web.images import ImageCache
-from vb_web.view import View, as_message
+from vb_web.view import View, as_message, refusal
 
 STATIC = Path(__file__).resolve().parent / "static"
 _TYPES = {
@@ -88,15 +88,17 @@ class Backend:
     Attributes:
         act: carries a request of somebody out; its answer has ok, code, values, message. A `CodedError` is the
             same as an answer that is not ok.
-        command: does so with a command, without a thread.
+        command: does so with a command, without a thread; the answer comes later.
         bounds: where points may be; None without a map.
         camera_jpeg: the newest image of a camera with its detections; None if there is none. The name is not checked.
+        floor_webp: the floor as the ceiling cameras see it; None if none does.
     """
 
     act: Callable[[action_requests.Request, str], Dict[str, Any]]
-    command: Callable[[action_requests.Request, str], Awaitable[Dict[str, Any]]]
+    command: Callable[[action_requests.Request, str], "asyncio.Future[Dict[str, Any]]"]
     bounds: Callable[[], Optional[action_requests.Bounds]]
     camera_jpeg: Callable[[str], Optional[bytes]]
+    floor_webp: Callable[[], Optional[bytes]]
 
 
 class PageServer:
@@ -242,25 +244,25 @@ class PageServer:
         async with turn:
             return await asyncio.get_event_loop().run_in_executor(self.slow_pool, work, *args)
 
-    async def carry_out(self, request: action_requests.Request, person: str) -> Dict[str, Any]:
+    def carry_out(self, request: action_requests.Request, person: str) -> "asyncio.Future[Dict[str, Any]]":
         """Carries out a request and returns its answer; a repeated request gets the answer that it got before."""
-        key = (person, request.id)
+        key, source = (person, request.id), f"page {person[:4]}".strip()
         if key not in self.answers:
-            self.answers[key] = asyncio.ensure_future(self._carry_out(request, person))
+            if request.action == "command":
+                self.answers[key] = self.backend.command(request, source)
+            else:
+                self.answers[key] = asyncio.ensure_future(self._carry_out(request, person, source))
             while len(self.answers) > 300:
                 self.answers.popitem(last=False)
-        return await asyncio.shield(self.answers[key])
+        return self.answers[key]
 
-    async def _carry_out(self, request: action_requests.Request, person: str) -> Dict[str, Any]:
-        source = f"page {person[:4]}".strip()
+    async def _carry_out(self, request: action_requests.Request, person: str, source: str) -> Dict[str, Any]:
         try:
-            if request.action == "command":
-                return await self.backend.command(request, source)
             if request.action == "preview":
                 return await self.in_turn(person, self.backend.act, request, source)
             return await asyncio.get_event_loop().run_in_executor(self.pool, self.backend.act, request, source)
         except CodedError as error:
-            return handlers.refusal(error)
+            return refusal(error)
 
 
 class _BoundedServer(HTTPServer):

@@ -13,6 +13,8 @@ import threading
 from string import ascii_uppercase
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
+from vb_core.errors import CodedError
+
 
 def rounded(value: float, digits: int = 3) -> Optional[float]:
     """Rounds a number for JSON; None for one that is not finite."""
@@ -28,6 +30,12 @@ def coarse_age(seconds: float) -> int:
 def as_message(value: Any) -> str:
     """Writes what a browser gets as JSON."""
     return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def refusal(error: CodedError) -> Dict[str, Any]:
+    """Converts an error to an answer."""
+    values = {key: str(value) for key, value in error.values.items()}
+    return {"ok": False, "code": error.code, "values": values, "message": error.message}
 
 
 class View:

@@ -154,7 +154,8 @@ export class MapView {
     for (const image of $("pictures").children) {
       if (!image.naturalWidth) continue;
       // every picture begins at the map's lower left corner; they differ in how many cells a pixel has
-      const per = image.id === "region" ? Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) : cells;
+      const per =
+        { floor: this.info.floor, region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
       const [c, s] = [cos, sin].map((one) => one * per * resolution * scale),
         high = image.naturalHeight;
       image.style.transform = `matrix(${c},${-s},${s},${c},${left - s * high},${bottom - c * high})`;
@@ -203,6 +204,11 @@ export class MapView {
       image.removeAttribute("src");
       return;
     }
+    this.fetchPicture(image, url, 1000);
+  }
+
+  // Asks for a picture, and again as long as it is wanted and cannot be had: cameras may come later than the page.
+  fetchPicture(image, url, pause) {
     const next = new Image(); // the one before stays until the new one is there
     next.onload = () => {
       if (image.dataset.url === url) {
@@ -216,9 +222,10 @@ export class MapView {
           });
       }
     };
-    next.onerror = () => {
-      if (image.dataset.url === url) image.dataset.url = ""; // it is asked for again with the next map, or connection
-    };
+    next.onerror = () =>
+      setTimeout(() => {
+        if (image.dataset.url === url) this.fetchPicture(image, url, Math.min(2 * pause, 8000));
+      }, pause);
     next.src = url;
   }
 
@@ -328,7 +335,9 @@ export class MapView {
     this.clear("drives");
     for (const { goal, path: way } of Object.values(drives)) {
       this.line("drives", "path", path(pairs(way), false));
-      this.place("drives", "goal", pairs(goal)[0], [["path", { d: "M0 0C-9-11-9-22 0-22S9-11 0 0ZM-3-14A3 3 0 1 0 3-14A3 3 0 1 0-3-14" }]]);
+      this.place("drives", "goal", pairs(goal)[0], [
+        ["path", { d: "M0 0C-9-11-9-22 0-22S9-11 0 0ZM-3-14A3 3 0 1 0 3-14A3 3 0 1 0-3-14" }],
+      ]);
     }
     this.update();
   }

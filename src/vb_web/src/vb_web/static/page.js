@@ -3,18 +3,11 @@
 import { borderDialog, drawBorders } from "./borders.js";
 import { closeButton, show } from "./dialog.js";
 import { draft, drawHint, drawReview, examine, listeners, map, setMode } from "./editor.js";
-import {
-  drawDrives,
-  drawEvents,
-  drawHealth,
-  drawNotices,
-  drawStudy,
-  watch,
-  watched,
-} from "./lab.js";
+import { drawDrives, drawEvents, drawHealth, drawNotices, floorOn, refreshFloor, setFloor, watch, watched } from "./lab.js";
 import { drawBanners, drawState } from "./laser.js";
 import { Link } from "./link.js";
-import { $, ask, button, element, hello, operator, page, say, toast, view, words } from "./ui.js";
+import { hello, operator, page, say, view, words } from "./state.js";
+import { $, ask, button, element, toast } from "./ui.js";
 
 function drawAll() {
   drawHint();
@@ -25,13 +18,17 @@ function drawAll() {
   drawNotices();
   drawHealth();
   drawEvents();
-  drawStudy();
   drawDrives();
 }
 
 const DRAW = {
   map(section) {
     map.setMap(section);
+    $("floor-button").hidden = !section.floor;
+    if (section.floor && operator() && !floorOn && !view.floorTried) {
+      view.floorTried = true;
+      setFloor(true);
+    }
   },
   borders({ available_commands }) {
     drawHint();
@@ -69,10 +66,12 @@ const DRAW = {
     drawNotices();
     drawHealth();
   },
-  cameras: drawHealth,
+  cameras() {
+    drawHealth();
+    refreshFloor();
+  },
   drivers: drawHealth,
   events: drawEvents,
-  study: drawStudy,
 };
 
 // The language that was chosen here, or the first of the browser's that there is.
@@ -203,18 +202,7 @@ for (const command of ["undo", "redo"]) $(command).addEventListener("click", () 
 $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());
-
-$("study-form").addEventListener("submit", (event) => {
-  event.preventDefault();
-  const { participant, condition } = event.target.elements;
-  ask("study", { participant: participant.value, condition: condition.value }, "page_noted");
-});
-
-$("mark-form").addEventListener("submit", async (event) => {
-  event.preventDefault();
-  const text = event.target.elements.text;
-  if ((await ask("mark", { text: text.value || say("page_mark") }, "page_noted")).ok) text.value = "";
-});
+$("floor-button").addEventListener("click", () => setFloor(!floorOn));
 
 $("health").addEventListener("toggle", () => {
   if (!$("health").open) [...watched.keys()].forEach(watch);
