@@ -12,9 +12,9 @@ from typing import Any, Callable, Dict, Optional
 
 import rospy
 from geometry_msgs.msg import Point
-from std_srvs.srv import Trigger, TriggerRequest
 from vb_msgs.msg import StudyEvent, VirtualBorder
-from vb_msgs.srv import AddBorder, ConfirmMap, RemoveBorder, RenameBorder, SendRobot, SetBorderEnabled, UpdateBorder
+from vb_msgs.srv import AddBorder, ConfirmMap, RemoveBorder, RenameBorder, SendRobot, SetBorderEnabled, UndoRedo
+from vb_msgs.srv import UpdateBorder
 
 from vb_core import names
 from vb_core.errors import CodedError
@@ -76,7 +76,7 @@ class ActionHandler:
         """
         command, loop = request.values["command"], asyncio.get_event_loop()
         if command in ("undo", "redo") and not self._manager_there():
-            return await loop.run_in_executor(None, self._trigger, names.UNDO if command == "undo" else names.REDO)
+            return await loop.run_in_executor(None, self._undo_or_redo, request)
         answered = loop.create_future()
         # the browser's id: a request repeated after the page was restarted is carried out once
         if not self._orders.put(
@@ -103,15 +103,9 @@ class ActionHandler:
         answered.get_loop().call_soon_threadsafe(answered.set_result, answer)
 
     @staticmethod
-    def _trigger(name: str) -> Dict[str, Any]:
-        response = services.call(name, Trigger, TriggerRequest(), _INTEGRATOR)
-        code = "page_done" if response.success else "page_not_done"
-        return {
-            "ok": response.success,
-            "code": code,
-            "values": {"reason": response.message},
-            "message": response.message,
-        }
+    def _undo_or_redo(request: Request) -> Dict[str, Any]:
+        name = names.UNDO if request.values["command"] == "undo" else names.REDO
+        return _answer(_call(name, UndoRedo, request_id=request.id))
 
     # ------------------------------------------------------------- borders
     def _stored(self, border_id: str) -> VirtualBorder:
