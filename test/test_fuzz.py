@@ -33,7 +33,7 @@ from vb_core.robot_profile import RobotProfile
 from vb_core.ros import cameras, images, messages
 from vb_laser_detect.calibration import calibration_file
 from vb_map_integration.borders import border_messages, geojson
-from vb_map_integration.storage.durable_values import FILES
+from vb_map_integration.storage.durable_values import FILE
 from vb_msgs.msg import VirtualBorder
 from vb_sim.room.world import load_world
 
@@ -246,27 +246,26 @@ def test_map_files(tmp_path):
     check()
 
 
-def test_a_damaged_database_loses_nothing_that_its_twin_has(tmp_path):
+def test_a_damaged_database_loses_nothing_that_its_copy_has(tmp_path):
     keeper = integrator(tmp_path / "good")
     for border in (square(20, 20), square(60, 60)):
         keeper.add(border, 1.0)
     wanted = [(border.id, border.points.tolist()) for border in keeper.borders]
     keeper.close()
-    main, twin = FILES
-    good = (tmp_path / "good" / main).read_bytes()
+    good = (tmp_path / "good" / FILE).read_bytes()
 
     @bounded(0.4)
     @given(damaged(good), st.booleans())
-    def check(data, with_twin):
+    def check(data, with_copy):
         shutil.rmtree(str(tmp_path / "bad"), ignore_errors=True)
         shutil.copytree(str(tmp_path / "good"), str(tmp_path / "bad"))
-        (tmp_path / "bad" / main).write_bytes(data)
-        if not with_twin:
-            (tmp_path / "bad" / twin).unlink()
+        (tmp_path / "bad" / FILE).write_bytes(data)
+        if not with_copy:
+            shutil.rmtree(str(tmp_path / "bad" / "copies"))
         again = integrator(tmp_path / "bad")
         found = [(border.id, border.points.tolist()) for border in again.borders]
         again.close()
-        if with_twin or data == good:
+        if with_copy or data == good:
             assert found == wanted
         else:
             assert all(border in wanted for border in found)

@@ -269,7 +269,7 @@ def test_a_code_has_one_sentence():
     ]
     assert not found, "\n".join(["the sentence for a code stands in vb_core/languages; pass its values", *found])
     assert own_sentences(ast.parse("raise CodedError('no_map', f'no map in {folder}')")) == ["no_map"]
-    assert own_sentences(ast.parse("Issue(WARNING, 'no_effect', 'it has none')")) == ["no_effect"]
+    assert own_sentences(ast.parse("Issue(WARNING, 'robot_inside', 'it is in it')")) == ["robot_inside"]
 
 
 def test_a_code_that_comes_without_a_sentence_has_one_in_the_catalogue():

@@ -40,7 +40,7 @@ class VirtualBorder:
     Attributes:
         points: (N, 2) float64 [m], map frame; P, the polygonal chain; a closed one does not repeat its first point.
         seed: (2,) float64 [m], map frame; s, a point on the side to be restricted.
-        occupancy: delta, 0 .. 1.
+        occupancy: delta, 0 .. 1; at least .01 in a zone that stands in the map.
         closed: polygon (True) or separating curve (False); None decides by the gap between the chain's ends.
         id, name: for the store and for people.
         enabled: whether it is on.
@@ -94,7 +94,7 @@ class VirtualBorder:
         zone = self.zone if isinstance(self.zone, Zone) else ZONES.get(str(self.zone))
         if zone is None:
             raise IntegrationError("bad_zone", zone=self.zone, known=", ".join(ZONES))
-        if zone.soft and occupancy >= 1.0:
+        if (zone.soft and occupancy >= 1.0) or (zone.restricts and zone.value(occupancy) == 0):
             raise IntegrationError("bad_occupancy")
         speed = _number(self.max_speed, "bad_speed", speed=self.max_speed)
         slow = zone.limits_speed
@@ -123,19 +123,9 @@ class VirtualBorder:
         return dataclasses.replace(self, **changes)
 
     @property
-    def kind(self) -> str:
-        """The kind's name in files."""
-        return "virtual_wall" if self.wall else "polygon" if self.closed else "separating_curve"
-
-    @property
     def value(self) -> int:
         """delta as an occupancy value, 0 .. 100, as it stands in the map."""
         return self.zone.value(self.occupancy)
-
-    @property
-    def without_effect(self) -> bool:
-        """Whether it should change the map, and does not."""
-        return self.zone.restricts and self.value == 0
 
     def moved(self, transform: Transform) -> "VirtualBorder":
         """Moves the border into the frame of another map."""

@@ -92,16 +92,13 @@ class InForce:
         """Returns whether a border is in force now, and what is to be said of it.
 
         Returns:
-            (in force, code): "to_be_confirmed" or "" if it is in force, else "disabled", "inactive_on_this_map" or
-            "no_effect".
+            (in force, code): "to_be_confirmed" or "" if it is in force, else "disabled" or "inactive_on_this_map".
         """
         verdict = self.verdicts[border.id]
         if not border.enabled:
             return False, "disabled"
         if verdict.code == DOES_NOT_FIT:
             return False, verdict.code
-        if border.without_effect:
-            return False, "no_effect"
         return True, verdict.code
 
     def outlines(self, border_id: str) -> Tuple[np.ndarray, np.ndarray]:
