@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from plain_rooms import empty
-from test_arbiter import PROFILE, Rig, with_border
+from test_arbiter import PROFILE, Rig
 
 from vb_core import geometry
 from vb_core.navigation_parameters import PATH_MARGIN
@@ -18,7 +18,7 @@ from vb_robot.driving.escape import Escape
 from vb_robot.driving.gate import FOLLOW, NAVIGATION, TELEOP, Gate
 from vb_robot.driving.safety import Clearance, Scan
 from vb_robot.driving.spot_follower import SpotFollower, VelocityRequest
-from vb_robot.driving.workspace import BorderContact, KnownBorder, Workspace
+from vb_robot.driving.workspace import Workspace
 
 # the same examples on every computer, however busy
 STEADY = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -315,13 +315,3 @@ def test_the_usual_period_is_that_of_the_last_five_messages():
         gate.record_input("scan", now)
     assert gate._age(now + 0.3, "scan") == pytest.approx(0.2)
     assert gate._age(now - 0.4, "scan") == pytest.approx(-0.4) and gate._age(now - 0.6, "scan") == math.inf
-
-
-def test_the_gate_says_how_and_which_border_the_robot_touches():
-    gate = known()
-    assert gate.border_contact(10.0) == (BorderContact.FREE, "", False)
-    corners = np.array([[3.0, 1.0], [5.0, 1.0], [5.0, 4.0], [3.0, 4.0]])
-    rug, other = KnownBorder("Rug", corners, (4.0, 2.0), True), KnownBorder("Door", corners + 3.0, (7.0, 5.0), True)
-    gate.workspace = Workspace(with_border(empty(), 3.0, 1.0, 5.0, 4.0), empty(), RADIUS, [other, rug])
-    assert gate.border_contact(10.0) == (BorderContact.INSIDE, "Rug", True)
-    assert gate.border_contact(10.6) == (BorderContact.FREE, "", False), "where it is is not known any more"

@@ -295,7 +295,7 @@ def test_the_spot_is_drawn_away_from_the_robot():
 
 def test_who_is_told_that_the_robot_comes_does_not_step_aside():
     percept = Perception(now=5.0)
-    percept.read(["robot_touches_border"])
+    percept.read(["robot_caught_in_border"])
     assert percept.hold_requested == float("-inf")
     percept.read(["spot_not_seen_robot_looks"])
     assert percept.hold_requested == 5.0

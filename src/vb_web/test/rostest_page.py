@@ -669,12 +669,12 @@ class PageTest(unittest.TestCase):
             notices.set(
                 [
                     Notice("interaction_ends_soon", Severity.WARNING),
-                    Notice("robot_touches_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
+                    Notice("robot_caught_in_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
                 ]
             )
             self.browser.wait_text("#notices", "discarded soon")
-            self.browser.wait_text("#notices", "The edge of the robot touches Rug.")
-            other.wait_text("#notices", "Der Roboter berührt mit dem Rand Rug.")
+            self.browser.wait_text("#notices", "The robot is inside Rug")
+            other.wait_text("#notices", "Der Roboter ist in Rug")
             other.wait("document.querySelector('#notices li')", what="the notice")
             self.assertNotIn("discarded soon", other.text("#notices"))
             notices.close()
@@ -806,7 +806,7 @@ class PageTest(unittest.TestCase):
         robots = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1)
         wait_until(robots.get_num_connections, "the page's ear")
         notices = NoticePublisher()
-        notices.set([Notice("robot_inside_border", Severity.WARNING, values={"who": "$the_robot", "border": "Rug"})])
+        notices.set([Notice("robot_caught_in_border", Severity.WARNING, values={"who": "$the_robot", "border": "Rug"})])
         ready = RobotStatus(move_base="/move_base", driver=True, localized=True, plans_round_borders=True)
         said = RobotStatusArray(interaction=True, cameras=["red"], robots=[ready])
         self.browser.run("document.getElementById('health').open = true")

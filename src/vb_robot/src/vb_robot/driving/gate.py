@@ -47,7 +47,7 @@ from vb_robot.driving.safety import (
     stop_distance,
 )
 from vb_robot.driving.spot_follower import MAX_SPEED, VelocityRequest
-from vb_robot.driving.workspace import BorderContact, Workspace
+from vb_robot.driving.workspace import Workspace
 
 RATE = 20.0  # [1/s] how soon late messages are noticed
 INPUT_TIMEOUT = 0.5  # [s] after the last scan, state, pose or command the robot stops
@@ -169,13 +169,6 @@ class Gate:
             self._jump_hold_until = -math.inf  # time has jumped back
         unknown = not self._located or self.pose_uncertain or now < self._jump_hold_until
         return None if unknown or self._age(now, "pose") > INPUT_TIMEOUT else self._fixes[-1].pose
-
-    def border_contact(self, now: float) -> Tuple[BorderContact, str, bool]:
-        """Returns whether and how the robot touches a border, its name, and whether it may not be entered at all."""
-        pose, workspace = self.pose(now), self.workspace
-        if pose is None or workspace is None:
-            return BorderContact.FREE, "", False
-        return workspace.contact_at(pose), workspace.name_at(pose[:2]), workspace.is_lethal(pose[:2])
 
     # ------------------------------------------------------------- what it lets through
     def limit(self, now: float, source: str, request: VelocityRequest) -> Tuple[float, float, str]:
