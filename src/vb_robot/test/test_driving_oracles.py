@@ -298,6 +298,31 @@ def test_a_robot_without_a_scanner_is_slow_and_keeps_its_arc(source, v):
     )
 
 
+@pytest.mark.parametrize(
+    "source, ahead, sides, cells",
+    [
+        ("teleop", 0.05, 0.02, 0.0),
+        ("follow", 0.12, 0.04, 0.06),
+        ("escape", 0.12, 0.04, 0.05),
+        ("navigation", 0.04, 0, -0.04),
+    ],
+)
+def test_what_each_source_keeps_clear_ahead_beside_and_of_the_maps_cells(source, ahead, sides, cells):
+    def drives(point, border=9.0):
+        gate = known()
+        gate._scan.points = np.array([point])
+        data = empty(resolution=0.01).data.copy()
+        data[:, data.shape[1] - int(round((8.0 - border) / 0.01)) :] = 100
+        gate.workspace = Workspace(empty(resolution=0.01).with_data(data), empty(resolution=0.01), RADIUS)
+        gate.stamps["spot"] = 10.0
+        return gate.limit(10.0, source, VelocityRequest(0.1, 0.0, "driving"))[0] > 0.0
+
+    for more in (-0.015, 0.015):  # the slowest that is not refused stops within a centimetre; a cell is one
+        assert drives((RADIUS + ahead + more, 0.0)) is (more > 0.0)
+        assert drives((0.02, -RADIUS - sides - more)) is (more > 0.0)
+        assert drives((-1.0, 0.0), 4.0 + RADIUS + cells + 0.01 + more) is (more > 0.0)
+
+
 def test_what_is_slower_than_two_centimetres_a_second_only_turns():
     gate = known(ranges=RADIUS + 0.041)
     v, w, code = gate.limit(10.0, NAVIGATION, VelocityRequest(0.2, 0.3, "driving"))

@@ -210,7 +210,7 @@ class Gate:
         ages = {code: math.inf for code, holds in missing.items() if holds}
         needs = {"scan": self.profile.scanner.present, "state": alone, "pose": alone}
         ages.update({f"{what}_lost": self._age(now, what) for what, needed in needs.items() if needed})
-        if source == FOLLOW and "spot" in self.stamps:
+        if source == FOLLOW:
             ages["spot_lost"] = self._age(now, "spot")
         ages["driving"] = self._age(now, source) if source in self.stamps else 0.0
         ages["clock_stopped"] = self.clock_age
