@@ -26,7 +26,7 @@ def refusal(made, *notices):
 
 
 def test_without_spots_the_laser_is_to_blame(made):
-    about_a_robot = Notice("robot_inside_border", Severity.ERROR, robot="r1")
+    about_a_robot = Notice("robot_caught_in_border", Severity.ERROR, robot="r1")
     slow = Notice("lab_camera_slow", Severity.WARNING, camera="north", values={"rate": "2"})
     assert refusal(made, about_a_robot, slow).code == "no_spots"
 
