@@ -6,7 +6,7 @@ Colours are rgb. A depth buffer holds inverse depths along the optical axis [1/m
 from __future__ import annotations
 
 import math
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, List, Sequence, Tuple
 
 import cv2
 import numpy as np
