@@ -11,9 +11,7 @@ from vb_core.grid_map import OCCUPIED, GridMap, distance_to
 LETHAL = 254
 INSCRIBED = 253
 NO_INFORMATION = 255
-INFLATION = (
-    0.17  # [m] beyond the robot's radius in which places near obstacles cost more: costmap_2d's inflation_radius
-)
+INFLATION = 0.17  # [m] of a robot: costmap_2d's inflation_radius without the robot's own
 _SCALING = 8.0  # [1/m] decay of the cost around obstacles: costmap_2d's cost_scaling_factor
 
 
@@ -26,19 +24,22 @@ class Costmap:
         distance: (H, W) float32 [m] from each cell's centre to the nearest obstacle cell's.
     """
 
-    def __init__(self, grid: GridMap, robot_radius: float, obstacles: Optional[np.ndarray] = None) -> None:
+    def __init__(
+        self, grid: GridMap, radius: float, obstacles: Optional[np.ndarray] = None, inflation: float = INFLATION
+    ) -> None:
         """Makes the costmap of a map.
 
         Args:
-            robot_radius: [m] of the robot, or person, that moves there.
+            radius: [m] of the robot, or person, that moves there.
             obstacles: (H, W) bool, further obstacle cells beside the map's.
+            inflation: [m] beyond the radius in which places near obstacles cost more.
         """
         self.grid = grid
         static = static_costs(grid.data)
         if obstacles is not None:
             static[obstacles] = LETHAL
         self.distance = distance_to(static == LETHAL) * np.float32(grid.resolution)
-        self.costs = inflate(static, self.distance, robot_radius)
+        self.costs = inflate(static, self.distance, radius, inflation)
 
     def traversable(self) -> np.ndarray:
         """Returns (H, W) bool: in which cells the robot's centre may be; in unknown cells it may not."""
@@ -62,12 +63,12 @@ def static_costs(data: np.ndarray) -> np.ndarray:
     return table[data.view(np.uint8)]
 
 
-def inflate(static: np.ndarray, distance: np.ndarray, robot_radius: float) -> np.ndarray:
+def inflate(static: np.ndarray, distance: np.ndarray, radius: float, inflation: float) -> np.ndarray:
     """Costs (H, W) uint8 with the decay of inflation_layer's computeCost about obstacles; the higher cost wins."""
-    decay = (INSCRIBED - 1) * np.exp(-_SCALING * (distance - robot_radius))
+    decay = (INSCRIBED - 1) * np.exp(-_SCALING * (distance - radius))
     # a distance of just so many cells is within a radius of just so many, whatever the last bit says
-    inflated = np.where(distance <= robot_radius + 1e-6, INSCRIBED, decay)
-    inflated[distance > robot_radius + INFLATION + 1e-6] = 0
+    inflated = np.where(distance <= radius + 1e-6, INSCRIBED, decay)
+    inflated[distance > radius + inflation + 1e-6] = 0
     costs = np.maximum(static, np.minimum(inflated, INSCRIBED).astype(np.uint8))
     costs[static == LETHAL] = LETHAL
     # as the real layer: unknown stays unknown unless a robot would touch an obstacle there
