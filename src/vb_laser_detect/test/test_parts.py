@@ -11,7 +11,7 @@ import yaml
 
 from scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError
-from vb_core.image_format import PixelReader
+from vb_core.image_format import Picture, PixelReader
 from vb_laser_detect.detection import features
 from vb_laser_detect.detector import DetectorParams, Spot
 from vb_laser_detect.detection.background import Background, block_maxima, blocks_around, find_regions, max_channel
@@ -77,7 +77,7 @@ def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
         hidden = (slice(42, 54), slice(int(left) + 2, int(left) + 14))
         known = cv2.dilate(seen(i), np.ones((3, 3)))[hidden].astype(int)
         assert np.abs(background.reference[hidden] - known).mean() < 6.0, i
-        if background.update(image, rise, rise > 18, spots, 0.04):
+        if background.update(Picture(image, "bgr"), rise, rise > 18, spots, 0.04):
             keyframe = i
 
 
