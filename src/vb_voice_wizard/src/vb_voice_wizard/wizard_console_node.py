@@ -24,10 +24,9 @@ from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, printable
+from vb_voice_wizard.console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, keys_in, printable
 
 _PERIOD = 0.2  # [s] between two looks at what changed: an operator cannot follow more
-_ESCAPE = "\x1b"
 _SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second
 
 
@@ -130,8 +129,7 @@ class WizardConsoleNode:
                 typed = os.read(keyboard, 64).decode("utf-8", "replace")
                 if not typed:
                     return  # the terminal is gone
-            # what a terminal sends for an arrow or function key begins with ESC, and may end with a letter
-            if _ESCAPE not in typed and any([self.press(key) for key in typed]):
+            if any([self.press(key) for key in keys_in(typed)]):
                 return
 
 
