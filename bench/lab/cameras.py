@@ -64,7 +64,7 @@ class Running:
         configs = " ".join(f"{name}={folder}/detectors/{name}.yaml" for name in self.cameras)
         for number, command in enumerate(
             (
-                ["rosrun", "vb_fusion", "border_fusion", f"_spot_log_file:={folder}/fusion.jsonl"],
+                ["rosrun", "vb_fusion", "border_fusion"],
                 ["roslaunch", str(TOP / "launch/parts/detectors.launch"), f"cameras:={' '.join(self.cameras)}", f"configs:={configs}",
                  f"config:={TOP}/src/vb_laser_detect/config/stationary.yaml", "image_transport:=raw"],
             )

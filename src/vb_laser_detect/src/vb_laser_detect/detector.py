@@ -44,6 +44,9 @@ from vb_laser_detect.detector_params import DetectorParams
 __all__ = ["DetectorParams", "Spot", "SpotDetector"]
 
 _MIN_LEVEL = 0.86  # of what is bright in the room; no spot of a clip or scene is darker, 3 of 464 in clips set dark are
+# a ghost, whose outline is in the background alone, is left by something that moved: where less else changed there is none,
+# and a spot on the edge of a white sheet has such an outline too
+_STILL = 0.02
 _BLUR_PX = 3.0  # optics and pixels blur every spot by this, whatever its size
 _MAX_DIAGONAL_SHARE = 0.09  # of the image's diagonal, where no pose is known
 _LATEST = 1.0  # [s] an image that is older than the last by more was not late: the clock was set
@@ -173,7 +176,10 @@ class SpotDetector:
         blob = features.measure(image, reference, region, largest, camera, widest)
         rejection, probability, place = blob.problem, 0.0, None
         if not rejection:
-            measured = {**blob.features, "busy": searched.change_elsewhere(blob.u, blob.v, blob.diameter)}
+            busy = searched.change_elsewhere(blob.u, blob.v, blob.diameter)
+            measured = {**blob.features, "busy": busy}
+            if busy < _STILL:
+                measured["edge"] = math.nan
             is_expected = expected is not None and expected.holds(blob.u, blob.v)
             probability, reason = self._classifier.classify(blob, measured, is_expected)
             if probability < self.params.min_probability:
