@@ -84,10 +84,8 @@ class VoiceCommandsTest(unittest.TestCase):
         self.assertEqual([(request.command, request.source) for request in self.requests], [("define_border", "voice")])
         self.assertFalse(self.requests[0].uncertain, "two such words, clearly spoken, are beyond doubt")
         self.assertEqual((heard.command, heard.reason, heard.success, heard.code), ("define_border", "ok", True, "ok"))
-        self.assertEqual(heard.message, "Draw the border.")
         self.assertGreater(heard.confidence, 0.0)
         self.assertTrue(self.requests[0].id and self.requests[0].expires > rospy.Time.now())
-        self.assertTrue(0.3 < heard.duration_s < 3.0)
 
     def test_anything_else_is_shown_and_not_acted_on(self):
         self.speak("has anyone seen my glasses")

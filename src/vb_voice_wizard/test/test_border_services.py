@@ -4,37 +4,11 @@ import pytest
 
 from refusals import refused
 from vb_core.errors import CodedError
-from vb_core.notices import Notice, Severity
 from vb_core.ros import services
 from std_srvs.srv import TriggerResponse
 from vb_msgs.msg import VirtualBorder
-from vb_msgs.srv import GetDrawnBorderResponse
 from vb_voice_wizard.dialogue import border_services
 from vb_voice_wizard.interaction_manager_node import _what_changed
-
-
-@pytest.fixture
-def made(monkeypatch):
-    """Makes the services, with a border_fusion that has seen no spot, of what people are told."""
-    monkeypatch.setattr(services, "call", lambda *_arguments, **_more: GetDrawnBorderResponse(code="no_spots"))
-    return lambda *notices: border_services.BorderServices(1.0, 1.0, 1.0, lambda: list(notices))
-
-
-def refusal(made, *notices):
-    with pytest.raises(CodedError) as caught:
-        made(*notices).fetch_drawn_border("i1")
-    return caught.value
-
-
-def test_without_spots_the_laser_is_to_blame(made):
-    about_a_robot = Notice("robot_inside_border", Severity.ERROR, robot="r1")
-    slow = Notice("lab_camera_slow", Severity.WARNING, camera="north", values={"rate": "2"})
-    assert refusal(made, about_a_robot, slow).code == "no_spots"
-
-
-def test_without_spots_a_faulty_camera_is_to_blame_before_the_laser(made):
-    error = refusal(made, Notice("camera_no_pose", Severity.ERROR, camera="south", values={"camera": "south"}))
-    assert error.code == "camera_no_pose" and "south" in error.message
 
 
 @pytest.mark.parametrize("code, expected", [("nothing_to_redo", "nothing_to_redo"), ("cannot_write", "not_changed")])
@@ -42,7 +16,7 @@ def test_what_cannot_be_redone_says_why_by_a_code(monkeypatch, code, expected):
     said = str(CodedError(code, what="the disk", reason="full"))
     monkeypatch.setattr(services, "call", lambda *_arguments, **_more: TriggerResponse(False, said))
     with refused(expected):
-        border_services.BorderServices(1.0, 1.0, 1.0, list).change("redo")
+        border_services.BorderServices(1.0, 1.0, 1.0).change("redo")
 
 
 def test_what_was_undone_is_named():
