@@ -89,7 +89,7 @@ class InteractionManagerNode:
         /virtual_borders/add_border (vb_msgs/AddBorder): on `save`, with the interaction's id, so that a save which is
             repeated adds one border. No lock is held meanwhile; other commands are answered with "busy", but not
             `stop` and `resume`.
-        /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger): on `undo` and `redo`.
+        /virtual_borders/undo, /virtual_borders/redo (vb_msgs/UndoRedo): on `undo` and `redo`.
         /virtual_borders/list_borders (vb_msgs/ListBorders): before and after undo and redo.
         /virtual_borders/preview_border (vb_msgs/PreviewBorder): for the preview, from a separate thread.
 
@@ -219,16 +219,16 @@ class InteractionManagerNode:
                 self._changed()
         if command == RESUME:
             self._latch.store()
-        return self._complete(pending, interaction_id, order.source) if pending else answer
+        return self._complete(pending, interaction_id, order) if pending else answer
 
-    def _complete(self, pending: str, interaction_id: str, source: str) -> Answer:
+    def _complete(self, pending: str, interaction_id: str, order: CommandRequest) -> Answer:
         """Has other nodes carry out a pending command, without the lock, and ends it with what they answered."""
         border_id = ""
         try:
             if pending == SAVE:
-                border_id, answer = self._save(interaction_id, source), Answer(True, "saved")
+                border_id, answer = self._save(interaction_id, order.source), Answer(True, "saved")
             else:
-                answer = self._change(pending)
+                answer = self._change(pending, order.id)
         except CodedError as error:
             answer = Answer.refusal(error)
             if error.code in UNANSWERED:
@@ -249,10 +249,10 @@ class InteractionManagerNode:
             self._interaction.send_save()
         return self._services.add(border, source, interaction_id)
 
-    def _change(self, command: str) -> Answer:
+    def _change(self, command: str, request_id: str) -> Answer:
         """Carries out undo or redo; returns what became of the borders."""
         before = self._services.fetch_borders()
-        self._services.change(command)
+        self._services.change(command, request_id)
         try:
             return _what_changed(command, before, self._services.fetch_borders())
         except CodedError:
