@@ -9,7 +9,7 @@ import sys
 import termios
 import time
 import tty
-from typing import Any, List, Optional
+from typing import Any, Optional
 
 import rosgraph
 import rospy
@@ -133,13 +133,12 @@ class WizardConsoleNode:
                 return
 
 
-def run(arguments: Optional[List[str]] = None) -> int:
+def run() -> int:
     """Runs the console; returns the exit status."""
-    given = sys.argv[1:] if arguments is None else arguments
     parser = argparse.ArgumentParser(prog="wizard_console", description="The hidden operator's console.")
     parser.add_argument("--source", default="wizard", help="who gives the commands, for the record (default: wizard)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="(default: en)")
-    chosen = parser.parse_args(rospy.myargv(["wizard_console", *given])[1:])
+    chosen = parser.parse_args(rospy.myargv()[1:])
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         print(
             "wizard_console needs a terminal; for scripts there is the service /virtual_borders/command",
