@@ -9,9 +9,9 @@ A mutant swaps a comparison or `and` with `or`, changes a number, negates a cond
 statement out. What nobody can see is no mutant: words for people (a raised error, a formatted string, a log or a warning),
 numbers below a millionth, which guard against rounding, and `<` for `<=` where neither side is a whole number: a
 measured length never meets a bound exactly. A mutant that no test fails on is printed with its line; whether it means the
-same as the original must be looked at. The tests are the unit tests of its package that import the module; ones that take
-five times as long as on the original have noticed. Each mutant runs in a fork that finds its source instead of the
-file's; the files stay as they are.
+same as the original must be looked at. The tests are the unit tests of its package that import the module or another test
+that does; ones that take five times as long as on the original have noticed. Each mutant runs in a fork that finds its
+source instead of the file's; the files stay as they are.
 """
 
 import ast
@@ -45,7 +45,6 @@ MODULES = (
     "vb_fusion.stroke.track",
     "vb_map_integration.integration",
     "vb_map_integration.grid.raster",
-    "vb_map_integration.borders.schedule",
     "vb_robot.driving.gate",
     "vb_robot.driving.safety",
     "vb_robot.driving.arbiter",
@@ -124,14 +123,15 @@ def mutants(path: Path) -> List[Tuple[int, str, Callable[[], ast.Module]]]:
 
 
 def tests_of(name: str) -> List[str]:
-    """Lists the unit tests of a module's package that import the module, the shortest file first."""
-    found = []
-    folder = TOP / "src" / name.partition(".")[0] / "test"
-    for path in sorted(folder.glob("test_*.py"), key=lambda path: path.stat().st_size):
-        imports = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
-        if any(name in (one.module, *(f"{one.module}.{what.name}" for what in one.names)) for one in imports):
-            found.append(str(path))
-    return found
+    """Lists the unit tests of a module's package that import the module or a test that does, the shortest file first."""
+    folder, imported = TOP / "src" / name.partition(".")[0] / "test", {}
+    for path in sorted(folder.glob("*.py"), key=lambda path: path.stat().st_size):
+        nodes = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
+        imported[path] = {
+            each for one in nodes for each in (one.module, *(f"{one.module}.{it.name}" for it in one.names))
+        }
+    wanted = {name, *(path.stem for path, names in imported.items() if name in names)}
+    return [str(path) for path, names in imported.items() if path.stem[:5] == "test_" and names & wanted]
 
 
 class _Remove(ast.NodeTransformer):

@@ -13,7 +13,6 @@ GOOD_DRAFT = {
     "name": "carpet",
     "zone": "keep_out",
     "max_speed": 0.0,
-    "schedule": "",
     "enabled": True,
     "robots": [],
 }

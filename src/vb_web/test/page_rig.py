@@ -94,9 +94,9 @@ class PageTest(unittest.TestCase):
         self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
         return self.wait_borders(before + 1)[-1]
 
-    def store_carpet(self, name="Rug", shown="Rug", **fields):
+    def store_carpet(self, name="Rug", shown="Rug"):
         """A border that a test only needs to be there."""
-        border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0, **fields)
+        border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0)
         border.points, border.seed = [Point(x, y, 0.0) for x, y in CARPET], Point(4.0, 1.5, 0.0)
         answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
         self.assertTrue(answer.success, answer.message)

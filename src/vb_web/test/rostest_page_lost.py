@@ -50,7 +50,7 @@ class LostTest(PageTest):
         robots = rospy.Publisher(names.ROBOTS, RobotStatusArray, queue_size=1)
         wait_until(robots.get_num_connections, "the page's ear")
         notices = NoticePublisher()
-        notices.set([Notice("robot_inside_border", Severity.WARNING, values={"who": "$the_robot", "border": "Rug"})])
+        notices.set([Notice("robot_caught_in_border", Severity.WARNING, values={"who": "$the_robot", "border": "Rug"})])
         ready = RobotStatus(move_base="/move_base", driver=True, localized=True, plans_round_borders=True)
         said = RobotStatusArray(interaction=True, cameras=["red"], robots=[ready])
         self.browser.run("document.getElementById('health').open = true")

@@ -37,12 +37,12 @@ class SeenTest(PageTest):
             notices.set(
                 [
                     Notice("interaction_ends_soon", Severity.WARNING),
-                    Notice("robot_touches_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
+                    Notice("robot_caught_in_border", values={"who": sentences.robot_value(""), "border": "Rug"}),
                 ]
             )
             self.browser.wait_text("#notices", "discarded soon")
-            self.browser.wait_text("#notices", "The edge of the robot touches Rug.")
-            other.wait_text("#notices", "Der Roboter berührt mit dem Rand Rug.")
+            self.browser.wait_text("#notices", "The robot is inside Rug")
+            other.wait_text("#notices", "Der Roboter ist in Rug")
             other.wait("document.querySelector('#notices li')", what="the notice")
             self.assertNotIn("discarded soon", other.text("#notices"))
             notices.close()

@@ -20,6 +20,7 @@ DETECTORS = "/virtual_borders/detectors"
 LED = "/virtual_borders/led"
 SOUND = "/virtual_borders/sound"
 SPEECH_COMMANDS = "/virtual_borders/voice/heard"
+PROJECTOR = "/virtual_borders/projector"
 
 COMMAND = "/virtual_borders/command"
 GET_DRAWN_BORDER = "/virtual_borders/get_drawn_border"

@@ -10,9 +10,9 @@ import copy
 from typing import Any, Callable, Dict, Optional
 
 from geometry_msgs.msg import Point
-from std_srvs.srv import Trigger, TriggerRequest
 from vb_msgs.msg import VirtualBorder
-from vb_msgs.srv import AddBorder, ConfirmMap, RemoveBorder, RenameBorder, SendRobot, SetBorderEnabled, UpdateBorder
+from vb_msgs.srv import AddBorder, ConfirmMap, RemoveBorder, RenameBorder, SendRobot, SetBorderEnabled, UndoRedo
+from vb_msgs.srv import UpdateBorder
 
 from vb_core import names
 from vb_core.errors import CodedError
@@ -65,7 +65,7 @@ class ActionHandler:
         """Begins to carry out a command; returns its answer, for the loop of the calling thread."""
         command, loop = request.values["command"], asyncio.get_event_loop()
         if command in ("undo", "redo") and not self._manager_there():
-            return loop.run_in_executor(None, self._trigger, names.UNDO if command == "undo" else names.REDO)
+            return loop.run_in_executor(None, self._undo_or_redo, request)
         answered = loop.create_future()
         # the browser's id: a request repeated after the page was restarted is carried out once
         if not self._orders.put(
@@ -91,18 +91,9 @@ class ActionHandler:
         answered.get_loop().call_soon_threadsafe(answered.set_result, found)
 
     @staticmethod
-    def _trigger(name: str) -> Dict[str, Any]:
-        try:
-            response = services.call(name, Trigger, TriggerRequest(), _INTEGRATOR)
-        except CodedError as error:
-            return refusal(error)
-        code = "page_done" if response.success else "page_not_done"
-        return {
-            "ok": response.success,
-            "code": code,
-            "values": {"reason": response.message},
-            "message": response.message,
-        }
+    def _undo_or_redo(request: Request) -> Dict[str, Any]:
+        name = names.UNDO if request.values["command"] == "undo" else names.REDO
+        return _answer(_call(name, UndoRedo, request_id=request.id))
 
     # ------------------------------------------------------------- borders
     def _stored(self, border_id: str) -> VirtualBorder:

@@ -167,7 +167,6 @@ function begin(points, kind) {
     name: "",
     zone: hello.zones[0].name,
     max_speed: 0.2,
-    schedule: "",
     enabled: true,
     robots: [],
     border: "",
@@ -185,7 +184,6 @@ export function draftOf(border) {
     name: border.name,
     zone: border.zone,
     max_speed: border.max_speed || 0.2,
-    schedule: border.schedule,
     enabled: border.enabled,
     robots: border.robots,
     border: border.id,
@@ -218,7 +216,6 @@ export const draftFields = (of = draft) => ({
   name: of.name,
   zone: of.zone,
   max_speed: row("zones", of.zone).limits_speed ? of.max_speed : 0,
-  schedule: of.schedule,
   enabled: of.enabled,
   robots: of.robots,
 });

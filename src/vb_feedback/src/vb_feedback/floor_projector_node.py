@@ -1,0 +1,231 @@
+"""Node: draws on the floor with a projector."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, List, Optional, Tuple
+
+import numpy as np
+import rospy
+from geometry_msgs.msg import PointStamped
+from sensor_msgs.msg import Image
+from vb_core import names
+from vb_core.errors import CodedError, ParameterError
+from vb_core.grid_map import GridMap
+from vb_core.parameters import Parameters, param
+from vb_core.ros.images import message_from_image
+from vb_core.ros import node, parameters
+from vb_core.ros.messages import BorderPreviewArray, grid_from_message
+from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
+
+from vb_feedback.projector import projector_calibration
+from vb_feedback.display.display_messages import border_from_message, drawing_from_progress
+from vb_feedback.projector.floor_image import FloorContent, FloorImage, draw_calibration_image
+from vb_feedback.projector.projector_calibration import MARKERS, ProjectorCalibration
+from vb_feedback.projector.projector_window import ProjectorWindow
+from vb_feedback.display.scene import Border, Drawing
+
+FRAME = "projector"
+# [s] a spot that no camera has seen for this long is gone
+_SPOT_LIFETIME = 0.5
+# [m] how far the spot must move for the image to be drawn again; less than what stays dark around it
+_SPOT_STEP = 0.1
+
+
+@dataclass(frozen=True)
+class ProjectorParams(Parameters):
+    """Parameters of floor_projector; config/floor_projector.yaml says why."""
+
+    calibration: str = param("")
+    width: int = param(1280, "px", low=16, high=16384)
+    height: int = param(800, "px", low=16, high=16384)
+    brightness: float = param(1.0, "", low=0.05, high=1.0)
+    max_rate: float = param(5.0, "1/s", above=0.0, high=30.0)
+    window: bool = param(False)
+    window_x: int = param(0, "px", low=-32768, high=32767)
+    window_y: int = param(0, "px", low=-32768, high=32767)
+
+    @property
+    def path(self) -> Path:
+        """The calibration's file."""
+        return Path(self.calibration).expanduser()
+
+
+class FloorProjectorNode:
+    """Shows borders, the drawing, the floor that save would restrict, and the state on the floor, where people look.
+
+    Without a calibration it shows four markers in turn and takes a click on each; from then on it projects.
+
+    Subscribed topics:
+        /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress)
+        /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
+        /virtual_borders/spots (vb_msgs/LaserSpot)
+        /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", in the map frame, on the map where the
+            bright marker is seen on the floor; while there is no calibration.
+
+    Published topics:
+        /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the projector's image, only when it changes,
+            at most ~max_rate times a second.
+
+    Args:
+        params: see config/floor_projector.yaml.
+        calibration: None: it is made of four clicks.
+        window: shows; None: only the topic.
+    """
+
+    def __init__(
+        self,
+        params: ProjectorParams,
+        calibration: Optional[ProjectorCalibration],
+        window: Optional[ProjectorWindow] = None,
+    ) -> None:
+        self._params = params
+        self._floor_image = FloorImage(calibration, params.brightness) if calibration is not None else None
+        self._clicked: List[Tuple[float, float]] = []
+        self._window = window
+        self._period = 1.0 / params.max_rate
+        self._lock = threading.Lock()
+        # no message reports the spot's end: check now and then during an interaction
+        self._wake = node.WakeTimer(1.0)
+        self._state: Optional[InteractionState] = None
+        self._progress: Optional[BorderProgress] = None
+        self._preview: Optional[BorderPreview] = None
+        self._borders: Tuple[Border, ...] = ()
+        self._spot: Optional[Tuple[float, float, float]] = None
+        self._spot_shown: Optional[Tuple[float, float]] = None
+        self._shown: Optional[Tuple[FloorContent, Optional[BorderPreview]]] = None
+        self._publisher = rospy.Publisher(names.PROJECTOR, Image, queue_size=1, latch=True)
+        if self._floor_image is None:
+            self._ask()
+            rospy.Subscriber("/clicked_point", PointStamped, self._on_click, queue_size=5)
+        node.Worker(self._wake, lambda _woken: self._work())
+        self._wake.set()
+        rospy.Subscriber(names.STATE, InteractionState, self._store, "_state", queue_size=1)
+        rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "_progress", queue_size=1)
+        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "_preview", queue_size=1)
+        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=10)
+
+    def close(self) -> None:
+        """Closes the window."""
+        self._wake.close()
+        if self._window is not None:
+            self._window.close()
+
+    def _store(self, message: Any, where: str) -> None:
+        with self._lock:
+            setattr(self, where, message)
+        self._wake.set()
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        self._store(tuple(border_from_message(border) for border in message.borders), "_borders")
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        if np.isfinite(message.position.x) and np.isfinite(message.position.y):
+            self._store((message.position.x, message.position.y, message.header.stamp.to_sec()), "_spot")
+
+    # ------------------------------------------------------------- calibration
+    def _ask(self) -> None:
+        number = len(self._clicked)
+        self._project(draw_calibration_image(self._params.width, self._params.height, number))
+        rospy.loginfo(
+            "floor_projector: click in RViz ('Publish Point') where marker %d of %d shines brightly on the floor",
+            number + 1,
+            MARKERS,
+        )
+
+    def _on_click(self, message: PointStamped) -> None:
+        """Takes a click, from rospy's one thread of this topic."""
+        if self._floor_image is not None:
+            return
+        point = (message.point.x, message.point.y)
+        if message.header.frame_id.lstrip("/") != names.MAP_FRAME or not np.isfinite(point).all():
+            rospy.logwarn("floor_projector: that click is not in the frame map, click again")
+            return
+        self._clicked.append(point)
+        if len(self._clicked) == MARKERS:
+            try:
+                self._calibrate()
+                return
+            except CodedError as error:
+                self._clicked.clear()
+                rospy.logwarn("floor_projector: %s; once more from the first marker", error)
+        self._ask()
+
+    def _calibrate(self) -> None:
+        calibration = projector_calibration.calibrate(self._params.width, self._params.height, self._clicked)
+        path = self._params.path
+        projector_calibration.save(calibration, path)
+        rospy.loginfo("floor_projector: wrote %s; draw a border to see whether it fits", path)
+        self._floor_image = FloorImage(calibration, self._params.brightness)
+        self._wake.set()
+
+    # ------------------------------------------------------------- projection
+    def _work(self) -> None:
+        if self._floor_image is None:
+            return
+        started = time.monotonic()
+        self._show(self._floor_image, *self._content(rospy.get_time()))
+        rospy.rostime.wallsleep(max(0.0, self._period - (time.monotonic() - started)))
+
+    def _content(self, now: float) -> Tuple[FloorContent, Optional[BorderPreview]]:
+        """Returns what to show at a time [s], and the preview that its region is from."""
+        with self._lock:
+            state, progress, preview = self._state, self._progress, self._preview
+            borders, spot = self._borders, self._spot
+        interaction = state.interaction_id if state is not None else ""
+        if not interaction or state is None:
+            return FloorContent(borders=borders), None
+        drawing = Drawing()
+        if progress is not None and progress.interaction_id == interaction:
+            # every message repeats the points, but only the chain is shown
+            drawing = replace(drawing_from_progress(progress), points=(), point_cameras=())
+        if preview is None or preview.interaction_id != interaction or not preview.available or not preview.success:
+            preview = None
+        return FloorContent(state.name, borders, drawing, self._steady_spot(spot, now)), preview
+
+    def _steady_spot(self, spot: Optional[Tuple[float, float, float]], now: float) -> Optional[Tuple[float, float]]:
+        """Returns the spot's position in steps, so that not every small move makes a new image."""
+        if spot is None or not abs(now - spot[2]) <= _SPOT_LIFETIME:
+            self._spot_shown = None
+        elif (
+            self._spot_shown is None
+            or np.hypot(spot[0] - self._spot_shown[0], spot[1] - self._spot_shown[1]) > _SPOT_STEP
+        ):
+            self._spot_shown = spot[:2]
+        return self._spot_shown
+
+    @staticmethod
+    def _region(preview: BorderPreview) -> Optional[GridMap]:
+        try:
+            return grid_from_message(preview.region)
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, f"floor_projector: the preview: {error}")
+            return None
+
+    def _show(self, floor_image: FloorImage, content: FloorContent, preview: Optional[BorderPreview]) -> None:
+        if self._shown is not None and self._shown[0] == content and self._shown[1] is preview:
+            return
+        self._shown = (content, preview)
+        if preview is not None:
+            content = replace(content, region=self._region(preview))
+        self._project(floor_image.render(content))
+
+    def _project(self, image: np.ndarray) -> None:
+        self._publisher.publish(message_from_image(image, "rgb8", rospy.Time.now(), FRAME))
+        if self._window is not None:
+            self._window.show(image)
+
+
+def build() -> FloorProjectorNode:
+    """Reads the parameters and makes the node."""
+    params = parameters.read(ProjectorParams)
+    if not params.calibration:
+        raise ParameterError("~calibration", "must name the projector's file; one that is not there yet will be made")
+    calibration = projector_calibration.load(params.path) if params.path.exists() else None
+    size = (calibration.width, calibration.height) if calibration is not None else (params.width, params.height)
+    window = ProjectorWindow(params.window_x, params.window_y, *size, node.start_thread) if params.window else None
+    return FloorProjectorNode(params, calibration, window)

@@ -1,0 +1,1 @@
+"""What a projector shows on the floor."""

@@ -1,0 +1,142 @@
+"""What the projector shows on the floor: borders, the drawing as it grows, what save would restrict. No ROS.
+
+A projector adds light. Two things follow. Dark colours cannot be seen, so the palette is the display's brighter half.
+And the cameras see the light too: nothing here looks like a laser spot. Lines are long, the seed is a ring, nothing is
+as bright as a spot, and near the spot itself nothing changes: the drawing's newest piece waits until the spot moves on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.grid_map import GridMap
+from vb_core.vocabulary import DEFAULT
+from vb_feedback.display import colors
+from vb_feedback.display.colors import Color
+from vb_feedback.projector.projector_calibration import ProjectorCalibration, markers
+from vb_feedback.display.scene import Border, Drawing
+
+# [m] edge of a pixel of the drawing, before it becomes the projector's image
+_RESOLUTION = 0.005
+_LINE, _SEED_RADIUS, _STRIPE = 0.03, 0.15, 0.10  # [m]
+# [m] the drawing's newest end is left out: light growing beside the spot would disturb the detectors
+_GAP = 0.35
+_SHIFT = 4
+
+
+@dataclass(frozen=True)
+class FloorContent:
+    """The content to show.
+
+    Attributes:
+        state: name of the interaction's state; active ones get a frame in their colour.
+        spot: (x, y) [m] where the laser spot is; None: no camera sees one.
+        region: what save would restrict, above 0; None: nothing. Ignored when contents are compared.
+    """
+
+    state: str = DEFAULT.name
+    borders: Tuple[Border, ...] = ()
+    drawing: Drawing = Drawing()
+    spot: Optional[Tuple[float, float]] = None
+    region: Optional[GridMap] = field(default=None, compare=False)
+
+
+class FloorImage:
+    """Renders a projector's image.
+
+    Args:
+        calibration: of the projector.
+        brightness: 0 .. 1, of the full light.
+    """
+
+    def __init__(self, calibration: ProjectorCalibration, brightness: float = 1.0) -> None:
+        self.calibration = calibration
+        self._brightness = brightness
+        footprint = calibration.footprint()
+        self._low = footprint.min(axis=0)
+        columns, rows = np.maximum(2, np.ceil((footprint.max(axis=0) - self._low) / _RESOLUTION)).astype(int)
+        # an image that spans a hall is drawn no finer than the projector can show it
+        self._scale = 1.0 / _RESOLUTION * min(1.0, 4096.0 / max(columns, rows))
+        self._shape = (int(rows * self._scale * _RESOLUTION) + 1, int(columns * self._scale * _RESOLUTION) + 1)
+        to_floor = np.array([[1 / self._scale, 0, self._low[0]], [0, 1 / self._scale, self._low[1]], [0, 0, 1.0]])
+        self._to_image = calibration.matrix @ to_floor
+
+    def render(self, content: FloorContent) -> np.ndarray:
+        """Draws the image: (height, width, 3) uint8 rgb."""
+        canvas = np.zeros((*self._shape, 3), np.uint8)
+        if content.region is not None:
+            self._stripes(canvas, content.region, colors.ORANGE, 0.45)
+        for border in content.borders:
+            if border.enabled:
+                self._line(canvas, border.points, border.closed, colors.VERMILION, 0.45 + 0.35 * border.occupancy)
+        cv2.max(canvas, self._drawing(content), dst=canvas)
+        size = (self.calibration.width, self.calibration.height)
+        image = cv2.warpPerspective(canvas, self._to_image, size, flags=cv2.INTER_LINEAR)
+        if content.state != DEFAULT.name:
+            self._frame(image, self._shade(colors.state_color(content.state), 0.6))
+        return image
+
+    # ------------------------------------------------------------- parts
+    def _drawing(self, content: FloorContent) -> np.ndarray:
+        """Draws what changes during drawing; only this is left out around the spot: a border there stays lit."""
+        canvas, drawn = np.zeros((*self._shape, 3), np.uint8), content.drawing
+        if len(drawn.chain) > 1:
+            self._line(canvas, drawn.chain, drawn.closed, colors.ORANGE, 0.8)
+        if drawn.seed is not None:
+            self._ring(canvas, drawn.seed, _SEED_RADIUS, colors.blend(colors.SKY_BLUE, colors.WHITE, 0.5))
+        if content.spot is not None:
+            center = tuple(map(int, self._fixed([content.spot])[0]))
+            cv2.circle(canvas, center, int(_GAP * self._scale * (1 << _SHIFT)), (0, 0, 0), -1, cv2.LINE_8, _SHIFT)
+        return canvas
+
+    def _shade(self, color: Color, level: float) -> Tuple[int, int, int]:
+        return tuple(int(round(255.0 * level * self._brightness * share)) for share in color)  # type: ignore[return-value]
+
+    def _fixed(self, points: Sequence[Sequence[float]]) -> np.ndarray:
+        """Converts map coordinates to pixels of the drawing as OpenCV wants them, with fractional bits."""
+        pixels = (np.asarray(points, dtype=float).reshape(-1, 2) - self._low) * self._scale
+        return np.clip(np.rint(pixels * (1 << _SHIFT)), -(2**26), 2**26).astype(np.int32)
+
+    def _line(self, canvas: np.ndarray, points, closed: bool, color: Color, level: float) -> None:
+        thickness = max(1, int(round(_LINE * self._scale)))
+        cv2.polylines(canvas, [self._fixed(points)], closed, self._shade(color, level), thickness, cv2.LINE_AA, _SHIFT)
+
+    def _ring(self, canvas: np.ndarray, center, radius: float, color: Color) -> None:
+        thickness = max(1, int(round(_LINE * self._scale)))
+        at = tuple(map(int, self._fixed([center])[0]))
+        reach = int(radius * self._scale * (1 << _SHIFT))
+        cv2.circle(canvas, at, reach, self._shade(color, 0.8), thickness, cv2.LINE_AA, _SHIFT)
+
+    def _stripes(self, canvas: np.ndarray, region: GridMap, color: Color, level: float) -> None:
+        rows, columns = np.indices(canvas.shape[:2], sparse=True)
+        striped = ((rows - columns) // max(1, int(_STRIPE * self._scale))) % 2 == 0
+        corners = region.world_to_grid(self._low + np.array([[0, 0], [1, 0], [0, 1]]) / self._scale)
+        to_map = np.column_stack([corners[1] - corners[0], corners[2] - corners[0], corners[0]])
+        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        cells = (region.data > 0).astype(np.uint8)
+        inside = cv2.warpAffine(cells, to_map, (canvas.shape[1], canvas.shape[0]), flags=flags) > 0
+        canvas[inside & striped] = self._shade(color, level)
+
+    @staticmethod
+    def _frame(image: np.ndarray, color: Tuple[int, int, int]) -> None:
+        height, width = image.shape[:2]
+        thick = max(2, int(0.012 * min(height, width)))
+        for part in (image[:thick], image[-thick:], image[:, :thick], image[:, -thick:]):
+            part[...] = color
+
+
+def draw_calibration_image(width: int, height: int, number: int) -> np.ndarray:
+    """Draws the marker that is to be clicked now (0 .. 3) as a cross and the others dim: (height, width, 3) uint8 rgb."""
+    image = np.zeros((height, width, 3), np.uint8)
+    reach, thick = int(0.06 * height), max(2, int(0.006 * height))
+    for index, (x, y) in enumerate(np.rint(markers(width, height)).astype(int).tolist()):
+        level = 255 if index == number else 50
+        cv2.line(image, (x - reach, y), (x + reach, y), (level, level, level), thick)
+        cv2.line(image, (x, y - reach), (x, y + reach), (level, level, level), thick)
+        if index == number:
+            cv2.circle(image, (x, y), reach, (level, level, level), thick)
+    return image

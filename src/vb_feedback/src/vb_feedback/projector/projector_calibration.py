@@ -1,0 +1,158 @@
+"""Where on the floor each pixel of a projector's image falls: a homography, from clicked points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any, Dict, Mapping, Sequence, Tuple
+
+import cv2
+import numpy as np
+import yaml
+
+from vb_core.errors import CodedError
+from vb_core.files import write_atomically
+
+# the markers' distance from the image's edges, as a share of its sides: near the corners, where they weigh most
+_INSET = 0.12
+MARKERS = 4
+# [m] a marker nearer than this to the line through its neighbours is a mistake: they are decimetres apart
+_MIN_DISTANCE = 0.10
+
+
+@dataclass(frozen=True)
+class ProjectorCalibration:
+    """A projector over the floor.
+
+    Attributes:
+        width, height: [px] of its image.
+        matrix: (3, 3) homogeneous map coordinates [m] to (column, row) [px] of its image.
+
+    Raises:
+        CodedError: "bad_calibration" if size or matrix cannot be a projector's.
+    """
+
+    width: int
+    height: int
+    matrix: np.ndarray
+
+    def __post_init__(self) -> None:
+        matrix = np.asarray(self.matrix, dtype=float)
+        if not (16 <= self.width <= 16384 and 16 <= self.height <= 16384):
+            raise CodedError(
+                "bad_calibration", f"the picture's size must be 16 to 16384 px, got {self.width} x {self.height}"
+            )
+        if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
+            raise CodedError("bad_calibration", "the homography must be an invertible matrix of 3 x 3 numbers")
+        inverse = np.linalg.inv(matrix)
+        scales = _corners(self.width, self.height) @ inverse[2, :2] + inverse[2, 2]
+        if scales.min() * scales.max() <= 0:
+            raise CodedError(
+                "bad_calibration", "a part of the picture would lie beyond the horizon: was a point mistaken?"
+            )
+        object.__setattr__(self, "matrix", matrix)
+
+    def to_pixels(self, points: np.ndarray) -> np.ndarray:
+        """Projects map coordinates (N, 2) [m] to (column, row) (N, 2) [px]; inverse of `to_floor`."""
+        return _transformed(self.matrix, points)
+
+    def to_floor(self, pixels: np.ndarray) -> np.ndarray:
+        """Projects (column, row) (N, 2) [px] to map coordinates (N, 2) [m]; inverse of `to_pixels`."""
+        return _transformed(np.linalg.inv(self.matrix), pixels)
+
+    def footprint(self) -> np.ndarray:
+        """Returns where the image's corners fall, (4, 2) [m]: upper left, upper right, lower right, lower left."""
+        return self.to_floor(_corners(self.width, self.height))
+
+    def to_mapping(self) -> Dict[str, Any]:
+        """Returns plain values for a YAML file; inverse of `from_mapping`."""
+        return {"width": int(self.width), "height": int(self.height), "map_to_pixels": self.matrix.tolist()}
+
+    @classmethod
+    def from_mapping(cls, mapping: Any) -> "ProjectorCalibration":
+        """Reads plain values of a YAML file; inverse of `to_mapping`.
+
+        Raises:
+            CodedError: "bad_calibration".
+        """
+        known = {"width", "height", "map_to_pixels"}
+        if not isinstance(mapping, Mapping) or set(mapping) != known:
+            raise CodedError("bad_calibration", f"a projector's calibration has the keys {', '.join(sorted(known))}")
+        try:
+            matrix = np.array(mapping["map_to_pixels"], dtype=float)
+            return cls(int(mapping["width"]), int(mapping["height"]), matrix)
+        except (TypeError, ValueError) as error:
+            raise CodedError("bad_calibration", f"the projector's calibration has a wrong value: {error}") from None
+
+
+def markers(width: int, height: int) -> np.ndarray:
+    """Returns where a calibration shows its markers, (4, 2) [px]: upper left, upper right, lower right, lower left."""
+    x, y = _INSET * (width - 1), _INSET * (height - 1)
+    return np.array([[x, y], [width - 1 - x, y], [width - 1 - x, height - 1 - y], [x, height - 1 - y]])
+
+
+def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> ProjectorCalibration:
+    """Calibrates a projector whose four `markers` were clicked on the floor.
+
+    Args:
+        floor: (4, 2) [m] where each marker was seen, in the markers' order.
+
+    Raises:
+        CodedError: "bad_click" if they cannot be the markers' places.
+    """
+    points = np.asarray(floor, dtype=float).reshape(-1, 2)
+    if len(points) != 4 or not np.isfinite(points).all():
+        raise CodedError("bad_click", reason="$clicks_incomplete")
+    turns = [_turn(*points[[number, (number + 1) % 4, (number + 2) % 4]]) for number in range(4)]
+    # seen along its longest side, each corner stands out: no two clicks are one, no three on a line
+    longest = max(float(np.linalg.norm(one - other)) for one, other in combinations(points, 2))
+    if min(map(abs, turns)) < _MIN_DISTANCE * longest or min(turns) < 0 < max(turns):
+        raise CodedError("bad_click", reason="$clicks_out_of_order")
+    # large coordinates would cost digits: the homography is found about the points' middle
+    middle = points.mean(axis=0)
+    matrix = cv2.getPerspectiveTransform(
+        (points - middle).astype(np.float32), markers(width, height).astype(np.float32)
+    )
+    matrix = matrix @ np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, 1.0]])
+    return ProjectorCalibration(width, height, matrix / np.abs(matrix).max())
+
+
+def save(calibration: ProjectorCalibration, path: Path) -> None:
+    """Writes a calibration's YAML file; inverse of `load`.
+
+    Raises:
+        CodedError: "cannot_write".
+    """
+    head = "# Written by floor_projector, which makes another one if this is deleted: map coordinates [m] to pixels.\n"
+    write_atomically(path, (head + yaml.safe_dump(calibration.to_mapping(), sort_keys=False)).encode("utf-8"))
+
+
+def load(path: Path) -> ProjectorCalibration:
+    """Reads a calibration's YAML file.
+
+    Raises:
+        CodedError: "no_calibration" if it cannot be read, "bad_calibration" if it is none.
+    """
+    try:
+        with open(path, encoding="utf-8") as file:
+            return ProjectorCalibration.from_mapping(yaml.safe_load(file))
+    except OSError as error:
+        raise CodedError("no_calibration", f"cannot read '{path}': {error.strerror}") from None
+    except yaml.YAMLError:
+        raise CodedError("bad_calibration", f"'{path}' is not valid YAML") from None
+
+
+def _corners(width: int, height: int) -> np.ndarray:
+    return np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=float)
+
+
+def _transformed(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    points = np.asarray(points, dtype=float).reshape(-1, 2)
+    lifted = points @ matrix[:, :2].T + matrix[:, 2]
+    return lifted[:, :2] / lifted[:, 2:]
+
+
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+    """Computes twice the area [m^2] of a triangle, above 0 if it goes round counter-clockwise."""
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

@@ -1,0 +1,81 @@
+"""Shows an image on a projector's full screen, by Tk: part of Python itself; OpenCV's headless build has no window."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Callable, Optional
+
+import numpy as np
+
+from vb_core.errors import CodedError
+
+_LOOK = 0.04  # [s] how often the window checks for a newer image; a still image costs nothing else
+
+
+class ProjectorWindow:
+    """A window without frame, title and pointer. It has its own thread, since Tk wants one thread.
+
+    Args:
+        x, y: [px] place on the desktop: where the projector's screen begins.
+        width, height: [px].
+        start: starts a thread and handles its faults.
+
+    Raises:
+        CodedError: "no_window" if Tk is not installed or there is no screen.
+    """
+
+    def __init__(
+        self, x: int, y: int, width: int, height: int, start: Callable[[Callable[[], None]], threading.Thread]
+    ) -> None:
+        self._geometry = f"{width}x{height}+{x}+{y}"
+        self._lock = threading.Lock()
+        self._next: Optional[bytes] = None
+        self._closing = False
+        self._ready = threading.Event()
+        self._trouble = ""
+        self._thread = start(self._run)
+        self._ready.wait()
+        if self._trouble:
+            raise CodedError("no_window", self._trouble)
+
+    def show(self, image: np.ndarray) -> None:
+        """Shows (H, W, 3) uint8 rgb, as soon as the window looks for it."""
+        height, width = image.shape[:2]
+        # PPM is what Tk reads without any other library
+        data = b"P6 %d %d 255\n" % (width, height) + np.ascontiguousarray(image).tobytes()
+        with self._lock:
+            self._next = data
+
+    def close(self) -> None:
+        """Closes the window."""
+        self._closing = True
+        self._thread.join(5.0)
+
+    def _run(self) -> None:
+        try:
+            import tkinter
+
+            root = tkinter.Tk()
+        except Exception as error:  # Tk is not installed, or says that there is no screen
+            self._trouble = f"the projector's window needs a screen and Tk (apt-get install python3-tk): {error}"
+            self._ready.set()
+            return
+        root.overrideredirect(True)
+        root.geometry(self._geometry)
+        root.configure(background="black", cursor="none")
+        label = tkinter.Label(root, borderwidth=0, highlightthickness=0, background="black")
+        label.pack(fill="both", expand=True)
+        self._ready.set()
+        shown = None  # Tk shows an image only as long as there is a reference to it
+        while not self._closing:
+            with self._lock:
+                data, self._next = self._next, None
+            if data is not None:
+                shown = tkinter.PhotoImage(data=data)
+                label.configure(image=shown)
+            root.update()
+            time.sleep(_LOOK)
+        # Tk's objects must die in the thread that made them
+        root.destroy()
+        shown = label = root = None  # noqa: F841

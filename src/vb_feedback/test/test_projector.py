@@ -1,0 +1,226 @@
+"""The projector's calibration, and what it shows."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from refusals import refused
+from vb_testing import wait_until
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.ros import node
+from vb_feedback.projector import floor_image
+from vb_feedback.projector.floor_image import FloorContent, FloorImage
+from vb_feedback.projector.projector_calibration import calibrate, load, markers, save
+from vb_feedback.projector.projector_window import ProjectorWindow
+from vb_feedback.display.scene import Border, Drawing
+
+SIZE = (640, 400)
+
+
+def seen(pitch=0.3, yaw=0.4, height=2.5, x=0.0, y=0.0, mirrored=False):
+    """Floor points (4, 2) [m] of the markers of a pinhole projector that hangs over (x, y), worked out by its rays."""
+    focal = 600.0
+    c, s = np.cos(pitch), np.sin(pitch)
+    tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ np.diag([1.0, -1.0, -1.0])
+    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1.0]])
+    pixels = markers(*SIZE) - (319.5, 199.5)
+    if mirrored:
+        pixels = pixels * (-1, 1)
+    rays = np.column_stack([pixels / focal, np.ones(4)]) @ (turn @ tilt).T
+    return rays[:, :2] * (height / -rays[:, 2:]) + (x, y)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-0.6, 0.6), st.floats(-3.1, 3.1), st.floats(1.5, 6.0), st.floats(-200, 200), st.booleans())
+def test_a_pinhole_projector_is_found_again(pitch, yaw, height, x, mirrored):
+    floor = seen(pitch, yaw, height, x, -x / 3, mirrored)
+    found = calibrate(*SIZE, floor)
+    np.testing.assert_allclose(found.to_pixels(floor), markers(*SIZE), atol=0.05)
+    again = found.to_floor(found.to_pixels(floor))
+    np.testing.assert_allclose(again, floor, atol=1e-4)
+
+
+def test_a_calibration_is_read_as_it_was_written(tmp_path):
+    path, found = tmp_path / "new" / "projector.yaml", calibrate(*SIZE, seen())
+    save(found, path)
+    assert load(path).to_mapping() == found.to_mapping()
+
+
+GOOD = [(0.0, 2.0), (3.0, 2.0), (3.0, 0.0), (0.0, 0.0)]
+
+
+@pytest.mark.parametrize(
+    "floor, words",
+    [
+        (GOOD[:3], "four clicks"),
+        ([GOOD[0], GOOD[1], GOOD[2], (np.nan, 0.0)], "finite"),
+        ([GOOD[0], GOOD[1], GOOD[1], GOOD[3]], "order"),
+        ([(0, 0), (1, 0), (2, 0), (0, 2)], "order"),
+        ([GOOD[0], GOOD[2], GOOD[1], GOOD[3]], "order"),
+        ([(0.0, 2.0), (3.0, 2.0), (1.0, 1.2), (0.0, 0.0)], "order"),
+        ([(0.0, 2.0), (3.0, 2.0), (1.7, 0.0), (1.3, 0.0)], "horizon"),
+    ],
+)
+def test_degenerate_clicks_are_refused(floor, words):
+    with pytest.raises(CodedError, match=words):
+        calibrate(*SIZE, floor)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=4, max_size=4))
+def test_any_four_clicks_give_a_calibration_that_fits_or_a_reason(floor):
+    try:
+        found = calibrate(*SIZE, floor)
+    except CodedError as error:
+        assert error.code in ("bad_click", "bad_calibration")
+        return
+    np.testing.assert_allclose(found.to_pixels(floor), markers(*SIZE), atol=0.5)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[1, 2]",
+        "width: 10",
+        "{width: 640, height: 400, map_to_pixels: [[1, 0], [0, 1]]}",
+        "{width: x, height: 400, map_to_pixels: []}",
+        "{",
+        "{width: 640, height: 400, map_to_pixels: " "[[0, 0, 0], [0, 0, 0], [0, 0, 0]]}",
+    ],
+)
+def test_files_that_are_no_calibration(tmp_path, text):
+    path = tmp_path / "projector.yaml"
+    path.write_text(text)
+    with refused("bad_calibration"):
+        load(path)
+    with pytest.raises(CodedError, match="cannot read"):
+        load(tmp_path / "none.yaml")
+
+
+# ----------------------------------------------------------------- the picture
+CALIBRATION = calibrate(*SIZE, seen(0.2, 0.1, 2.5, 4.0, 2.0))
+SQUARE = ((3.7, 1.9), (4.3, 1.9), (4.3, 2.3), (3.7, 2.3))
+
+
+def at(picture, x, y):
+    column, row = np.rint(CALIBRATION.to_pixels([(x, y)])[0]).astype(int)
+    return picture[row, column].astype(int)
+
+
+def test_things_lie_where_the_calibration_says():
+    picture = FloorImage(CALIBRATION)
+    shown = picture.render(FloorContent("default", (Border("b", SQUARE, True, (4, 2.1)),)))
+    assert shown.shape == (400, 640, 3) and shown.dtype == np.uint8
+    assert all(at(shown, x, y).max() > 150 for x, y in SQUARE + ((4.0, 1.9), (3.7, 2.1)))
+    assert at(shown, 4.0, 2.1).max() == 0 and at(shown, 4.5, 2.1).max() == 0
+    soft = picture.render(FloorContent("default", (Border("b", SQUARE, True, (4, 2.1), 0.2),)))
+    assert 0 < at(soft, 4.0, 1.9).max() < at(shown, 4.0, 1.9).max()
+    assert not picture.render(FloorContent("default", (Border("b", SQUARE, True, (4, 2.1), enabled=False),))).any()
+    assert not picture.render(FloorContent()).any()
+
+
+def test_the_drawing_keeps_off_the_spot_and_borders_do_not():
+    picture = FloorImage(CALIBRATION)
+    drawing = Drawing(chain=((3.4, 2.1), (4.4, 2.1)), seed=(3.6, 1.8))
+    whole = picture.render(FloorContent("border", (), drawing))
+    part = picture.render(FloorContent("border", (), drawing, spot=(4.4, 2.1)))
+    assert at(whole, 4.3, 2.1).max() > 150 and at(part, 4.3, 2.1).max() == 0 and at(part, 3.6, 2.1).max() > 150
+    assert at(whole, 3.6, 1.8).max() == 0 and at(whole, 3.75, 1.8).max() > 150  # the seed is a ring
+    border = Border("b", ((3.4, 2.1), (4.4, 2.1)), False, (4, 2.3))
+    assert at(picture.render(FloorContent("border", (border,), drawing, spot=(4.4, 2.1))), 4.3, 2.1).max() > 150
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_what_save_would_restrict_is_striped(yaw):
+    cells = np.zeros((80, 80), np.int8)
+    region = GridMap(cells, 0.05, (2.0, 0.0, yaw))
+    rows, columns = np.indices(cells.shape)
+    centers = region.cell_to_world(np.column_stack([rows.ravel(), columns.ravel()]))
+    inside = (np.abs(centers - (4.0, 2.1)) < (0.35, 0.25)).all(axis=1).reshape(cells.shape)
+    region = region.with_data(np.where(inside, 100, 0).astype(np.int8))
+    shown = FloorImage(CALIBRATION).render(FloorContent("default", region=region))
+    grid = [(x, y) for x in np.linspace(3.72, 4.28, 29) for y in np.linspace(1.92, 2.28, 19)]
+    assert 0.35 < np.mean([at(shown, x, y).max() > 40 for x, y in grid]) < 0.65
+    assert all(at(shown, x, y).max() == 0 for x, y in ((3.5, 2.1), (4.5, 2.1), (4.0, 1.75), (4.0, 2.45)))
+
+
+def test_nothing_looks_like_a_laser_spot():
+    """No small bright thing: each connected piece of light is longer than the largest spot that a detector takes."""
+    drawing = Drawing(chain=SQUARE, seed=(4.0, 2.1))
+    for content in (
+        FloorContent("border", (Border("b", SQUARE, True, (4, 2.1)),), drawing),
+        FloorContent("seed", (), drawing),
+    ):
+        shown = FloorImage(CALIBRATION).render(content)
+        count, _, boxes, _ = cv2.connectedComponentsWithStats((shown.max(axis=2) > 20).astype(np.uint8))
+        for x, y, width, height, _ in boxes[1:]:
+            floor = CALIBRATION.to_floor([(x, y), (x + width, y + height)])
+            assert np.linalg.norm(floor[1] - floor[0]) > 0.16
+        assert count > 1
+
+
+def test_brightness_counts():
+    content = FloorContent("border", (Border("b", SQUARE, True, (4, 2.1)),))
+    bright, dim = (FloorImage(CALIBRATION, level).render(content).astype(int).max() for level in (1.0, 0.3))
+    assert dim == pytest.approx(0.3 * bright, abs=3)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=6))
+def test_whatever_is_drawn_nothing_breaks(chain):
+    shown = FloorImage(CALIBRATION).render(
+        FloorContent("seed", (), Drawing(chain=tuple(chain), closed=True, seed=chain[0]))
+    )
+    assert shown.shape == (400, 640, 3)
+
+
+# ----------------------------------------------------------------- the window
+@pytest.fixture
+def screen():
+    # a number of our own: servers that choose theirs at the same moment take each other's place
+    display = f":{1000 + os.getpid() % 50000}"
+    server = subprocess.Popen(
+        ["Xvfb", display, "-screen", "0", "800x600x24", "-nolisten", "tcp"], stderr=subprocess.DEVNULL
+    )
+    look = ["xwininfo", "-root", "-display", display]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    wait_until(lambda: subprocess.run(look, **quiet).returncode == 0, "Xvfb to come up")
+    yield display
+    server.terminate()
+    server.wait()
+
+
+def test_the_window_shows_each_pixel_where_it_belongs(screen, monkeypatch, tmp_path):
+    pytest.importorskip("tkinter")
+    monkeypatch.setenv("DISPLAY", screen)
+    window = ProjectorWindow(100, 50, *SIZE, start=node.start_thread)
+    picture = floor_image.draw_calibration_image(*SIZE, 0)
+    picture[:, -3:] = (0, 200, 100)
+    path = str(tmp_path / "screen.png")
+
+    def is_shown():
+        subprocess.run(["import", "-window", "root", path], check=True, env={**os.environ, "DISPLAY": screen})
+        shown = cv2.cvtColor(cv2.imread(path), cv2.COLOR_BGR2RGB)
+        return np.array_equal(shown[50 : 50 + SIZE[1], 100 : 100 + SIZE[0]], picture)
+
+    try:
+        window.show(picture)
+        wait_until(is_shown, "the window to show the picture")
+    finally:
+        window.close()
+
+
+def test_without_a_screen_there_is_a_reason(monkeypatch):
+    pytest.importorskip("tkinter")
+    monkeypatch.setenv("DISPLAY", ":63999")
+    with refused("no_window"):
+        ProjectorWindow(0, 0, *SIZE, start=node.start_thread)
