@@ -190,25 +190,20 @@ class InputMethods(unittest.TestCase):
             self.joy.publish(buttons=list(buttons))
 
     def speak(self, command):
-        self.utter(command)
-        if command == "save":
-            # a single short word is asked about if it was not quite clear; a person says what the question names
-            answered = self.state.wait(
-                lambda message: message.confirm_save or (message.name == "default" and message.last_outcome == "saved"),
-                "an answer to the spoken save",
-            )
-            for seed in range(8 if answered.confirm_save else 0):
-                told = len(self.heard.all)
-                self.utter("yes, save", seed)
-                answers = wait_until(
-                    lambda: [heard for heard in self.heard.all[told:] if heard.command != "save"],  # noqa: B023
-                    "what was made of the answer",
-                )
-                if answers[0].accepted:
-                    return
+        """Says a command as people do: again until it is understood, and what a question names if there is one."""
+        said = command.replace("_", " ")
+        for seed in range(20):
+            told = len(self.heard.all)
+            self.utter(said, seed)
+            heard = wait_until(lambda: self.heard.all[told:], "what was made of a command")[0]  # noqa: B023
+            if heard.success:
+                return
+            if heard.code.startswith("confirm_"):
+                said = f"yes, {said}"
+        self.fail(f"{said} was not understood")
 
-    def utter(self, command, seed=0):
-        pcm = say(command.replace("_", " "), seed=seed)
+    def utter(self, command, seed):
+        pcm = say(command, seed=seed)
         for at in range(0, len(pcm), RATE // 10):
             self.audio.publish(Audio(sample_rate=RATE, data=pcm[at : at + RATE // 10].tobytes()))
 

@@ -12,7 +12,7 @@ from vb_core import geometry
 from vb_sim.person.hand import Stroke, Tremor, perceive_border, load_styles
 from vb_sim.person.walking import distance_to_chain
 from vb_sim.models import ParticipantModel
-from vb_sim.person.participant import Perception, Person
+from vb_sim.person.participant import Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript
 from vb_sim.person.stroke_order import choose_order
@@ -291,11 +291,3 @@ def test_the_spot_is_drawn_away_from_the_robot():
     border = np.array([[0.0, 0.0], [3.0, 0.0]])
     assert np.allclose(choose_order(border, False, np.array([-1.0, 0.0])), border)
     assert np.allclose(choose_order(border, False, np.array([4.0, 0.0])), border[::-1])
-
-
-def test_who_is_told_that_the_robot_comes_does_not_step_aside():
-    percept = Perception(now=5.0)
-    percept.read(["robot_touches_border"])
-    assert percept.hold_requested == float("-inf")
-    percept.read(["spot_not_seen_robot_looks"])
-    assert percept.hold_requested == 5.0

@@ -26,8 +26,6 @@ GOOD = {
     "send": {"robot": "ada", "goal": [1.0, 2.0]},
     "halt": {"robot": ""},
     "confirm_map": {"same": True, "map_id": "0af3"},
-    "study": {"participant": "P07", "condition": "laser"},
-    "mark": {"text": "looked away"},
     "invite": {},
 }
 
@@ -108,7 +106,14 @@ def test_without_a_map_nothing_can_be_drawn():
 
 
 def test_a_message_that_is_too_long_or_too_deep_is_refused():
-    for text in ("[" * 60000, json.dumps({"do": "mark", "id": "a", "text": "x" * 70000}), "1" * 60000, b"{}", None, 5):
+    for text in (
+        "[" * 60000,
+        json.dumps({"do": "rename", "id": "a", "name": "x" * 70000}),
+        "1" * 60000,
+        b"{}",
+        None,
+        5,
+    ):
         with pytest.raises(CodedError):
             action_requests.parse(text, BOUNDS)
 

@@ -31,7 +31,6 @@ from vb_msgs.msg import (
 )
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-from vb_voice_wizard.dialogue import record
 from vb_voice_wizard.confirmation import ANSWERS
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.session import Answer, InteractionParams
@@ -100,7 +99,7 @@ class InteractionManagerNode:
 
     def __init__(self, params: ManagerParams) -> None:
         self._params = params
-        self._log_file = record.file_path("~log_file", params.log_file)
+        self._log_file = Path(params.log_file).expanduser()
         node.keep_private(self._log_file)
         self._lock = threading.Lock()
         self._latch = StopLatch(Path(params.stop_file).expanduser())
@@ -265,10 +264,9 @@ class InteractionManagerNode:
         ended = self._interaction.take_record()
         if ended is not None:
             cameras = self._cameras if self._cameras_of == ended.interaction_id else []
-            line = record.record_line(ended, self._params.method, cameras)
             rospy.loginfo("interaction %s %s after %.1f s", ended.interaction_id, ended.outcome, ended.total_s)
             try:
-                append_line(self._log_file, line, private=True)
+                append_line(self._log_file, ended.line(self._params.method, cameras), private=True)
             except OSError as error:
                 rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
 

@@ -174,8 +174,6 @@ ACTIONS: Dict[str, Dict[str, Optional[Callable[[Any, str], Any]]]] = {
     "send": {"robot": _matching(_ROBOT, empty=True), "goal": None},
     "halt": {"robot": _matching(_ROBOT, empty=True)},
     "confirm_map": {"same": _flag, "map_id": _text(100)},
-    "study": {"participant": _text(40), "condition": _text(40)},
-    "mark": {"text": _text(300, empty=False)},
     "invite": {},
 }
 

@@ -2,7 +2,8 @@
 "use strict";
 import { closeButton, leave, show } from "./dialog.js";
 import { draft, edit, map } from "./editor.js";
-import { $, ask, button, element, fill, hello, nameField, operator, row, say, view, words } from "./ui.js";
+import { hello, operator, row, say, view, words } from "./state.js";
+import { $, ask, button, element, fill, nameField, toast } from "./ui.js";
 
 // Why a border is not in force; "" if it is.
 function idle(border) {
