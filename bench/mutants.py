@@ -45,7 +45,6 @@ MODULES = (
     "vb_fusion.stroke.track",
     "vb_map_integration.integration",
     "vb_map_integration.grid.raster",
-    "vb_map_integration.borders.schedule",
     "vb_robot.driving.gate",
     "vb_robot.driving.safety",
     "vb_robot.driving.arbiter",

@@ -6,12 +6,11 @@ from scipy.spatial import cKDTree
 from shapely.geometry import Polygon, box
 
 import people
-from refusals import refused
 from strokes import Setting, draw, hausdorff, jaccard
 
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_fusion.extraction import extract_border
+from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_fusion.line import closure
 from vb_fusion.stroke import track
 from vb_fusion.stroke.observations import TIME_BIN, TREMOR
@@ -19,9 +18,9 @@ from vb_fusion.stroke.observations import TIME_BIN, TREMOR
 BASE = Setting()
 
 
-def extract(points, **known):
+def extract(points, params=None, **known):
     """The border of points as one camera sees them, 25 a second."""
-    return extract_border(points, stamps=0.04 * np.arange(len(points)), **known)
+    return extract_border(points, params, stamps=0.04 * np.arange(len(points)), **known)
 
 
 def extract_stroke(stroke):
@@ -112,7 +111,7 @@ def test_figures_with_a_gap_of_up_to_a_third_of_their_diagonal_are_meant_closed(
     away = np.linalg.norm(dense - dense[0], axis=1)
     wide = np.linalg.norm(np.ptp(ring, axis=0)) * gap
     last = int(np.flatnonzero((away >= wide) & (np.arange(len(dense)) > len(dense) / 2))[-1])
-    assert closure.classify_closure(dense[: last + 1], TREMOR).closed
+    assert closure.classify_closure(dense[: last + 1]).closed
 
 
 def test_a_rest_behind_a_flick_belongs_to_the_stroke_and_a_stray_does_not():
@@ -149,7 +148,7 @@ LINES = {
 @pytest.mark.parametrize("line", LINES.values(), ids=list(LINES))
 @pytest.mark.parametrize("scale", [0.5, 1.0, 10.0])
 def test_lines_are_open_at_every_scale(line, scale):
-    assert not closure.classify_closure(scale * line, TREMOR).closed
+    assert not closure.classify_closure(scale * line).closed
 
 
 # ----------------------------------------------------------------- no strokes
@@ -177,6 +176,7 @@ def test_light_that_stays_far_longer_than_a_hand_rests_explains_next_to_nothing(
     assert explained(60.0) < 0.2 * rest
 
 
+@pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
 @pytest.mark.parametrize(
     "points, code",
     [
@@ -189,22 +189,26 @@ def test_light_that_stays_far_longer_than_a_hand_rests_explains_next_to_nothing(
         (np.random.default_rng(0).normal(0, 0.02, (50, 2)), "no_line"),
     ],
 )
-def test_refusals(points, code):
-    with refused(code):
-        extract(points)
+def test_refusals(params, points, code):
+    with pytest.raises(CodedError) as caught:
+        extract_border(points, params, stamps=0.04 * np.arange(len(points)))
+    assert caught.value.code == code
+    assert caught.value.message
 
 
-def test_nan_rows_and_far_rows_are_left_out():
+@pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
+def test_nan_rows_and_far_rows_are_left_out(params):
     x = np.linspace(0, 2, 200)
     points = np.vstack([np.column_stack([x, 0 * x]), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
-    assert extract(points).length == pytest.approx(2.0, abs=0.2)
+    assert extract(points, params).length == pytest.approx(2.0, abs=0.2)
 
 
-def test_of_two_clusters_one_is_taken():
+@pytest.mark.parametrize("params", [ExtractionParams(mode="paper"), ExtractionParams()], ids=["paper", "robust"])
+def test_of_two_clusters_one_is_taken(params):
     rng = np.random.default_rng(0)
     x = np.linspace(0, 2, 300)
     line = np.column_stack([x, 0 * x]) + rng.normal(0, 0.01, (300, 2))
-    chain = extract(np.vstack([line, rng.normal([5, 5], 0.03, (200, 2))]))
+    chain = extract(np.vstack([line, rng.normal([5, 5], 0.03, (200, 2))]), params)
     assert chain.points[:, 1].max() < 1.0
 
 
@@ -408,8 +412,8 @@ def ring_spots(size, seed, noise=0.012):
     )
 
 
-@pytest.mark.parametrize("size, noise, counts", [(0.3, 0.012, range(2)), (0.2, 0.03, range(1, 21))])
-def test_a_ring_is_closed_or_refused_as_too_small_for_its_noise_and_no_curve(size, noise, counts):
+@pytest.mark.parametrize("size, noise, refused", [(0.3, 0.012, range(2)), (0.2, 0.03, range(1, 21))])
+def test_a_ring_is_closed_or_refused_as_too_small_for_its_noise_and_no_curve(size, noise, refused):
     count = 0
     for seed in range(20):
         points, stamps, cameras = ring_spots(size, seed, noise)
@@ -418,7 +422,7 @@ def test_a_ring_is_closed_or_refused_as_too_small_for_its_noise_and_no_curve(siz
         except CodedError as error:
             assert error.code in ("figure_too_small", "no_line")
             count += 1
-    assert count in counts
+    assert count in refused
 
 
 def test_a_ring_without_noise_is_followed_more_closely_than_one_with_it():

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from refusals import refused
 
+from vb_core.errors import CodedError
 from vb_fusion.extraction import extract_seed
 from vb_fusion.live_extraction import DrawnBorder
 from vb_fusion.stroke.seed import find_dwells
@@ -33,8 +33,9 @@ def test_a_pointer_that_moves_on_in_the_end_dwells_no_more():
 
 @pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed")])
 def test_refusals(points, code):
-    with refused(code):
+    with pytest.raises(CodedError) as caught:
         extract(points)
+    assert caught.value.code == code
 
 
 # ----------------------------------------------------------- a bright thing that a camera takes for the spot

@@ -69,7 +69,7 @@ def test_a_line_is_closed_as_the_rule_says(size, flatness, share, begin, spiral,
     # a figure that crosses itself has another area than a sum of triangles
     assume(share <= 1.0 or first > 0 or last < count - 1)
     assume(np.ptp(angle[first : last + 1]) < 2.0 * math.pi)
-    found = classify_closure(points, TREMOR)
+    found = classify_closure(points)
     assert (found.closed, found.code, found.first, found.last) == (closed, code, first, last)
     assert found.gap == pytest.approx(gap)
     assert found.values == {
@@ -81,7 +81,7 @@ def test_a_line_is_closed_as_the_rule_says(size, flatness, share, begin, spiral,
 
 @pytest.mark.parametrize("points", [[[1.0, 2.0], [4.0, 6.0]], [[1.0, 2.0]] * 5])
 def test_two_points_or_a_spot_are_open(points):
-    found, apart = classify_closure(np.array(points), TREMOR), math.dist(points[0], points[-1])
+    found, apart = classify_closure(np.array(points)), math.dist(points[0], points[-1])
     assert (found.closed, found.code, found.gap) == (False, "open_two_points", apart)
     assert (found.first, found.last, found.values["percent"]) == (0, len(points) - 1, "100" if apart else "0")
 

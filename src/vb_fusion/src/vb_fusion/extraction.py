@@ -2,6 +2,7 @@
 
 The stages are modules, in the order of the data: stroke/observations, stroke/track, stroke/camera_offsets,
 line/resampling, line/closure, line/fitting; docs/explanation/extraction.md says what each does.
+`ExtractionParams(mode="paper")` runs the paper's algorithms (paper.py), which need no stamps.
 
 >>> import numpy as np
 >>> angle = np.linspace(0.0, 2.0 * np.pi, 200)                      # a circle drawn in eight seconds, seen 25 times a second
@@ -14,7 +15,7 @@ line/resampling, line/closure, line/fitting; docs/explanation/extraction.md says
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -23,12 +24,13 @@ from shapely.ops import unary_union
 from shapely.validation import make_valid
 
 from vb_core import geometry
-from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
+from vb_core.errors import CodedError
 from vb_fusion.line.chain import BorderChain
-from vb_fusion.line.closure import CURLED, classify_closure
+from vb_fusion.line.closure import CURLED, Closure, classify_closure
 from vb_fusion.line.fitting import fit_line
 from vb_fusion.line.resampling import ResampledStroke, resample_stroke
+from vb_fusion.paper import bounding_diagonal, run_algorithms
 from vb_fusion.stroke.observations import (
     TREMOR,
     Observations,
@@ -51,9 +53,13 @@ MAX_SLIP_RATIO = 0.02  # of the area that a crossing line encloses: smaller loop
 class ExtractionParams(Parameters):
     """Parameters of the extraction; names and values of the paper's Table 1 where it has them."""
 
+    mode: str = param("robust", choices=("robust", "paper"))
     eps: float = param(0.5, "m", above=0.0, high=5.0)
+    min_pts: int = param(1, low=1, high=1000)
     min_exp: float = param(0.3, "m", low=0.0, high=100.0)
     min_size: int = param(10, low=2, high=100000)
+    thinning_dist: float = param(0.1, "m", above=0.0, high=1.0)
+    polygon_dist: float = param(0.5, "m", above=0.0, high=5.0)
     simplification_tolerance: float = param(0.005, "m", low=0.0, high=0.1)
 
 
@@ -61,7 +67,7 @@ def extract_border(
     points: np.ndarray,
     params: Optional[ExtractionParams] = None,
     *,
-    stamps: Sequence[float],
+    stamps: Optional[Sequence[float]] = None,
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
@@ -71,21 +77,28 @@ def extract_border(
     Args:
         points: (N, 2) float [m], map frame, any order. Non-finite ones are left out.
         params: `ExtractionParams()` if None.
-        stamps: (N,) [s] when each spot was seen.
+        stamps: (N,) [s] when each spot was seen; the paper's mode does not use them.
         cameras: (N,) which camera saw it: names or numbers.
         confidences: (N,) 0 .. 1.
         mobile: (N,) true for a camera on a robot, whose pose is less certain.
 
     Raises:
-        CodedError: "no_spots", "too_few_spots", "no_line", "figure_too_small" or "line_self_intersects".
+        CodedError: "no_spots", "too_few_spots", "no_line", "figure_too_small", "line_self_intersects" or "too_many_spots".
     """
     params = params or ExtractionParams()
-    spots = make_observations(points, stamps, cameras, confidences, mobile)
+    paper = params.mode == "paper"
+    spots = make_observations(points, None if paper else stamps, cameras, confidences, mobile)
     count = int(spots.spots.sum())
     if count == 0:
         raise CodedError("no_spots")
     if count < params.min_size:
         raise CodedError("too_few_spots", spots=count, needed=params.min_size)
+    if paper:
+        stages = run_algorithms(spots.points, params)
+        closed = classify_closure(stages["chain"])
+        return _make_chain(stages["chain"], closed, stages)
+    if stamps is None:
+        raise ValueError("only the paper's mode needs no stamps")
     seen = merge_observations(spots)
     places = find_places(seen)
     line, others, joined = _join_strokes(seen, find_strokes(seen, places, params.eps), params)
@@ -102,11 +115,6 @@ def extract_border(
     return replace(chain, unseen=unseen, left_out=left_out, left_out_spots=spots_left_out, stages=stages)
 
 
-def _diagonal(points: np.ndarray) -> float:
-    """Returns the diagonal [m] of the smallest axis-parallel box round points (N, 2); the paper's expansion."""
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
-
-
 def _join_strokes(
     seen: Observations, strokes: List[np.ndarray], params: ExtractionParams
 ) -> Tuple[np.ndarray, np.ndarray, bool]:
@@ -117,7 +125,7 @@ def _join_strokes(
         is of several strokes.
     """
     # what could be a line itself, the widest first: moving back and forth explains much floor, but is no border
-    wide = [(_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
+    wide = [(bounding_diagonal(seen.points[stroke]), stroke) for stroke in strokes]
     wide = [(size, stroke) for size, stroke in wide if size > params.min_exp - 2.0 * TREMOR]
     wide = [(size, stroke) for size, stroke in wide if seen.spots[stroke].sum() >= params.min_size]
     others = [stroke for _, stroke in sorted(wide, key=lambda one: -one[0])]
@@ -138,7 +146,7 @@ def _join_strokes(
 
 def _make_line(placed: Observations, joined: bool, params: ExtractionParams) -> BorderChain:
     """Runs stages 3 to 6: makes the line through the stroke as it was placed."""
-    tremor, size = estimate_tremor(placed), _diagonal(placed.points)
+    tremor, size = estimate_tremor(placed), bounding_diagonal(placed.points)
     stroke = resample_stroke(placed.points, placed.weights, tremor)
     closure = classify_closure(stroke.points, tremor)
     if closure.code in CURLED and size < SMALLEST_FIGURE * tremor:
@@ -148,9 +156,13 @@ def _make_line(placed: Observations, joined: bool, params: ExtractionParams) -> 
     # a gap that was crossed unseen may hide a corner; across a wider one that the hand left the line is straight
     line = fit_line(kept, closure.closed and (joined or closure.gap <= params.eps))
     if len(line) < 3:
-        closure = classify_closure(line, tremor)
+        closure = classify_closure(line)
     chain = _simplify(line, closure.closed, params.simplification_tolerance)
-    length, stages = geometry.chain_length(chain, closure.closed), {"placed": placed.points, "thinned": stroke.points}
+    return _make_chain(chain, closure, {"placed": placed.points, "thinned": stroke.points})
+
+
+def _make_chain(chain: np.ndarray, closure: Closure, stages: Dict[str, np.ndarray]) -> BorderChain:
+    length = geometry.chain_length(chain, closure.closed)
     return BorderChain(chain, closure.closed, closure.code, length, closure.gap, closure.values, stages=stages)
 
 

@@ -347,7 +347,7 @@ class RobotMonitorNode:
             return
         for line in lines:
             if line not in self._logged and line.severity is Severity.INFO:
-                rospy.loginfo("%s: %s", rospy.get_name(), line.notice().sentence())
+                rospy.loginfo("%s: %s", rospy.get_name(), line.sentence())
         self._logged = lines
 
 

@@ -29,7 +29,6 @@ TOPICS = (
     names.BORDERS,
     names.DETECTORS,
     names.NOTICES,
-    names.STUDY_EVENTS,
     names.DRIVERS,
     names.LED,
     names.SOUND,

@@ -19,6 +19,7 @@ from shapely.geometry import Polygon
 from shapely.validation import make_valid
 
 from vb_core import geometry
+from vb_fusion.stroke.observations import TREMOR
 
 CURLED = ("open_wide", "open_flat")  # codes of lines whose ends came near each other
 MAX_OPENING_RATIO = 0.5  # opening in widths of the figure: the end is nearer to the start than to the figure's far side
@@ -43,7 +44,7 @@ class Closure:
     values: Dict[str, str] = field(default_factory=dict)
 
 
-def classify_closure(points: np.ndarray, tremor: float) -> Closure:
+def classify_closure(points: np.ndarray, tremor: float = TREMOR) -> Closure:
     """Decides whether a line is a polygon or a separating curve.
 
     Args:

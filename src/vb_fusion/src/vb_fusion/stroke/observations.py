@@ -22,11 +22,11 @@ MAX_COORDINATE = 1e5  # [m] from the origin: no floor is larger
 
 @dataclass(frozen=True)
 class Observations:
-    """The cameras' observations as arrays, one row per observation, ordered by time.
+    """The cameras' observations as arrays, one row per observation, ordered by time if there are stamps.
 
     Attributes:
         points: (N, 2) [m].
-        stamps: (N,) [s] since the drawing began.
+        stamps: (N,) [s] since the drawing began; zeros for bare points.
         cameras: (N,) int, index of the camera; of a place, how many cameras saw it.
         weights: (N,) > 0: how many spots, how confident, seen by which kind of camera.
         mobile: (N,) bool, seen only by cameras that move.
@@ -67,7 +67,7 @@ def find_dropout(stamps: np.ndarray) -> float:
 
 def make_observations(
     points: np.ndarray,
-    stamps: Sequence[float],
+    stamps: Optional[Sequence[float]] = None,
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
@@ -86,7 +86,7 @@ def make_observations(
     # a detector that reports 0 still saw something
     trust = np.ones(count) if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
     trust = np.where(moving, TREMOR / LOCALIZATION_ERROR, 1.0) * trust
-    times = np.asarray(stamps, dtype=float)
+    times = np.zeros(count) if stamps is None else np.asarray(stamps, dtype=float)
     usable = (np.abs(array) <= MAX_COORDINATE).all(axis=1) & np.isfinite(times)
     began = times[usable].min() if usable.any() else 0.0
     # in microseconds: a double that counts seconds since 1970 knows them no better

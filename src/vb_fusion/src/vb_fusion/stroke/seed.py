@@ -98,7 +98,7 @@ def find_dwells(
     known = np.zeros(len(at), dtype=bool)
     if before is not None and len(before) >= MIN_SPOTS:
         # balanced trees take longer to make than to ask
-        floor = cKDTree(before[np.isfinite(before).all(axis=1)], compact_nodes=False, balanced_tree=False)
+        floor = cKDTree(make_observations(before).points, compact_nodes=False, balanced_tree=False)
         known = np.isfinite(floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND_RADIUS)[0][:, 0])
     gains = np.where(known, KNOWN_PLACE_GAIN, 1.0) * places.cameras / (1.0 + TIME_BIN * earlier)
     path = trace_path(*find_best_steps(at, places.stamps, find_dropout(places.stamps), gains, NEW_PLACE_GAIN))
