@@ -96,7 +96,6 @@ ROSDEP_KEYS = {"alsa-utils"} | {
     for name in (
         "hypothesis",
         "jinja2",
-        "matplotlib",
         "numpy",
         "opencv",
         "paho-mqtt",
