@@ -191,7 +191,7 @@ def conduct_run(
     finally:
         stop()
         # a system that did not start, or started otherwise, is reported now and not by the analysis a week later
-        run["recorded"] = (planned.folder / BAGS).exists()
+        run["recorded"] = any((planned.folder / BAGS).glob("*.bag*"))
         _write(planned.folder, run)
     if not run["recorded"]:
         say(f"nothing was recorded: see {planned.folder / 'launch.log'}")
