@@ -13,7 +13,6 @@ key, a wrong type or a value out of range is a `ParameterError` that names the k
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any, Mapping, Optional, Sequence, Type, TypeVar
 
 from vb_core.errors import ParameterError
