@@ -89,7 +89,7 @@ class InteractionManagerNode:
         /virtual_borders/add_border (vb_msgs/AddBorder): on `save`, with the interaction's id, so that a save which is
             repeated adds one border. No lock is held meanwhile; other commands are answered with "busy", but not
             `stop` and `resume`.
-        /virtual_borders/undo, /virtual_borders/redo (vb_msgs/UndoRedo): on `undo` and `redo`.
+        /virtual_borders/undo_redo (vb_msgs/UndoRedo): on `undo` and `redo`.
         /virtual_borders/list_borders (vb_msgs/ListBorders): before and after undo and redo.
         /virtual_borders/preview_border (vb_msgs/PreviewBorder): for the preview, from a separate thread.
 

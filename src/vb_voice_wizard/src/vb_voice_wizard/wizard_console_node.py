@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import select
 import sys
 import termios
@@ -25,10 +24,9 @@ from vb_core.ros.notices import NoticeListener
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, printable
+from vb_voice_wizard.console import BAD, COMMAND_KEYS, GOOD, QUIT_KEY, ConsoleContent, keys_in, printable
 
 _PERIOD = 0.2  # [s] between two looks at what changed: an operator cannot follow more
-_FUNCTION_KEY = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|)")  # what a terminal sends for an arrow or function key
 _SILENCE_TIMEOUT = 3.0  # [s] the state comes ten times a second
 
 
@@ -131,7 +129,7 @@ class WizardConsoleNode:
                 typed = os.read(keyboard, 64).decode("utf-8", "replace")
                 if not typed:
                     return  # the terminal is gone
-            if any([self.press(key) for key in _FUNCTION_KEY.sub("", typed)]):
+            if any([self.press(key) for key in keys_in(typed)]):
                 return
 
 

@@ -8,7 +8,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import messages, services
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
-from vb_core.vocabulary import UNDO
+from vb_core.vocabulary import REDO
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import (
     AddBorder,
@@ -64,8 +64,8 @@ class BorderServices:
 
     def change(self, command: str, request_id: str) -> None:
         """Undoes the newest change of the borders ("undo"), or makes it again ("redo"); once however often it is sent."""
-        name = names.UNDO if command == UNDO else names.REDO
-        _check(self._ask(name, UndoRedo, UndoRedoRequest(request_id), _INTEGRATOR))
+        request = UndoRedoRequest(redo=command == REDO, request_id=request_id)
+        _check(self._ask(names.UNDO_REDO, UndoRedo, request, _INTEGRATOR))
 
     def fetch_borders(self) -> Dict[str, VirtualBorder]:
         """Fetches all borders, by their ids."""
