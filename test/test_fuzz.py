@@ -149,7 +149,7 @@ def test_messages(what):
 
 # ---------------------------------------------------------------------- parameters
 def parameter_classes():
-    """Finds every parameter class of the lab's packages; those of the study read no parameter server, and load matplotlib."""
+    """Finds every parameter class of the lab's packages; those of the study read no parameter server."""
     for path in sorted(TOP.glob("src/vb_*/src/vb_*/**/*.py")):
         if "(Parameters)" in path.read_text(encoding="utf-8") and "vb_evaluation" not in path.parts:
             module = importlib.import_module(".".join(path.relative_to(TOP / "src").with_suffix("").parts[2:]))

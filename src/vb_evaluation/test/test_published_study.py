@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from vb_evaluation.report import charts
 from vb_evaluation.report.answers import answers, write_page
 from vb_evaluation.report.data import read_study
 
@@ -31,8 +30,7 @@ def test_every_index_is_that_of_the_published_areas():
         assert index == pytest.approx(float(row["jaccard_enclosed"]), abs=6e-5)
 
 
-def test_the_page_answers_what_the_rows_say(tmp_path, monkeypatch):
-    monkeypatch.setattr(charts, "_svg", lambda figure: charts.plt.close(figure) or "")
+def test_the_page_answers_what_the_rows_say(tmp_path):
     page = shutil.copy(STUDY / "README.md", tmp_path)
     write_page(STUDY / "judged", Path(page))
     assert Path(page).read_text(encoding="utf-8") == (STUDY / "README.md").read_text(encoding="utf-8")
@@ -47,8 +45,7 @@ def test_the_page_answers_what_the_rows_say(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("scenario, beside", [("room", ["The paper's people"]), ("door", [])])
-def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path, monkeypatch):
-    monkeypatch.setattr(charts, "_svg", lambda figure: charts.plt.close(figure) or "")
+def test_a_lab_asks_its_own_scenarios(scenario, beside, tmp_path):
     folder = study_rows.make_study(tmp_path / "study", 6, sweeps=False, maps=False)
     with open(folder / "runs.csv", newline="", encoding="utf-8") as stream:
         rows = [dict(row, scenario=scenario) for row in csv.DictReader(stream) if row["scenario"] == "room"]

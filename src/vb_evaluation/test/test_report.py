@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
 from vb_evaluation.study_kit import __main__ as command
-from vb_evaluation.report import charts, paper_comparison, sensitivity
+from vb_evaluation.report import paper_comparison, sensitivity
 from vb_evaluation.report.data import TIMES, pairs, read_sheet, read_study, write_table, yes_or_no
 from vb_evaluation.report.maps import nearest_to_median
 from vb_evaluation.report.page import write_report
@@ -32,12 +32,6 @@ def full(tmp_path_factory):
     """A study with everything, and its page."""
     folder = study_rows.make_study(tmp_path_factory.mktemp("study") / "full", participants=6)
     return folder, write_report(folder).read_text(encoding="utf-8")
-
-
-@pytest.fixture
-def no_pictures(monkeypatch):
-    """Figures are made but not rendered: most of a page's time."""
-    monkeypatch.setattr(charts, "_svg", lambda figure: charts.plt.close(figure) or "data:image/svg+xml;base64,")
 
 
 def rows_of(path):
@@ -65,7 +59,7 @@ def test_tables_hold_what_the_rows_say(full):
             assert int(row["runs"]) == len(done)
 
 
-def test_no_p_of_simulated_people_and_p_of_people(full, tmp_path, no_pictures):
+def test_no_p_of_simulated_people_and_p_of_people(full, tmp_path):
     _, page = full
     assert not re.search(r"\bp [<=]|exact p|Wilcoxon signed-rank", words_of(page))
     of_people = words_of(
@@ -161,14 +155,14 @@ def test_maps_are_those_nearest_to_the_median(full):
 
 
 @pytest.mark.parametrize("participants", [1, 2])
-def test_few_participants_and_nothing_but_runs(tmp_path, participants, no_pictures):
+def test_few_participants_and_nothing_but_runs(tmp_path, participants):
     folder = study_rows.make_study(tmp_path / "study", participants, sweeps=False, maps=False)
     (folder / "study.json").unlink()
     page = write_report(folder).read_text()
     assert "Beside the paper" in page and "Plausible worlds" not in page and "nan" not in words_of(page)
 
 
-def test_runs_that_are_missing_are_named(tmp_path, no_pictures):
+def test_runs_that_are_missing_are_named(tmp_path):
     folder = study_rows.make_study(tmp_path / "study", 3, sweeps=False, maps=False)
     rows = rows_of(folder / "runs.csv")
     study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows[:-1])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 import tempfile
 from itertools import product
 from pathlib import Path
@@ -9,24 +10,27 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import rosbag
+import rospy
 
 from refusals import refused
+from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.files import append_line
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
+from vb_core.ros.messages import message_from_grid
 from vb_evaluation import metrics
 from vb_evaluation.report.page import write_report
-from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, protocol, session
+from vb_evaluation.study_kit import blind, conduct, forms, measure, privacy, protocol
 from vb_evaluation.study_kit.__main__ import main
 from vb_evaluation.study_kit.ground_truth import read_ground_truth
 from vb_evaluation.study_kit.recording import Recording
 from vb_evaluation.report.data import read_sheet, read_study
-from vb_evaluation.study import config, runner
-from vb_evaluation.study.result import COLUMNS, measure as measure_run
 from vb_map_integration.border import VirtualBorder
+from vb_map_integration.borders.border_messages import message_from_border
 from vb_map_integration.integration import integrate
-from vb_map_integration.storage.recording import MapRecording
+from vb_msgs.msg import DetectorStatus, VirtualBorderArray
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.session import Answer
 
@@ -140,14 +144,26 @@ def test_wrong_protocols_name_the_line(text, words, tmp_path):
 
 
 # ------------------------------------------------------------------ recordings
-class Lab:
-    """Writes a recording with the code that does so in a running system."""
+def write_state(folder, grid, borders, stamp_s, cameras=()):
+    """Adds a map with its borders to a recording's bag, as the nodes publish them, and a sign of life of some cameras."""
+    path, stamp = folder / "bags" / "session.bag", rospy.Time.from_sec(stamp_s)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with rosbag.Bag(str(path), "a" if path.exists() else "w") as bag:
+        bag.write(names.MAP_WITH_BORDERS, message_from_grid(grid, stamp), stamp)
+        message = VirtualBorderArray(borders=[message_from_border(border) for border in borders])
+        message.header.stamp = stamp
+        bag.write(names.BORDERS, message, stamp)
+        for camera, mobile in [*((name, False) for name in cameras), ("robot", True)]:
+            bag.write(names.DETECTORS, DetectorStatus(camera=camera, mobile=mobile), stamp)
 
-    def __init__(self, folder, grid):
+
+class Lab:
+    """Writes a recording like that of a running system."""
+
+    def __init__(self, folder, grid, cameras=("green",)):
         self.folder, self.grid = folder, grid
-        self.maps = MapRecording(folder / "recordings")
         self.borders = []
-        self.maps.record(grid, [], 1.0)
+        write_state(folder, grid, [], 1.0, cameras)
         self.time = 10.0
 
     def interaction(self, key, low=(1.0, 0.4), high=(2.4, 1.2), seed=None, save=True, method="nrs"):
@@ -164,7 +180,7 @@ class Lab:
             )
             self.borders.append(border)
             cells = np.max([integrate(self.grid, each).posterior.data for each in self.borders], axis=0)
-            self.maps.record(self.grid.with_data(cells), list(self.borders), self.time - 0.1)
+            write_state(self.folder, self.grid.with_data(cells), self.borders, self.time - 0.1)
             machine.command("save", "wizard", self.time)
             machine.finish(Answer(True, "saved"), self.time, border.id)
         else:
@@ -196,11 +212,11 @@ def test_measures_of_one_recording_per_run(study):
     # the ground truth, 0.75 .. 2.25 m x 0.25 .. 1.25 m, to the cell; then a smaller area; then a seed on the wrong side
     exact = ((0.751, 0.251), (2.249, 1.249))
     Lab(study / "a", grid).interaction("ia", *exact)
-    Lab(study / "b", grid).interaction("i0", save=False, method="robot_only").interaction(
+    Lab(study / "b", grid, ()).interaction("i0", save=False, method="robot_only").interaction(
         "ib", (0.751, 0.251), (2.249, 0.749), method="robot_only"
     )
     Lab(study / "c", grid).interaction("ic", *exact, seed=(3.2, 2.0))
-    Lab(study / "d", grid)
+    Lab(study / "d", grid, ())
     (study / "protocol.csv").write_text(
         "participant,order,method,scenario,recording,completed,note\n"
         "p1,1,nrs,carpet,a,,\np1,2,robot_only,carpet,b,yes,slow\np2,1,nrs,carpet,c,,\np2,2,robot_only,carpet,d,,\n"
@@ -238,15 +254,15 @@ def test_damaged_recordings_name_file_and_line(tmp_path):
 def test_what_was_done_otherwise_than_planned_is_left_out(study):
     """`cameras:=none` forgotten for the robot alone: today's analysis took the run as if nothing was."""
     exact = ((0.751, 0.251), (2.249, 1.249))
-    for name, method, cameras in (("a", "nrs", "[green]"), ("b", "robot_only", "[green]"), ("c", "robot_only", "[]")):
-        Lab(study / name, room()).interaction("i", *exact, method=method)
-        (study / name / "session.yaml").write_text(f"method: {method}\ncameras: {cameras}\nrevision: abc\n")
+    for name, method, cameras in (("a", "nrs", ["green"]), ("b", "robot_only", ["green"]), ("c", "robot_only", [])):
+        Lab(study / name, room(), cameras).interaction("i", *exact, method=method)
+    (study / "a" / "run.yaml").write_text("revision: abc\n")
     (study / "protocol.csv").write_text(
         "participant,order,method,scenario,recording\np1,1,nrs,carpet,a\np1,2,robot_only,carpet,b\np2,1,robot_only,carpet,c\n"
     )
     rows, notes = rows_of(study)
     assert [row["as_planned"] for row in rows] == ["1", "0", "1"] and [row["order"] for row in rows] == ["1", "2", "1"]
-    assert len(notes) == 1 and "with the cameras green" in notes[0] and rows[0]["revision"] == "abc"
+    assert len(notes) == 1 and "cameras green instead of none" in notes[0] and rows[0]["revision"] == "abc"
     assert list(read_study(study / "out").runs.recording) == ["a", "c"]
     assert float(rows[0]["error_mean_cm"]) == 0.0
 
@@ -308,7 +324,7 @@ def test_a_system_that_came_up_otherwise_is_told_at_once(planned):
     other = "robot_only" if run.entry.method == "nrs" else "nrs"
 
     def start(plan):
-        (plan.folder / "session.yaml").write_text(f"method: {other}\ncameras: [blue]\n")
+        Lab(plan.folder, room(), ["blue"]).interaction("i", method=other)
         return lambda: None
 
     conduct.conduct_run(run, start, iter("bc"), said.append)
@@ -349,8 +365,8 @@ def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):
 
 
 def test_forms_are_written_once(tmp_path):
-    names = {path.name for path in forms.write(tmp_path / "forms")}
-    assert {"information.md", "consent.md", "preregistration.md", "codebook.csv", "demographics.html"} <= names
+    written = {path.name for path in forms.write(tmp_path / "forms")}
+    assert {"information.md", "consent.md", "preregistration.md", "codebook.csv", "demographics.html"} <= written
     pages = [(tmp_path / "forms" / f"questionnaire_{first}_first.html").read_text() for first in ("robot_only", "nrs")]
     assert pages[0] != pages[1] and "http://" not in pages[0]
     with pytest.raises(CodedError):
@@ -364,7 +380,9 @@ def test_the_codebook_explains_every_column_and_outcome(tmp_path):
     assert set(of_runs.column) == set(measure.COLUMNS)
     told = set(of_runs["values"][of_runs.column == "outcome"])
     flags = (True, False)
-    assert told == {measure.outcome_of(*of, noted) for of in product(flags, repeat=4) for noted in (None, *flags)}
+    assert told - {"unreadable"} == {
+        measure.outcome_of(*of, noted) for of in product(flags, repeat=4) for noted in (None, *flags)
+    }
     asked = (tmp_path / "demographics.csv").read_text().strip().split(",")[1:]
     assert asked == list(book.column[book.file == "demographics.csv"])
 
@@ -377,27 +395,30 @@ MISHAPS = {  # recording: (what happened, outcome, completed)
     "wrong": ("seed on the other side", "wrong_seed", "0"),
     "wrong_claimed": ("seed on the other side, but noted as completed", "disputed", "0"),
     "refused": ("saved as asked, but the judge says no", "judged_failed", "0"),
-    "other": ("with the cameras of the other method", "not_as_planned", "0"),
+    "other": ("with the other method", "not_as_planned", "0"),
+    "torn": ("the disk was full: no map of what was saved", "unreadable", ""),
+    "gone": ("its folder was lost", "unreadable", ""),
 }
 
 
 @pytest.fixture
 def mishaps(study):
     """A study in which everything happened that can, and one pair in which nothing did."""
-    exact, right = ((0.751, 0.251), (2.249, 1.249)), {}
+    exact = ((0.751, 0.251), (2.249, 1.249))
     lines = ["participant,order,method,scenario,recording,completed,note"]
     for number, name in enumerate(MISHAPS, 1):
         person, lab = f"p{number}", Lab(study / name, room())
         if name in ("given_up", "claimed"):
             lab.interaction("i", save=False)
         elif name != "crash":
-            lab.interaction("i", *exact, **({"seed": (3.2, 2.0)} if name.startswith("wrong") else right))
-        Lab(study / f"{name}_alone", room()).interaction("i", *exact, method="robot_only")
-        if name == "other":
-            (study / name / "session.yaml").write_text("method: robot_only\n")
+            seed = {"seed": (3.2, 2.0)} if name.startswith("wrong") else {}
+            lab.interaction("i", *exact, **seed, method="robot_only" if name == "other" else "nrs")
+        Lab(study / f"{name}_alone", room(), ()).interaction("i", *exact, method="robot_only")
         lines += [f"{person},1,nrs,carpet,{name},,Ann was late", f"{person},2,robot_only,carpet,{name}_alone,,"]
     for name, completed in (("crash", False), ("claimed", True), ("wrong_claimed", True)):
         (study / name / "run.yaml").write_text(f"completed: {str(completed).lower()}\nended: now\n")
+    (study / "torn" / "bags" / "session.bag").write_bytes(b"#ROSBAG V2.0\n")
+    shutil.rmtree(study / "gone")
     for key in "hhp":
         append_line(study / "given_up" / "events.jsonl", json.dumps({"key": key, "time": "now"}))
     (study / "protocol.csv").write_text("\n".join(lines) + "\n")
@@ -419,14 +440,15 @@ def test_every_mishap_is_what_it_is_in_every_table(mishaps):
     }
     assert (found["given_up"]["helped"], found["given_up"]["problems"], found["good"]["helped"]) == ("2", "1", "0")
     assert [line["warning"] for line in read_sheet(mishaps / "out" / "warnings.csv", ()).to_dict("records")] == notes
-    assert len(notes) == 5  # crash, claimed, wrong_claimed, refused, other
+    assert len(notes) == 7  # crash, claimed, wrong_claimed, refused, other, torn, gone
+    assert "session.bag" in notes[-2] and "there is no folder" in notes[-1]
 
     page = write_report(mishaps / "out").read_text()
     tables = {path.stem: read_sheet(path, ()).to_dict("records") for path in (mishaps / "out" / "tables").glob("*.csv")}
     nrs, alone = tables["completeness"]
-    assert (nrs["completed"], alone["completed"]) == ("1 of 6", "8 of 8")
+    assert (nrs["completed"], alone["completed"]) == ("1 of 6", "10 of 10")
     became = tables["outcomes"][0]
-    assert (became["not_started"], became["disputed"], became["judged_failed"]) == ("1", "2", "1")
+    assert [became[name] for name in ("not_started", "unreadable", "disputed", "judged_failed")] == ["1", "2", "2", "1"]
     assert (became["helped"], became["problems"]) == ("1", "1") and "not_as_planned" not in became
     # one completed with both, five only with the robot alone, nobody only with the network: exact p of 0 of 5
     (pairs,) = tables["who_completed"]
@@ -446,8 +468,8 @@ def test_a_copy_tells_nobody_and_who_asks_is_deleted(mishaps):
     assert main(["export", str(mishaps / "out"), "--out", str(mishaps / "shared")]) == 0
     shared = read_sheet(mishaps / "shared" / "runs.csv", ())
     text = "".join(path.read_text() for path in (mishaps / "shared").iterdir())
-    assert len(shared) == 15 + 1 and not {"note", "recording", "map"} & set(shared) and "Ann" not in text
-    assert not {f"p{number}" for number in range(1, 9)} & set(shared.participant)
+    assert len(shared) == 2 * len(MISHAPS) and not {"note", "recording", "map"} & set(shared) and "Ann" not in text
+    assert not {f"p{number}" for number in range(1, 11)} & set(shared.participant)
     people = read_sheet(mishaps / "shared" / "demographics.csv", ())
     assert set(people.age) == {"20 to 29", "50 to 59"} and set(people.participant) < set(shared.participant)
     with pytest.raises(CodedError):
@@ -460,57 +482,9 @@ def test_a_copy_tells_nobody_and_who_asks_is_deleted(mishaps):
     assert not (mishaps / "judging" / f"{code}.png").exists() and code not in (mishaps / "judging_key.csv").read_text()
     assert list(read_sheet(mishaps / "demographics.csv", ()).participant) == ["p2"]
     rows, _ = rows_of(mishaps)
-    assert "p1" not in {row["participant"] for row in rows} and len(rows) == 14
+    assert "p1" not in {row["participant"] for row in rows} and len(rows) == 2 * len(MISHAPS) - 2
     with pytest.raises(CodedError):
         privacy.delete(mishaps / "protocol.csv", "p99")
-
-
-def test_a_dry_run_with_simulated_people(tmp_path, monkeypatch):
-    """Plan, all runs in their order, measures, report, for one scenario: the same figures as in the simulated study."""
-    study = config.load().changed({"design/scenarios": ["room"]})
-    # with the robot alone a run is three times as long, and leaves nothing else for the kit
-    brief, results, carry_out = study.changed({"timing/time_limit_s": 1.0}), [], runner.run
-
-    def run(_study, task):
-        results.append(carry_out(study if task.method == "nrs" else brief, task))
-        return results[-1]
-
-    monkeypatch.setattr(config, "load", lambda: study)
-    monkeypatch.setattr(runner, "run", run)
-    path = tmp_path / "protocol.csv"
-    assert main(["plan", "--participants", "1", "--scenarios", "room", "--out", str(path)]) == 0
-    for _ in range(2):
-        assert main(["run", "p01", "--protocol", str(path), "--rehearse"]) == 0
-    truths = ["--ground-truth", str(tmp_path / "ground_truth")]
-    assert main(["measure", str(path), *truths, "--out", str(tmp_path / "out")]) == 0
-    rows = read_sheet(tmp_path / "out" / "runs.csv", ()).to_dict("records")
-    assert {row["method"] for row in rows} == {"nrs", "robot_only"} and [row["order"] for row in rows] == ["1", "2"]
-    assert all(row["as_planned"] == "1" and row["revision"] for row in rows)
-    for row, result in zip(rows, results):
-        simulated = measure_run(result)
-        assert set(simulated) == set(COLUMNS)
-        nrs = result.task.method == "nrs"
-        assert (row["completed"], row["outcome"]) == (("1", "completed") if nrs else ("", "not_started"))
-        assert row["saved"] == str(simulated["completed"]) == str(int(nrs))
-        # a run that ended before anything was begun has no times
-        assert float(row["time_total_s"] or 0.0) == pytest.approx(simulated["time_total_s"], abs=0.02)
-    done = next(index for index, result in enumerate(results) if result.saved)
-    row, simulated = rows[done], measure_run(results[done])
-    assert simulated["time_guide_s"] == 0.0 and simulated["time_border_s"] > 0 and simulated["time_seed_s"] > 0
-    # a line across the doorway is off by centimetres, the index does not show it
-    assert float(row["jaccard"]) == pytest.approx(simulated["jaccard"], abs=1e-4) and 0.9 < simulated["jaccard"] < 1.0
-    assert (
-        float(row["error_mean_cm"]) == pytest.approx(simulated["error_mean_cm"], abs=0.01)
-        and simulated["error_mean_cm"] < 20.0
-    )
-
-
-# ------------------------------------------------------------------ what is recorded
-def test_a_restarted_recorder_takes_the_next_file(tmp_path):
-    assert session.next_bag(tmp_path).name == "01.bag"
-    (tmp_path / "bags" / "01.bag").touch()
-    (tmp_path / "bags" / "02.bag.active").touch()
-    assert session.next_bag(tmp_path).name == "03.bag"
 
 
 def test_a_seed_is_right_if_the_nearest_free_floor_is_asked_for_and_within_reach():

@@ -30,7 +30,6 @@ class SignedRank:
         zeros: differences of zero, dropped.
         w_plus, w_minus: sums of the ranks of positive and of negative differences.
         z: of the smaller sum, at most 0; nan if nothing can be ranked.
-        p: of Z by the normal approximation ("Asymp. Sig.").
         p_exact: by the distribution of all 2^n signs, ties included ("Exact Sig.").
     """
 
@@ -39,7 +38,6 @@ class SignedRank:
     w_plus: float
     w_minus: float
     z: float
-    p: float
     p_exact: float
 
 
@@ -114,7 +112,7 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
     ranked = differences[differences != 0.0]
     n, zeros = len(ranked), len(differences) - len(ranked)
     if n == 0:
-        return SignedRank(0, zeros, 0.0, 0.0, math.nan, 1.0 if zeros else math.nan, 1.0 if zeros else math.nan)
+        return SignedRank(0, zeros, 0.0, 0.0, math.nan, 1.0 if zeros else math.nan)
     ranks = stats.rankdata(np.abs(ranked))
     w_plus, w_minus = float(ranks[ranked > 0].sum()), float(ranks[ranked < 0].sum())
     with warnings.catch_warnings():
@@ -123,7 +121,7 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
         found = stats.wilcoxon(ranked, zero_method="wilcox", correction=False, mode="approx")
     tail = _distribution(ranks)[: int(round(2 * min(w_plus, w_minus))) + 1].sum()
     p_exact = min(1.0, 2.0 * float(tail))
-    return SignedRank(n, zeros, w_plus, w_minus, float(found.zstatistic), float(found.pvalue), p_exact)
+    return SignedRank(n, zeros, w_plus, w_minus, float(found.zstatistic), p_exact)
 
 
 def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
@@ -172,8 +170,10 @@ def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method
         raise CodedError("bad_sample", "paired samples have the same length")
     if len(values[0]) == 0:
         return UNKNOWN
-    estimate, low, high = float(statistic(*values)), math.nan, math.nan
-    for name in dict.fromkeys((method, "percentile") if len(values[0]) > 1 else ()):
+    estimate = float(statistic(*values))
+    if len(values[0]) == 1:
+        return Interval(estimate)
+    for name in (method, "percentile"):
         with warnings.catch_warnings(), np.errstate(invalid="ignore", divide="ignore"):
             warnings.simplefilter("ignore")
             low, high = map(
@@ -189,9 +189,9 @@ def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method
                     random_state=0,
                 ).confidence_interval,
             )
-        if math.isfinite(low) and math.isfinite(high):
-            return Interval(estimate, low, high, CONFIDENCE)
-    return Interval(estimate, low, high, CONFIDENCE if len(values[0]) > 1 else math.nan)
+        if math.isfinite(low + high):
+            break
+    return Interval(estimate, low, high, CONFIDENCE)
 
 
 def not_worse_p(gains: np.ndarray, margin: float) -> float:

@@ -273,7 +273,7 @@ class Demo:
     def _save_map(self) -> None:
         try:
             answer = services.call(
-                names.SAVE_MAP, SaveMap, SaveMapRequest(name="posterior", raw=False), "the map recorder", 10.0
+                names.SAVE_MAP, SaveMap, SaveMapRequest(name="posterior", raw=False), "the map integrator", 10.0
             )
             failed = "" if answer.success else answer.message
         except CodedError as error:

@@ -21,7 +21,6 @@ class Figure:
     """Images beside each other: (data URI, caption)."""
 
     images: Sequence[Tuple[str, str]]
-    wide: bool = False
 
 
 @dataclass(frozen=True)

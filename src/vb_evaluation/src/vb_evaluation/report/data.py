@@ -29,10 +29,7 @@ MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
 # the columns that name a row beside KEY, by file
 CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), WORLDS: ("draw",)}
 BASELINE = "robot_only"
-_FURTHER = (
-    *("order", "spots", "false_spots", "jaccard_enclosed", "too_bright", "helped", "problems"),
-    *("seed_is_right", "pointed_right"),
-)
+_FURTHER = ("jaccard_enclosed", "too_bright", "helped", "problems", "seed_is_right", "pointed_right")
 _FLAGS = {
     **dict.fromkeys(("yes", "y", "1", "true", "ja"), True),
     **dict.fromkeys(("no", "n", "0", "false", "nein"), False),

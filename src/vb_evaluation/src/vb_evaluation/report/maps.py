@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from typing import List, Optional, Sequence, Tuple
 
 import cv2
@@ -12,7 +13,6 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED_THRESHOLD, GridMap
 from vb_core.map_files import read_map
 from vb_evaluation import metrics
-from vb_evaluation.report.charts import data_uri
 from vb_evaluation.report.data import StudyResults, select
 from vb_evaluation.report.paper import method_title
 
@@ -72,7 +72,7 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
         try:
             truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
             asked = draw_map(prior, truth, start=study.meta.get("robot_start"))
-            images.append((data_uri(asked, "image/png"), f"{title}: ground truth"))
+            images.append((_uri(asked), f"{title}: ground truth"))
             for method in study.methods:
                 row = nearest_to_median(study, scenario, method)
                 if row is None:
@@ -82,13 +82,17 @@ def representatives(study: StudyResults) -> Tuple[List[Tuple[str, str]], List[st
                 score = metrics.jaccard(truth, drawn)
                 images.append(
                     (
-                        data_uri(draw_map(prior, truth, drawn), "image/png"),
+                        _uri(draw_map(prior, truth, drawn)),
                         f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}",
                     )
                 )
         except CodedError as error:
             notes.append(f"{scenario}: {error.message}.")
     return images, notes
+
+
+def _uri(png: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
 
 
 def nearest_to_median(study: StudyResults, scenario: str, method: str) -> Optional[pandas.Series]:

@@ -8,7 +8,7 @@ from typing import Any, Dict, List
 import pandas
 
 from vb_evaluation import statistics
-from vb_evaluation.report import charts, effect_sizes, maps, paper
+from vb_evaluation.report import effect_sizes, maps, paper
 from vb_evaluation.report.blocks import Block, Figure, Grid, Text
 from vb_evaluation.report.data import ERRORS, STATES, StudyResults, known, pairs, select
 
@@ -108,7 +108,7 @@ def not_worse_blocks(study: StudyResults) -> List[Block]:
 
 def error_section(study: StudyResults) -> List[Block]:
     """Reports the boundary error in centimetres."""
-    rows, panels = [], []
+    rows = []
     for title, cells in study.cells(completed=1):
         for cell in cells:
             worst = known(cell.runs, "error_max_cm")
@@ -121,7 +121,6 @@ def error_section(study: StudyResults) -> List[Block]:
                     **{column: statistics.median(known(cell.runs, column)) for column in ERRORS},
                 }
             )
-        panels.append((charts.boxes(cells, "error_mean_cm", "mean boundary error [cm]"), title))
     if not any(row["runs"] for row in rows):
         return []
     columns = {
@@ -136,7 +135,6 @@ def error_section(study: StudyResults) -> List[Block]:
             "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
             "over runs with bootstrap intervals."
         ),
-        Figure(panels),
         Grid("error", columns, rows, {key: 1 for key in (*ERRORS, "worst")}),
         *effect_sizes.test_blocks(study, "error_mean_cm", "cm", True),
     ]
@@ -144,9 +142,7 @@ def error_section(study: StudyResults) -> List[Block]:
 
 def time_section(study: StudyResults) -> List[Block]:
     """Reports interaction time by state."""
-    rows, panels = [], []
-    totals = known(study.runs, "time_total_s")
-    limit = 1.04 * float(totals.max()) if len(totals) else 1.0
+    rows: List[Dict[str, Any]] = []
     for title, cells in study.cells():
         rows += [
             {
@@ -158,7 +154,6 @@ def time_section(study: StudyResults) -> List[Block]:
             }
             for cell in cells
         ]
-        panels.append((charts.time_bars(cells, limit), title))
     columns = {
         **_WHICH,
         **{state: f"{state.capitalize()} [s]" for state in STATES},
@@ -167,10 +162,9 @@ def time_section(study: StudyResults) -> List[Block]:
     }
     return [
         Text(
-            "From leaving the state Default to the border in the map, in the states Guide (orange), Border (blue) and Seed "
-            "(green), attempts that were cancelled included (paper, Sect. 5.5)."
+            "From leaving the state Default to the border in the map, in the states Guide, Border and Seed, "
+            "attempts that were cancelled included (paper, Sect. 5.5)."
         ),
-        Figure(panels, wide=True),
         Grid("time", columns, rows, {key: 1 for key in (*STATES, "total")}),
         *effect_sizes.test_blocks(study, "time_total_s", "s", False),
     ]
@@ -178,7 +172,7 @@ def time_section(study: StudyResults) -> List[Block]:
 
 def accuracy_section(study: StudyResults) -> List[Block]:
     """Reports the paper's Jaccard index, with representative maps."""
-    rows, panels = [], []
+    rows = []
     for title, cells in study.cells(completed=1):
         for cell in cells:
             done = known(cell.runs, "jaccard")
@@ -193,7 +187,6 @@ def accuracy_section(study: StudyResults) -> List[Block]:
                     "paper": published,
                 }
             )
-        panels.append((charts.boxes(cells, "jaccard", "Jaccard index", True), f"{title} (diamond: the paper's median)"))
     images, notes = maps.representatives(study)
     columns = {**_WHICH, "median": "Median", "least": "Smallest", "paper": "Paper", "runs": "Runs"}
     blocks: List[Block] = [
@@ -202,7 +195,6 @@ def accuracy_section(study: StudyResults) -> List[Block]:
             "The index saturates with the area's size: of the same error a large area shows little. A line across the 0.70 m "
             "doorway that is 2.5 cm off costs 0.002 to 0.003; the boundary error above tells such runs apart."
         ),
-        Figure(panels),
         Grid("accuracy", columns, rows, {"median": 3, "least": 3, "paper": 3}),
         *effect_sizes.test_blocks(study, "jaccard", "", True),
     ]

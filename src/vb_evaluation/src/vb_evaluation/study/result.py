@@ -58,7 +58,7 @@ class Result:
     Attributes:
         task, traits: what was run, and who it was.
         world, scenario: as they were, with this person's place to stand.
-        prior, posterior: maps as the recorder stores them.
+        prior, posterior: the map without and with borders.
         truth: (H, W) bool, the cells to restrict.
         records: of all interactions of the run as the interaction manager logs them, those that were cancelled too.
         border: what was saved; None if nothing was.

@@ -64,7 +64,6 @@ def _parser() -> argparse.ArgumentParser:
     argument("participant")
     argument("--protocol", type=_path, default=Path("protocol.csv"))
     argument("--again", action="store_true", help="do the last run again, in another folder")
-    argument("--rehearse", action="store_true", help="a simulated person in one process, without ROS and people")
     argument = command("measure", _measure, "compute the measures of all recordings and the report")
     argument("protocol", type=_path)
     argument("--ground-truth", type=_path, required=True, help="folder of <scenario>.png")
@@ -125,16 +124,7 @@ def _plan(given: argparse.Namespace) -> None:
 def _run(given: argparse.Namespace) -> None:
     planned = conduct.next_run(given.protocol, given.participant, given.again)
     say = lambda words: _console.print(words, markup=False)  # noqa: E731
-    if given.rehearse:
-        # only here: the rest of the kit knows no simulator and works without ROS
-        from vb_evaluation.study import config, rehearsal
-
-        outcomes: List[bool] = []
-        start = rehearsal.person(config.load(), outcomes)
-        keys = ("b" if key else ("c" if outcomes[-1] else "f") for key in (1, 0))
-    else:
-        start, keys = conduct.roslaunch, conduct.read_keys()
-    run = conduct.conduct_run(planned, start, keys, say)
+    run = conduct.conduct_run(planned, conduct.roslaunch, conduct.read_keys(), say)
     if planned.last:
         _console.print(
             f"that was the last run: hand out questionnaire_{planned.questionnaire}_first.html", markup=False

@@ -18,7 +18,7 @@ from vb_core.errors import CodedError
 from vb_core.map_files import write_atomically
 from vb_evaluation.study_kit import protocol
 from vb_evaluation.study_kit.measure import deviations, last_attempt
-from vb_evaluation.study_kit.recording import EVENTS, RUN, SESSION, Recording
+from vb_evaluation.study_kit.recording import BAGS, EVENTS, RUN, Recording
 from vb_evaluation.provenance import revision
 
 SETTINGS = "kit.yaml"
@@ -191,7 +191,7 @@ def conduct_run(
     finally:
         stop()
         # a system that did not start, or started otherwise, is reported now and not by the analysis a week later
-        run["recorded"] = (planned.folder / SESSION).exists()
+        run["recorded"] = any((planned.folder / BAGS).glob("*.bag*"))
         _write(planned.folder, run)
     if not run["recorded"]:
         say(f"nothing was recorded: see {planned.folder / 'launch.log'}")

@@ -42,7 +42,7 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     Args:
         protocol_file: names the recordings, relative to its own folder.
         ground_truths: folder of <scenario>.png.
-        physical: the physical map; None takes it from the first recording.
+        physical: the physical map; None takes the first one without borders from the recordings.
 
     Returns:
         Sentences about what looks wrong.
@@ -55,12 +55,11 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
         raise CodedError("bad_protocol", f"{protocol_file}: no run has a recording yet")
     if (out / RUNS).exists() and not read_meta(out / META).get("people"):
         raise CodedError("other_study", f"{out} holds another study: choose another --out, or move it away")
-    recordings = {
-        entry.recording: Recording(last_attempt(protocol_file.parent / Path(entry.recording).expanduser()))
-        for entry in entries
-    }
+    folders = [last_attempt(protocol_file.parent / Path(entry.recording).expanduser()) for entry in entries]
     if physical is None:
-        physical = recordings[entries[0].recording].physical()
+        physical = next(filter(None, (Recording(folder).physical() for folder in folders if folder.is_dir())), None)
+    if physical is None:
+        raise CodedError("bad_recording", "no recording has a map without borders: name the physical map with --map")
     scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
     truths = {scenario: read_ground_truth(ground_truths / f"{scenario}.png", physical) for scenario in scenarios}
     maps = out / "maps"
@@ -70,9 +69,14 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
         write_map(maps / f"truth_{scenario}", physical.with_data(np.where(truth, 100, physical.data).astype(np.int8)))
     judged = blind.read(protocol_file.parent)
     rows, notes = [], []
-    for entry in entries:
+    for entry, folder in zip(entries, folders):
         noted = judged.get(entry.recording, entry.completed)
-        row, words = _row(entry, noted, recordings[entry.recording], physical, truths[entry.scenario], maps)
+        try:
+            row, words = _row(entry, noted, Recording(folder), physical, truths[entry.scenario], maps)
+        except CodedError as error:
+            if error.code != "bad_recording":
+                raise
+            row, words = _head(entry, "unreadable"), [f"{_where(entry)}: counts for nothing: {error.message}"]
         rows.append(row)
         notes += words
     write_table(out / RUNS, COLUMNS, rows)
@@ -101,25 +105,24 @@ def last_attempt(folder: Path) -> Path:
 def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
     """Says how the condition in which a recording was made differs from the planned one; empty if it does not."""
     found = []
-    session, run = recording.session, recording.run
+    run = recording.run
     for name, planned in (("participant", entry.participant), ("scenario", entry.scenario), ("method", entry.method)):
         if run and str(run.get(name, planned)) != planned:
             found.append(f"{name} {run[name]} instead of {planned}")
-    methods = {str(session["method"])} if session.get("method") else set()
-    methods |= {interaction.method for interaction in recording.interactions if interaction.method}
+    methods = {interaction.method for interaction in recording.interactions}
     found += [f"the system was started with method:={method}" for method in sorted(methods - {entry.method})]
-    if run and "cameras" in session and sorted(run.get("cameras", ())) != sorted(session["cameras"]):
-        found.append(
-            f"cameras {' '.join(session['cameras']) or 'none'} instead of {' '.join(run.get('cameras', ())) or 'none'}"
-        )
-    elif entry.method == "robot_only" and session.get("cameras"):
-        found.append(f"robot only, but with the cameras {' '.join(session['cameras'])}")
+    if recording.cameras is not None:
+        planned = run.get("cameras", () if entry.method == "robot_only" else recording.cameras)
+        if set(planned) != recording.cameras:
+            there, wanted = (" ".join(sorted(names)) or "none" for names in (recording.cameras, planned))
+            found.append(f"cameras {there} instead of {wanted}")
     return found
 
 
 def outcome_of(begun: bool, planned: bool, saved: bool, seed_right: bool, noted: Optional[bool]) -> str:
     """Says what became of a run; every table is made from this.
 
+    unreadable      its recording is damaged or incomplete: the system's failure too (not by this function)
     not_started     no interaction was begun: the system's failure, nobody's result
     not_as_planned  in another condition than planned: left out
     completed       saved, the seed in the ground truth, and nobody who judged it said otherwise
@@ -140,27 +143,23 @@ def outcome_of(begun: bool, planned: bool, saved: bool, seed_right: bool, noted:
     return "disputed" if noted else ("wrong_seed" if saved else "not_saved")
 
 
+def _where(entry: protocol.Entry) -> str:
+    return f"{entry.participant}, {entry.scenario}, {entry.method}"
+
+
+def _head(entry: protocol.Entry, outcome: str) -> Dict[str, Any]:
+    """Makes the row of a run of which nothing is known but what the protocol says."""
+    row = {name: getattr(entry, name) for name in ("participant", "scenario", "method", "recording", "note")}
+    return {**row, "order": entry.order or "", "as_planned": 1, "outcome": outcome, "saved": 0, "seed_correct": 0}
+
+
 def _row(
     entry: protocol.Entry, noted: Optional[bool], recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
 ) -> Tuple[Dict[str, Any], List[str]]:
     """Makes a run's row. Each interaction of its recording is an attempt at it; there may be none, or several."""
     interactions = recording.interactions
-    row: Dict[str, Any] = {
-        "participant": entry.participant,
-        "scenario": entry.scenario,
-        "method": entry.method,
-        "recording": entry.recording,
-        "note": entry.note,
-        "order": entry.order or "",
-        "revision": recording.session.get("revision", ""),
-        "as_planned": 1,
-        "outcome": "not_started",
-        "saved": 0,
-        "seed_correct": 0,
-        "helped": recording.count("h"),
-        "problems": recording.count("p"),
-    }
-    where = f"{entry.participant}, {entry.scenario}, {entry.method}"
+    row, where = _head(entry, "not_started"), _where(entry)
+    row.update(revision=recording.run.get("revision", ""), helped=recording.count("h"), problems=recording.count("p"))
     if not interactions:
         return row, [
             f"{where}: nothing was begun in this recording, so it counts for nothing: can the run be done again?"
@@ -172,7 +171,7 @@ def _row(
     row.update(times, as_planned=int(not wrong), interaction=interactions[-1].interaction_id)
     made = recording.result(interactions[-1])
     if made is not None:
-        posterior, border = made
+        posterior, seed = made
         if not posterior.same_geometry(physical):
             raise CodedError(
                 "bad_recording", f"{where}: its map differs from the physical map in size, resolution or origin"
@@ -183,7 +182,7 @@ def _row(
             metrics.accuracy(physical, truth, metrics.restricted_cells(physical, posterior)),
             saved=1,
             map=f"maps/{name}.yaml",
-            seed_correct=int(seed_is_right(border.seed, physical, truth)),
+            seed_correct=int(seed_is_right(seed, physical, truth)),
         )
     if noted is None:
         noted = recording.run.get("completed")

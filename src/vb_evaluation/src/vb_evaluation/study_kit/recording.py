@@ -2,29 +2,27 @@
 
 <recording>/run.yaml                what was planned, and what the experimenter noted (study_kit run)
             events.jsonl            what the experimenter noted by key press, with the time
-            session.yaml            how the system was started
             interactions.jsonl      one line per interaction, from the interaction manager
-            recordings/             numbered maps with their borders, from the map recorder
-            bags/NN.bag             the topics that matter
+            bags/*.bag              all messages but images
 """
 
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, TypeVar
+from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple, TypeVar
 
+import numpy as np
 import yaml
 
+from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.map_files import read_map
-from vb_map_integration.border import VirtualBorder
-from vb_map_integration.borders.geojson import borders_from_geojson
 
-LOG, MAPS, INDEX, BAGS, SESSION = "interactions.jsonl", "recordings", "index.jsonl", "bags", "session.yaml"
-RUN, EVENTS = "run.yaml", "events.jsonl"
+LOG, BAGS, RUN, EVENTS = "interactions.jsonl", "bags", "run.yaml", "events.jsonl"
+TOPICS = [names.MAP_WITH_BORDERS, names.BORDERS, names.DETECTORS]  # what is read of a bag
 Row = TypeVar("Row")
 
 
@@ -43,25 +41,11 @@ class LoggedInteraction:
     total_s: float
 
 
-@dataclass(frozen=True)
-class StoredMap:
-    """One record of the map recorder."""
-
-    stamp_s: float
-    map_path: Path
-    borders_path: Path
-
-    def grid(self) -> GridMap:
-        """Returns the map with borders."""
-        return read_map(self.map_path)
-
-    def borders(self) -> List[VirtualBorder]:
-        """Returns the borders that acted on it."""
-        return _read(self.borders_path, borders_from_geojson)
-
-
 class Recording:
     """A recording, read and checked.
+
+    Attributes:
+        cameras: the ceiling cameras whose detectors ran; None if there is no bag.
 
     Raises:
         CodedError: "bad_recording" naming the file, and the line if there is one.
@@ -71,16 +55,31 @@ class Recording:
         self.folder = Path(folder).expanduser()
         if not self.folder.is_dir():
             raise CodedError("bad_recording", f"there is no folder {self.folder}")
-        maps = self.folder / MAPS
         self.interactions = _rows(self.folder / LOG, _interaction)
-        self.maps = _rows(
-            maps / INDEX, lambda row: StoredMap(float(row["stamp_s"]), maps / row["map"], maps / row["borders"])
-        )
+        self._states: Dict[float, Dict[str, Any]] = defaultdict(dict)
+        self.cameras: Optional[Set[str]] = None
+        for path in sorted((self.folder / BAGS).glob("*.bag")):
+            self._read_bag(path)
 
-    @property
-    def session(self) -> Mapping[str, Any]:
-        """How the system was started; empty if that was not recorded."""
-        return _read(self.folder / SESSION, yaml.safe_load) or {}
+    def _read_bag(self, path: Path) -> None:
+        # only here: a study is planned and reported without ROS
+        import rosbag
+        from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+
+        self.cameras = self.cameras or set()
+        try:
+            with rosbag.Bag(str(path)) as bag:
+                for topic, (_, content, *_, kind), _ in bag.read_messages(TOPICS, raw=True):
+                    is_map = topic == names.MAP_WITH_BORDERS
+                    message = (OccupancyGridArray if is_map else kind)().deserialize(content)
+                    if topic != names.DETECTORS:
+                        # the integrator gives map and borders of one state the same stamp
+                        state = self._states[message.header.stamp.to_sec()]
+                        state[topic] = grid_from_message(message) if is_map else message
+                    elif not message.mobile:
+                        self.cameras.add(message.camera)
+        except Exception as error:  # a torn file fails in many ways
+            raise CodedError("bad_recording", f"cannot read {path}: {error}") from None
 
     @property
     def run(self) -> Mapping[str, Any]:
@@ -91,19 +90,12 @@ class Recording:
         """Counts how often the experimenter pressed a key."""
         return _rows(self.folder / EVENTS, lambda row: row.get("key")).count(key)
 
-    def physical(self) -> GridMap:
-        """Returns the physical map: the first one recorded without any border."""
-        for stored in self.maps:
-            if not stored.borders():
-                return stored.grid()
-        raise CodedError(
-            "bad_recording",
-            f"{self.folder / MAPS}: no map without borders was recorded: start each recording in a "
-            "folder of its own",
-        )
+    def physical(self) -> Optional[GridMap]:
+        """Returns the physical map: the first one with borders that has none; None if there is no such."""
+        return next((grid for _, grid, borders in self._maps() if not borders), None)
 
-    def result(self, interaction: LoggedInteraction) -> Optional[Tuple[GridMap, VirtualBorder]]:
-        """Returns (map with borders, border) that an interaction made; None if nothing was saved.
+    def result(self, interaction: LoggedInteraction) -> Optional[Tuple[GridMap, np.ndarray]]:
+        """Returns the map with borders and the seed (2,) [m] that an interaction made; None if nothing was saved.
 
         Borders of earlier attempts in the same recording act on the map too, as they did on the robot.
 
@@ -112,17 +104,20 @@ class Recording:
         """
         if interaction.outcome != "saved":
             return None
-        for stored in self.maps:
-            if stored.stamp_s < interaction.started:
-                continue
-            own = [border for border in stored.borders() if border.id == interaction.border_id]
-            if own:
-                return stored.grid(), own[0]
+        for stamp_s, grid, borders in self._maps():
+            for border in borders:
+                if stamp_s >= interaction.started and border.id == interaction.border_id:
+                    return grid, np.array([border.seed.x, border.seed.y])
         raise CodedError(
             "bad_recording",
-            f"{self.folder / MAPS}: the map of interaction {interaction.interaction_id} with border "
-            f"{interaction.border_id} was not recorded",
+            f"{self.folder / BAGS}: the map of interaction {interaction.interaction_id} with border "
+            f"{interaction.border_id} was not recorded; rosbag reindex reads a bag that was not closed",
         )
+
+    def _maps(self) -> List[Tuple[float, GridMap, Any]]:
+        """Returns (stamp [s], map, messages of the borders in it) of each state."""
+        whole = sorted((stamp_s, state) for stamp_s, state in self._states.items() if len(state) == 2)
+        return [(stamp_s, state[names.MAP_WITH_BORDERS], state[names.BORDERS].borders) for stamp_s, state in whole]
 
 
 def _interaction(row: Dict[str, Any]) -> LoggedInteraction:
